@@ -4,8 +4,8 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 //!
-//! A [`Problem`] is given in text, in the notation of all interfaces, or as functions of Rust; [`Settings`] have defaults; the
-//! [`Solution`] is the trajectory in columns, and the evidence that it is right.
+//! A [`Problem`] is given as JSON text, in the notation of all interfaces, or as Rust functions; [`Settings`] have
+//! defaults; the [`Solution`] holds the trajectory, by columns, and the evidence that it is right.
 //!
 //! ```
 //! use dvi::{Problem, Set, Settings};
@@ -25,8 +25,8 @@
 //! # Ok::<(), dvi::Refused>(())
 //! ```
 //!
-//! A whole [`Specification`], with definitions, sweeps, orbits, fits and slopes, is read from JSON and checked as a whole; [`solve`]
-//! gives its solution:
+//! A whole [`Specification`], with definitions, sweeps, periodic orbits, fits and sensitivities, is read from JSON
+//! and checked as a whole; [`solve`] returns its solution:
 //!
 //! ```
 //! use dvi::{Control, Specification};
@@ -40,29 +40,30 @@
 //!
 //! # The numerics, from the ground up
 //!
-//! Each floor is a crate that knows only those below it, and is a module here.
+//! The program is built in layers, listed from the lowest to the highest. Each layer is a crate that depends only on
+//! layers listed before it, and is a module of this crate.
 //!
-//! | floor | what it holds |
+//! | layer | contents |
 //! |---|---|
-//! | [`numerics`] | intervals, norms, roots of polynomials, what all others compute with |
+//! | [`numerics`] | intervals, norms, roots of polynomials: arithmetic that all other layers share |
 //! | [`expression`] | expressions as a graph: programs for values, exact derivatives, enclosures, kinks |
-//! | [`factorisation`] | linear systems, dense and sparse, whose symbolic analysis is kept |
+//! | [`factorisation`] | dense and sparse linear systems, with reuse of the symbolic analysis |
 //! | [`problem`] | the trait of a differential variational inequality, convex sets and their faces |
 //! | [`vi`] | solvers of one variational inequality, each with a certificate: Lemke, semismooth Newton, active sets, cones, Coulomb friction |
 //! | [`analysis`] | index, existence, uniqueness |
-//! | [`hybrid`] | the one loop of a step: propose, solve on the present mode, screen, locate, judge, accept with the transition |
+//! | [`hybrid`] | the step loop: propose a step, solve in the mode, locate events, accept with the mode transition |
 //! | [`radau`] | Radau IIA with a variational inequality at every stage, adaptive in step and order |
-//! | [`contact`] | mechanical systems with impacts and friction: located, or in steps over them |
-//! | [`convolution`] | memory, by convolution quadrature |
+//! | [`contact`] | mechanical systems with impacts and friction: event-driven, or by time stepping |
+//! | [`convolution`] | problems with memory (Volterra), by convolution quadrature |
 //! | [`models`] | circuits, Filippov systems, obstacles, elastic and rigid bodies as equations |
-//! | [`solution`] | runs and their evidence, slopes, orbits, fits, branches, encodings |
-//! | [`specification`] | the language, its checks and its errors |
-//! | [`study`] | error against run time, sweeps, the report |
-//! | [`service`] | the solves over HTTP |
+//! | [`solution`] | runs and their evidence, sensitivities, periodic orbits, fits, solution branches, encodings |
+//! | [`specification`] | the specification language, its checks and its errors |
+//! | [`study`] | work-precision studies, sweeps, the report |
+//! | [`service`] | the HTTP service |
 //!
 //! # Features of the build
 //!
-//! `otlp` (off): spans of requests and jobs go to a collector.
+//! `otlp` (off by default): exports trace spans of requests and jobs to an OpenTelemetry collector.
 
 mod library;
 
@@ -76,7 +77,7 @@ pub use {
     service, solution, specification, study, vi,
 };
 
-/// The program that the guide shows.
+/// Runs the programs of the guide `api/guide/recipes.md` as documentation tests.
 #[cfg(doctest)]
 #[doc = include_str!("../api/guide/recipes.md")]
 pub struct Recipes;

@@ -1,4 +1,4 @@
-//! The command line, thin: a file a subcommand.
+//! The command line of the program `dvi`, with a module for each subcommand.
 
 mod command;
 

@@ -1,5 +1,5 @@
-//! A solver allocates at the first problem of a size and set, and not at later ones, whatever their numbers; and a solve
-//! takes about the memory that was foretold.
+//! A solver of variational inequalities allocates only at the first problem of a size and set, and not at later ones
+//! with other numbers; and a solve takes about the memory that was estimated.
 
 use allocation_counter::measure;
 
@@ -11,7 +11,8 @@ use nalgebra::DMatrix;
 use serde_json::{Value, json};
 use std::io::sink;
 
-/// Coupled blocks, with numbers of the `k`-th problem: disks whose radius moves, and intervals between them.
+/// Returns the `k`-th variational inequality of a sequence, with coupled rows: disks whose radius varies with `k` (if
+/// `with_disks`), and intervals.
 fn problem(k: usize, with_disks: bool) -> (DMatrix<f64>, Vec<f64>, ConvexSet) {
     let m = 12;
     let wave = |i: usize| (1.7 * i as f64 + 0.3 * k as f64).sin();
@@ -23,7 +24,7 @@ fn problem(k: usize, with_disks: bool) -> (DMatrix<f64>, Vec<f64>, ConvexSet) {
     (matrix, (0..m).map(|i| 3.0 * wave(2 * i)).collect(), set)
 }
 
-/// How often a solver allocates at the problems that follow its first two.
+/// Counts the allocations of a solver at the problems that follow the first two.
 fn allocations(kind: SolverKind, with_disks: bool) -> u64 {
     let problems: Vec<_> = (0..10).map(|k| problem(k, with_disks)).collect();
     let mut solver = kind.build(problems[0].1.len());
@@ -53,7 +54,7 @@ fn solvers_over_blocks_allocate_at_the_first_problem_only() {
     }
 }
 
-/// What a solve is said to take, and the most that it holds at a time, in bytes.
+/// Returns the estimated memory of a solve and the peak of its measured memory, in bytes.
 fn memory(document: &str) -> (f64, f64) {
     let specification = Specification::from_json(document.as_bytes()).unwrap();
     let held = measure(|| assert!(dvi::solve(&specification, &Control::new()).error.is_none()));
@@ -66,7 +67,7 @@ fn assert_foretold(document: &str) {
     assert!((0.5..2.0).contains(&(foretold / held)), "{foretold} bytes foretold, {held} held");
 }
 
-/// `x' = -x + z/n`, `G = C x + z`, whose matrices are full.
+/// Specification of `x' = -x + z/n`, `G = C x + z` with `n` states and `m` variables, whose matrices are full.
 fn full(n: usize, m: usize) -> String {
     let matrix = |rows: usize, columns: usize, diagonal: f64| -> Vec<Vec<f64>> {
         let entry = |i, j| if i == j { diagonal } else { 1e-3 * ((i + 3 * j) as f64).sin() };
@@ -102,7 +103,7 @@ fn a_solve_with_many_times_takes_the_memory_that_is_foretold() {
     );
 }
 
-/// Spheres that lie on one tray, which can move: the contacts of the tray are coupled, each with each.
+/// Specification of spheres on one movable tray: the tray couples each contact with each other one.
 fn on_a_tray(spheres: usize) -> String {
     let ground = serde_json::json!({"shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true});
     let tray = serde_json::json!({"shape": {"box": {"size": [200, 200, 1]}}, "density": 1, "position": [0, 0, 0.5]});
@@ -172,8 +173,8 @@ fn a_solve_on_a_grid_takes_the_memory_that_is_foretold() {
     assert_foretold(&over(r#""x":[-2,2],"y":[-2,2]"#, 128));
 }
 
-/// What a solve is said to take, and the most that it holds at a time, in bytes, without the events that it meets. Measured
-/// the second time: a library of matrices keeps 4 MiB for each thread that has used it.
+/// Returns the estimated memory of a solve and the peak of its measured memory without the events, in bytes. The
+/// second of two solves is measured, since the matrix library keeps 4 MiB for each thread that has used it.
 fn memory_of(text: &str) -> (f64, f64) {
     let specification = Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}"));
     let mut events = 0;
@@ -181,7 +182,7 @@ fn memory_of(text: &str) -> (f64, f64) {
         let solution = dvi::solve(&specification, &Control::new());
         let bytes = |event: &Event| size_of_val(event) + event.of.len();
         let all: usize = solution.trajectory.events.iter().map(bytes).sum();
-        // Their list grows by doubling, and the control of the solve has the latest.
+        // The list of events grows by doubling, and the `Control` of the solve holds the latest 256.
         let latest: usize = solution.trajectory.events.iter().rev().take(256).map(bytes).sum();
         events = 2 * all + latest;
     };
@@ -203,7 +204,7 @@ fn assert_all_foretold(documents: impl Iterator<Item = (String, String)>) {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// An example of which the factors fill by more than is foretold: 7.1 MB are held, and 1.6 MB foretold.
+/// An example whose factors have more fill-in than estimated: 7.1 MB are held, and 1.6 MB estimated.
 const FILLED: &str = "viscoelastic_block";
 
 #[test]

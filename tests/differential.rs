@@ -1,5 +1,5 @@
-//! The differential fuzz in short: problems that nobody chose, each solved in many ways that must agree. The long form is
-//! `cargo bench --bench differential`.
+//! A short form of the differential fuzz test: random problems, each solved in several ways whose results must agree.
+//! The long form is `cargo bench --bench differential`.
 
 #[path = "bench/differential/closed_forms.rs"]
 mod closed_forms;
@@ -10,7 +10,8 @@ use differential::derivatives::{self, Finding};
 use differential::{Campaign, Kind};
 use std::time::Duration;
 
-/// The part of right answers that may be doubted. Circuits are known to be doubted more often, and are left out.
+/// Permitted fraction of correct results that the verdict doubts. Circuits, for which the fraction is larger, are
+/// left out.
 const FALSE_ALARMS: f64 = 0.02;
 
 #[test]
@@ -47,11 +48,12 @@ fn derivatives_are_those_of_differences_in_both_modes() {
     assert!(tally.dropped() <= 0.1, "many derivatives have nothing to be compared with:\n{tally}");
 }
 
-/// Problems whose switches were once passed over in silence: by a step that was solved over all stages at once, by one that
-/// began where a search for the end of the last had led it, where hidden constraints tell variables of a block, and at its
-/// vertices; and where a small ripple was beyond the stages, or an obstacle was met by all nodes at once; where a variable that hidden
-/// constraints tell was zero in the middle of a step, or outputs were within a transient behind a switch; where the error
-/// estimate was zero by chance, or a step that ended at a switch had a curved block beside flat ones.
+/// Problems with switches that a solver easily misses: in a step that solves all stages at once, or that begins where
+/// the search for the end of the previous step has led; where hidden constraints determine variables of a block of
+/// the set, and at the vertices of such a block; where a ripple is too small for the stages to resolve, or where all
+/// nodes meet an obstacle at once; where a variable that hidden constraints determine is zero in the middle of a
+/// step, or where outputs lie within a transient after a switch; where the error estimate is zero by chance; and
+/// where a step that ends at a switch has a curved block beside polyhedral ones.
 #[test]
 fn switches_that_were_passed_over_are_not() {
     let circuits = [479, 5375, 11423, 12629, 14204].map(|seed| (Kind::Circuit, seed));

@@ -1,5 +1,5 @@
-//! The numerics, each against an answer from outside: the systems of the theory, measured orders of
-//! convergence, and stability at the limits.
+//! Tests of the numerical methods against independent solutions: test systems, measured orders of convergence, and
+//! stability at the limits.
 
 mod convergence;
 mod stability;

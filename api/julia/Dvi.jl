@@ -48,7 +48,7 @@ function solve(specification; url="http://localhost:8080", token=nothing)
     token === nothing || push!(headers, "Authorization" => "Bearer $token")
     answer = HTTP.post("$url/solve", headers, text; status_exception=false)
     while answer.status == 202
-        # It takes longer: the job is asked after until it has ended.
+        # The solve takes longer than the wait: the job is polled until it has ended.
         job = JSON3.read(answer.body).id
         sleep(0.5)
         state = HTTP.get("$url/jobs/$job", headers; status_exception=false)

@@ -28,7 +28,7 @@ function answer = dvi_solve (specification, url, token)
   command = sprintf ('curl -sS -o "%s" -w "%%{http_code}" -H "Content-Type: application/json"', got);
   command = [command ' -H "Prefer: wait=60" -H "Accept: application/json"'];
   if (~isempty (token))
-    % The token is read from a file: a command line is seen by all users of a machine.
+    % curl reads the token from a file, since all users of a machine can see a command line.
     secret = tempname (); tidy_secret = onCleanup (@() forget (secret));
     write_text (secret, sprintf ('header = "Authorization: Bearer %s"', token));
     command = sprintf ('%s -K "%s"', command, secret);
@@ -38,7 +38,7 @@ function answer = dvi_solve (specification, url, token)
   status = str2double (status);
   body = fileread (got);
   while (status == 202)
-    % It takes longer: the job is asked after until it has ended.
+    % The solve takes longer than the wait: the job is polled until it has ended.
     job = jsondecode (body);
     pause (0.5);
     get = @(path) system (sprintf ('%s "%s/jobs/%s%s"', command, url, job.id, path));

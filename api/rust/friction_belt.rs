@@ -1,7 +1,8 @@
-//! A mass on a spring and a moving belt, as functions: `cargo run --release --example friction_belt`.
+//! A mass on a spring and a moving belt with friction, given by Rust functions: `cargo run --release --example
+//! friction_belt`.
 //!
-//! It ends on a circle in the plane of displacement and speed around `x = f/k`, the displacement at which the spring balances the
-//! friction; its radius is the speed of the belt over the frequency.
+//! In the plane of displacement and speed, the motion ends on a circle around `x = f/k`, the displacement at which
+//! the spring balances the friction; the radius of the circle is the belt speed over the frequency.
 
 use dvi::{Problem, Set, Settings};
 
@@ -11,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The radius of the cycle for a mass of 1, by a run of 40 units of time.
+/// Returns the radius of the limit cycle for a unit mass, from a run of 40 units of time.
 pub fn radius_of_cycle(stiffness: f64, friction: f64, speed: f64) -> Result<f64, Box<dyn std::error::Error>> {
     let belt = Problem::new()
         .state("x", 4.0)

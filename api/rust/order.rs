@@ -1,12 +1,13 @@
-//! The order of Radau IIA over a switch, measured: a mass on a spring and a rough floor, which turns back at `t = pi`.
+//! Measures the order of Radau IIA methods over a switch: a mass on a spring and a rough floor reverses at `t = pi`.
 //! `cargo run --release --example order`.
 //!
-//! Up to the turn it moves around the centre 1, and then around -1: at `t = 3 pi/2` it is there, with the speed 1/2.
+//! Until the reversal, the mass moves around the centre 1, and afterwards around -1: at `t = 3 pi/2` it passes -1
+//! with the speed 1/2.
 
 use dvi::{Problem, Set, Settings};
 use std::f64::consts::PI;
 
-/// Stages, a step from which on they have their order, and the order.
+/// Number of stages, a step size below which the theoretical order is observed, and that order.
 pub const LADDERS: [(usize, f64, f64); 3] = [(1, 0.01, 1.0), (3, 0.2, 5.0), (5, 0.8, 9.0)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -21,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The error at the end with a fixed step.
+/// Returns the error at the end of the run with a fixed step size.
 pub fn error(stages: usize, step: f64) -> Result<f64, Box<dyn std::error::Error>> {
     let floor = Problem::new()
         .state("x", 3.5)

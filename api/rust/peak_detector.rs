@@ -1,5 +1,5 @@
-//! A circuit in text: an ideal diode charges a capacitor to the peak of a source, which it then holds.
-//! `cargo run --release --example peak_detector`.
+//! A circuit given as JSON text: an ideal diode charges a capacitor to the peak voltage of a source, and the
+//! capacitor then holds this voltage. `cargo run --release --example peak_detector`.
 
 use dvi::{AbsoluteTolerance, Problem, Settings};
 
@@ -9,7 +9,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The voltage that is held of a sine of the given peak.
+/// Returns the voltage that the capacitor holds, for a sinusoidal source with the given peak.
 pub fn held_voltage(peak: f64) -> Result<f64, Box<dyn std::error::Error>> {
     let circuit = Problem::text(&format!(
         r#"{{"circuit": {{"components": [

@@ -1,27 +1,30 @@
-//! Certificates: conditions that hold along every exact solution, evaluated on the computed one. `z` is in `K`, `G` is
-//! complementary to it, and the differentiation lemmas hold (Stewart 2011, section 3.4): where `z` and `G` are
+//! Certificates: conditions that hold along every exact solution, evaluated on the computed one. `z` is in `K`, `G`
+//! is complementary to it, and the differentiation lemmas hold (Stewart 2011, section 3.4): where `z` and `G` are
 //! differentiable and `K` does not move, `<z', G> = 0` and `<z', G'> <= 0`.
 
 use problem::{ConvexSet, Workspace};
 use serde::Serialize;
 
-/// The worst values over a run, over the bounded variables; each is zero, or has the stated sign, for an exact
-/// solution. In a block, where `z` and `G` have no signs, the natural map replaces `G` and the distance.
+/// The worst values of the certificates over a run and over the bounded variables; for an exact solution each is
+/// zero, or has the stated sign. In a block of `K`, where `z` and `G` have no signs, the residual of the natural map
+/// replaces `G` and the distance to a bound.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Certificates {
     /// The largest natural-map residual `|z - P_K(z - G)|`.
     pub natural_map: f64,
-    /// The largest violation by a `z_i` of its interval or block, as a negative number.
+    /// The largest violation of its interval or block by a variable `z_i`, as a negative number.
     pub smallest_z: f64,
-    /// The smallest `G_i`, with the sign with which it should not be negative, if below zero.
+    /// The smallest `G_i`, with its sign reversed at an upper bound, if below zero; zero for an exact solution.
     #[serde(rename = "smallest_G")]
     pub smallest_g: f64,
-    /// The largest product of the distance to a bound and `|G_i|`.
+    /// The largest product of the distance of a variable to its nearest bound and `|G_i|`.
     pub largest_product: f64,
-    /// The largest `|<dz, G>|`, where `dz` is the change over a step without a switch; should be zero. Not divided by
-    /// the size of `G`, which is rounding if a variable is inside its interval.
+    /// The largest `|<dz, G>|`, where `dz` is the change of `z` over a step without a switch of the active face; zero
+    /// for an exact solution. It is not divided by the size of `G`, which is a mere rounding error if a variable is
+    /// inside its interval.
     pub first_lemma: f64,
-    /// The largest `<dz, dG>` over steps without a switch; should not be above zero.
+    /// The largest `<dz, dG>`, where `dz` and `dG` are the changes over a step without a switch of the active face;
+    /// not above zero for an exact solution.
     pub second_lemma: f64,
     #[serde(skip)]
     work: Workspace,
@@ -30,13 +33,14 @@ pub struct Certificates {
 }
 
 impl Certificates {
-    /// Records the bounded variables, as indices into `z`, at the end of a step; `smooth` if the step has kept one
-    /// active face and `K` does not move.
+    /// Updates the certificates with `z` and `G` at the end of a step, for the variables with indices `bounded`;
+    /// `smooth` if the step has kept one active face and `K` does not move.
     pub fn observe(&mut self, set: &ConvexSet, bounded: &[usize], z: &[f64], g: &[f64], smooth: bool) {
         for &k in bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
             let (z, g) = (z[k], g[k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            // The natural map decides which bound, if any, is active.
+            // The comparison of the distance to a bound with `G`, as in the natural map, decides which bound, if any,
+            // is active.
             let signed = if z - set.lower[k] <= g {
                 g
             } else if set.upper[k] - z <= -g {
@@ -78,7 +82,7 @@ impl Certificates {
 mod tests {
     use super::*;
 
-    /// The certificates for `z` and `G` of one nonnegative variable at the ends of steps.
+    /// Returns the certificates for pairs `(z, G)` of one nonnegative variable at the ends of steps.
     fn observed(run: &[(f64, f64)]) -> Certificates {
         let set = ConvexSet::intervals(vec![0.0], vec![f64::INFINITY]);
         let mut certificates = Certificates::default();

@@ -1,34 +1,36 @@
-//! The index: the number of differentiations of `G` until it determines `z`.
+//! The index of a differential variational inequality: the number of differentiations of `G` until it determines `z`.
 //!
-//! The structure algorithm (Silverman 1969) on `x' = A x + B z, G = C x + D z`: dependent rows of `D` are combined to
-//! zero, their `C~ x` is differentiated to `C~ A x + C~ B z`, and so on until the rows of `z` are regular. With `D`
-//! regular the index is 0, with `D = 0` and `C B` regular 1, with `C B = 0` and `C A B` regular 2; a mixed index is
-//! found by blocks.
+//! The structure algorithm (Silverman 1969) on `x' = A x + B z, G = C x + D z`: rows of `D` that depend on other rows
+//! are combined to zero, the remaining `C~ x` of those rows is differentiated to `C~ A x + C~ B z`, and so on until
+//! the matrix of `z` is regular. With `D` regular the index is 0, with `D = 0` and `C B` regular 1, with `C B = 0`
+//! and `C A B` regular 2; a mixed index is found by blocks.
 
 use super::linearisation::{Linearisation, RANK};
 use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
-/// Largest number of differentiations.
+/// Maximum number of differentiations of `G` in the structure algorithm.
 const MOST_DIFFERENTIATIONS: usize = 8;
 
-/// The result of the structure algorithm.
+/// The result of the structure algorithm: how many variables each differentiation of `G` determines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Index {
-    /// The number of variables that each differentiation determines, the undifferentiated `G` first.
+    /// The number of variables that each differentiation of `G` determines; the first entry is for the
+    /// undifferentiated `G`.
     pub levels: Vec<usize>,
-    /// The number of variables that no differentiation determines.
+    /// The number of variables that no differentiation of `G` determines.
     pub undetermined: usize,
 }
 
 impl Index {
-    /// The index, if finite: the number of differentiations.
+    /// Returns the index, the number of differentiations until `G` determines all variables; `None` if no number
+    /// suffices.
     pub fn value(&self) -> Option<usize> {
         (self.undetermined == 0).then(|| self.levels.len().saturating_sub(1))
     }
 }
 
-/// The index of a linearised problem; `None` if a product of its derivatives overflows.
+/// Computes the index of a linearised problem; `None` if a product of its matrices overflows.
 pub fn index(linearisation: &Linearisation) -> Option<Index> {
     let m = linearisation.variables();
     let (mut c, mut d) = (linearisation.c.clone(), linearisation.d.clone());
@@ -46,7 +48,7 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
         if rank == m {
             break;
         }
-        // Rows `rank..` of the rotated system do not contain z: differentiate them.
+        // Rows `rank..` of the rotated system do not contain `z`: differentiate them.
         let rotated = &combinations * &d;
         let mut states = combinations * &c;
         let rest = states.rows(rank, m - rank).into_owned();
@@ -67,7 +69,8 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
     Some(Index { levels, undetermined: m - determined })
 }
 
-/// Scales each row of `(C, D)` by its `D`, or by its `C` if `D` vanishes: ranks must not depend on units.
+/// Scales each row of `(C, D)` by the size of its part in `D`, or in `C` if that in `D` vanishes, so that ranks do
+/// not depend on units.
 fn equilibrate(c: &mut DMatrix<f64>, d: &mut DMatrix<f64>) {
     for i in 0..d.nrows() {
         let size = if d.row(i).amax() > 0.0 { d.row(i).amax() } else { c.row(i).amax() };

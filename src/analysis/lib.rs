@@ -1,5 +1,5 @@
-//! Analysis of a problem by its derivatives: index, existence and uniqueness, and certificates on the computed
-//! solution. Each verdict carries the figures it rests on and claims no more.
+//! Analysis of a differential variational inequality by its derivatives: index, existence and uniqueness, and
+//! certificates on the computed solution. Each verdict states the figures on which it rests and claims no more.
 
 mod certificates;
 mod index;
@@ -23,35 +23,35 @@ use problem::{Dvi, FaceEquations, Mass};
 use reversal::reversal;
 use serde::{Serialize, Serializer};
 
-/// Largest number of states and variables for an analysis, which is dense.
+/// Maximum number of states and variables for which a problem is analysed; the analysis uses dense matrices.
 const MOST_UNKNOWNS: usize = 300;
 
-/// Number of dense matrices in the unknowns that an analysis has in memory at once, measured: those of the problem, and
-/// of singular values and vectors.
+/// Number of dense matrices in the states and variables that an analysis has in memory at once (measured): the
+/// matrices of the problem, and singular values and vectors.
 const MATRICES: usize = 8;
 
-/// The size of the analysis of a problem with this number of states and variables, as a count of `f64`.
+/// Returns the memory of the analysis of a problem with this number of states and variables, as a count of `f64`.
 pub fn analysis_numbers(unknowns: usize) -> usize {
     if unknowns <= MOST_UNKNOWNS { MATRICES * unknowns * unknowns } else { 0 }
 }
 
-/// The analysis of a problem at one point.
+/// The analysis of a differential variational inequality at one point.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Analysis {
-    /// The number of differentiations of `G` until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent if
-    /// no number suffices, or if the problem is too large for an analysis. With memory, the exponent of the kernel,
-    /// which need not be an integer.
+    /// The number of differentiations of `G` until it determines `z`: 0, 1, 2, ..; for a mixed index the largest.
+    /// Absent if no number suffices, or if the problem is too large for an analysis. For a problem with memory (a
+    /// Volterra inequality), the exponent of the kernel, which need not be an integer.
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "whole_where_it_is")]
     pub index: Option<f64>,
-    /// The number of variables that each differentiation determines, the undifferentiated `G` first; more than one
-    /// number above zero is a mixed index.
+    /// The number of variables that each differentiation of `G` determines, the undifferentiated `G` first; the index
+    /// is mixed if more than one number is above zero.
     pub levels: Vec<usize>,
-    /// Whether the solution is unique.
+    /// The verdict on existence and uniqueness of the solution.
     pub uniqueness: Uniqueness,
-    /// The reason, with its figures.
+    /// The reason for the verdict on uniqueness, with its figures.
     pub because: String,
-    /// The index of the part with variables in unbounded sets: bounded variables have no impulses, whatever their
-    /// index.
+    /// The index of the part of the problem with variables in unbounded sets: bounded variables have no impulses,
+    /// whatever their index.
     #[serde(skip)]
     pub unbounded_index: Option<f64>,
     /// The part of the problem whose sign appears to be reversed, if any.
@@ -69,7 +69,7 @@ fn whole_where_it_is<S: Serializer>(index: &Option<f64>, serializer: S) -> Resul
     }
 }
 
-/// Analyses the problem at `(t, y)`, `y = (x, z)`, on the variables that are not fixed.
+/// Analyses the problem at `(t, y)`, `y = (x, z)`, for the variables that are not fixed by equal bounds.
 pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
     let structure = problem.structure().clone();
     let set = &structure.set;
@@ -86,9 +86,9 @@ pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
     analysis
 }
 
-/// Analyses the problem at `(t, y)` on an active face of `K`, where `blocks` are the equations of the faces of its
-/// blocks: on the variables inside their interval, by `inside`, and on the tangent spaces of the faces. All other
-/// components of the variables are known.
+/// Analyses the problem at `(t, y)` on an active face of `K`: for the variables for which `inside` is true, which are
+/// inside their intervals, and for the tangent coordinates of the faces of blocks, whose equations are `blocks`. All
+/// other components of `z` are known on the face.
 pub fn analyse_face(
     problem: &mut dyn Dvi,
     t: f64,
@@ -146,7 +146,7 @@ mod tests {
     use super::{Index, Linearisation, Uniqueness, index, uniqueness};
     use nalgebra::DMatrix;
 
-    /// A constant linear problem over an orthant.
+    /// Returns the linearisation of a constant linear problem over an orthant.
     fn orthant(a: &[f64], b: &[f64], c: &[f64], d: &[f64]) -> Linearisation {
         let m = d.len().isqrt();
         let n = a.len().isqrt();
@@ -171,7 +171,8 @@ mod tests {
 
     #[test]
     fn the_index_counts_differentiations() {
-        // A chain of integrators, G at increasing distance from z: D, CB, CAB, CAAB are the first to be nonzero.
+        // In a chain of integrators, `D`, `C B`, `C A B` or `C A A B` is the first nonzero matrix, by the distance of
+        // `G` from `z`.
         let a = [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
         let b = [0.0, 0.0, 1.0];
         for (expected, c, d) in [
@@ -187,8 +188,8 @@ mod tests {
 
     #[test]
     fn a_mixed_index_is_found_by_blocks() {
-        // z1 by G itself, z2 by G', z3 by G'', in units that differ by twelve decades; then rotated, so that no single
-        // entry shows it.
+        // `G` determines `z1`, `G'` determines `z2` and `G''` determines `z3`, in units that differ by twelve
+        // decades; then the system is rotated, so that no single entry shows the index.
         let a = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let b = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e6, 0.0];
         let c = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0];
@@ -219,13 +220,14 @@ mod tests {
 
     #[test]
     fn the_cyclic_matrix_is_a_p_matrix_and_no_more() {
-        // M = [[1,3,0],[0,1,3],[3,0,1]]: minors 1, 1, 28; symmetric part with eigenvalues 4, -1/2, -1/2.
+        // The matrix `M = [[1,3,0],[0,1,3],[3,0,1]]` has the minors 1, 1, 28; its symmetric part has the eigenvalues
+        // 4, -1/2, -1/2.
         let m = [1.0, 3.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0, 1.0];
         let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let (index, uniqueness, because) = verdict(&orthant(&[0.0; 9], &m, &identity, &[0.0; 9]));
         assert_eq!((index.value(), uniqueness), (Some(1), Uniqueness::ExistsNotCertified));
         assert!(because.contains("a P-matrix") && because.contains("-5.000e-1"), "{because}");
-        // As a direct inequality the same matrix does make z unique.
+        // With the P-matrix as `D` (index zero), `z` is unique.
         let (index, uniqueness, _) = verdict(&orthant(&[0.0; 9], &identity, &identity, &m));
         assert_eq!((index.value(), uniqueness), (Some(0), Uniqueness::Unique));
     }
@@ -239,7 +241,7 @@ mod tests {
 
     #[test]
     fn a_passive_circuit_is_unique_though_d_is_singular_in_its_symmetric_part() {
-        // The four-diode bridge.
+        // The equations of a bridge of four diodes.
         let b = [0.0, 0.0, -1e6, 1e6, 0.0, 0.0, 0.0, 0.0];
         let c = [0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0];
         let d = [1e-3, 1e-3, -1.0, 0.0, 1e-3, 1e-3, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];

@@ -1,45 +1,48 @@
-//! A problem linearised at a point and multiplied by the inverse of its mass matrix:
+//! A differential variational inequality linearised at a point and multiplied by the inverse of its mass matrix:
 //!
 //! ```text
 //! x' = A x + B z,    G = C x + D z
 //! ```
 //!
-//! If `M = U S V^T` is singular, the states in its null space become free variables, and the equations that `U` maps to
-//! zero become their inequalities: then every algebraic unknown is a variable.
+//! If the mass matrix `M = U S V^T` is singular, the states in its null space become free variables, and the
+//! equations that `U^T` maps to rows with zero singular values become their inequalities: then every algebraic
+//! unknown is a variable.
 
 use factorisation::Singular;
 use nalgebra::DMatrix;
 use problem::{Dvi, FaceEquations, Mass, Shape, Structure};
 
-/// The matrices at a point, and which variables are free.
+/// The matrices of the linearised problem, and the properties of its convex set `K`.
 #[derive(Clone, Debug)]
 pub struct Linearisation {
-    /// `A`, `n x n`.
+    /// The matrix `A` of the states in the rates, `n x n`.
     pub a: DMatrix<f64>,
-    /// `B`, `n x m`.
+    /// The matrix `B` of the variables in the rates, `n x m`.
     pub b: DMatrix<f64>,
-    /// `C`, `m x n`.
+    /// The matrix `C` of the states in the inequalities, `m x n`.
     pub c: DMatrix<f64>,
-    /// `D`, `m x m`.
+    /// The matrix `D` of the variables in the inequalities, `m x m`.
     pub d: DMatrix<f64>,
-    /// Whether each variable is free, so that its `G` is an equation.
+    /// Whether each variable is free (unconstrained in `K`), so that its inequality `G` is an equation.
     pub free: Vec<bool>,
-    /// Whether every variable that is not free has exactly one bound, which does not move: a shifted orthant.
+    /// Whether `K` is a shifted orthant: every variable that is not free has exactly one finite bound, which does not
+    /// move.
     pub is_orthant: bool,
-    /// Whether no block binds variables: `K` is a product of intervals.
+    /// Whether `K` is a product of intervals, without blocks that couple several variables.
     pub is_box: bool,
     /// Whether a bound of `K` varies with the states.
     pub set_moves_with_states: bool,
-    /// Whether the matrices are constant.
+    /// Whether the Jacobian of the problem, and with it `A`, `B`, `C` and `D`, is constant in `(t, y)`.
     pub is_constant: bool,
 }
 
-/// Singular values below this fraction of the largest count as zero.
+/// Singular values below this fraction of the largest are treated as zero.
 pub(super) const RANK: f64 = 1e-11;
 
 impl Linearisation {
-    /// The matrices at `(t, y)` for the variables that are `kept`, the others being known; `None` if a derivative is
-    /// not finite. The sum over a simplex is fixed, so that its first member is eliminated.
+    /// Linearises the problem at `(t, y)` for the variables for which `kept` is true, with the other variables known;
+    /// `None` if a derivative is not finite. The first member of each simplex is eliminated, since the sum of the
+    /// members is fixed.
     pub fn at(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Option<Self> {
         let structure = problem.structure().clone();
         let simplices = || structure.set.blocks().iter().filter(|block| block.shape == Shape::Simplex);
@@ -61,14 +64,16 @@ impl Linearisation {
         Self::of(&structure, jacobian, free, (is_orthant, is_box))
     }
 
-    /// The matrices at `(t, y)` on an active face, where `blocks` are the equations of the faces of blocks: for the
-    /// variables in intervals that are `inside`, and for the coordinates `u` of the tangent spaces,
+    /// Linearises the problem at `(t, y)` on an active face of `K`, where `blocks` are the equations of the faces of
+    /// blocks: for the variables in intervals for which `inside` is true, and for the coordinates `u` of the tangent
+    /// spaces of the faces,
     ///
     /// ```text
     /// dz = T u,    T^T dG = T^T C dx + (T^T D + K) T u,    K = (dT/dz)^T G
     /// ```
     ///
-    /// with the curvature `K` of the face.
+    /// with the tangent basis `T` and the curvature term `K` of the face. Returns `None` if a derivative is not
+    /// finite.
     pub fn on_face(
         problem: &mut dyn Dvi,
         t: f64,
@@ -101,7 +106,8 @@ impl Linearisation {
         Self::of(&structure, jacobian * basis, free, (false, is_box))
     }
 
-    /// Splits the Jacobian of `(F, G)` by the states and the remaining variables; `None` for a mass that is not finite.
+    /// Multiplies the Jacobian of `(F, G)` by the inverse mass matrix and splits it into `A`, `B`, `C` and `D`;
+    /// `None` for a mass matrix that is not finite.
     fn of(
         structure: &Structure,
         jacobian: DMatrix<f64>,
@@ -126,18 +132,18 @@ impl Linearisation {
         })
     }
 
-    /// The number of states.
+    /// Returns the number of differential states.
     pub fn states(&self) -> usize {
         self.a.nrows()
     }
 
-    /// The number of variables.
+    /// Returns the number of variables, algebraic states included.
     pub fn variables(&self) -> usize {
         self.d.nrows()
     }
 }
 
-/// The derivatives of `(F, G)` by `(x, z)`; `None` if one is not finite.
+/// Returns the dense Jacobian of `(F, G)` with respect to `(x, z)`; `None` if an entry is not finite.
 fn jacobian_of(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Option<DMatrix<f64>> {
     let structure = problem.structure().clone();
     let unknowns = structure.unknowns();
@@ -150,15 +156,15 @@ fn jacobian_of(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Option<DMatrix<f64>>
     values.iter().all(|value| value.is_finite()).then_some(jacobian)
 }
 
-/// The unit vectors of the states and of the given variables, as columns.
+/// Returns the unit vectors of the states and of the given variables, as columns.
 fn selection(structure: &Structure, variables: &[usize]) -> DMatrix<f64> {
     let n = structure.states;
     let kept: Vec<usize> = (0..n).chain(variables.iter().map(|k| n + k)).collect();
     DMatrix::from_fn(structure.unknowns(), kept.len(), |i, j| f64::from(kept[j] == i))
 }
 
-/// The Jacobian of `M^-1 (F, G)`, with the number of differential states and which variables are free; `None` for a
-/// mass that is not finite.
+/// Returns the Jacobian of `M^-1 (F, G)`, the number of differential states, and which variables are free, where
+/// states in the null space of `M` become free variables; `None` for a mass matrix that is not finite.
 fn without_mass(
     jacobian: DMatrix<f64>,
     n: usize,
@@ -168,7 +174,8 @@ fn without_mass(
     let m = free.len();
     let mut mass = DMatrix::<f64>::zeros(n, n);
     entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
-    // Differential directions come first, then those in the null space.
+    // The singular vectors of the range of `M`, the differential directions, come first, then those of its null
+    // space.
     let singular = Singular::of(&mass)?;
     let rank = singular.rank(RANK);
     let mut left = DMatrix::<f64>::identity(n + m, n + m);

@@ -1,14 +1,15 @@
-//! Passive systems. Let `V = dx^T P dx / 2` for the difference `(dx, dz)` of two solutions. With `<dz, dG> <= 0`,
+//! Passive systems `x' = A x + B z, G = C x + D z`. Let `V = dx^T P dx / 2` for the difference `(dx, dz)` of two
+//! solutions. With `<dz, dG> <= 0`,
 //!
 //! ```text
 //! V' <= dx^T P A dx + dz^T (B^T P - C) dx - dz^T D dz
 //! ```
 //!
-//! is at most a multiple of `V`, so that `dx` remains zero, if the terms with `dz` are bounded from above by `|dx|^2`:
-//! if `D` is positive semidefinite and `B^T P = C` on the kernel of `D + D^T`. With a basis `N` of that kernel, a
-//! symmetric positive definite `P` exists if and only if `N^T C B N` is symmetric positive semidefinite and has the
-//! rank and the kernel of `B N` and of `C^T N` (Camlibel and Schumacher 2016, Linear passive systems and maximal
-//! monotone mappings; Camlibel, Heemels, Schumacher 2002, On linear passive complementarity systems).
+//! is at most a multiple of `V`, so that `dx` remains zero, if the terms with `dz` are bounded from above by
+//! `|dx|^2`: if `D` is positive semidefinite and `B^T P = C` on the kernel of `D + D^T`. With a basis `N` of that
+//! kernel, a symmetric positive definite `P` exists if and only if `N^T C B N` is symmetric positive semidefinite and
+//! has the rank and the kernel of `B N` and of `C^T N` (Camlibel and Schumacher 2016, Linear passive systems and
+//! maximal monotone mappings; Camlibel, Heemels, Schumacher 2002, On linear passive complementarity systems).
 //!
 //! A network of resistors, capacitors, inductors and diodes is passive in any of its formulations, with the
 //! capacitances and inductances as `P`.
@@ -18,15 +19,15 @@ use factorisation::{Singular, least_eigenvalue};
 use nalgebra::{DMatrix, DVector};
 use std::fmt;
 
-/// Rounding of products that cancel, relative to their terms.
+/// Rounding error of the entries and eigenvalues of the product `C B`, relative to its largest entry.
 const ROUNDING: f64 = 1e-9;
 
-/// The figures of a passive system.
+/// The eigenvalues that certify a passive system.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Passivity {
     /// The least eigenvalue of the symmetric part of `D`.
     of_d: f64,
-    /// The least eigenvalue of `C B` on the kernel of `D + D^T`, if that is not zero.
+    /// The least eigenvalue of the symmetric part of `C B` on the kernel of `D + D^T`; `None` if the kernel is zero.
     of_cb: Option<f64>,
 }
 
@@ -49,11 +50,12 @@ impl fmt::Display for Passivity {
     }
 }
 
-/// The figures if the system is passive up to a shift of `A`; `None` if not, or if a product of its matrices overflows.
+/// Returns the eigenvalues that certify that the system is passive up to a shift of `A`; `None` if it is not, or if a
+/// product of its matrices overflows.
 pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     let symmetric = &problem.d * 0.5 + problem.d.transpose() * 0.5;
     let of_d = least_eigenvalue(&symmetric)?;
-    // Scale each variable so that its own entry of D, or else of C B, is one.
+    // Scale each variable so that its diagonal entry of `D`, or else of `C B`, is one.
     let cb = &problem.c * &problem.b;
     let size = problem.d.amax();
     let unit = |k: usize| match (symmetric[(k, k)], cb[(k, k)]) {
@@ -75,17 +77,17 @@ pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     if !has_storage(&problem.b * &kernel, kernel.tr_mul(&problem.c)) {
         return None;
     }
-    // Use the user's units if the kernel is the whole space.
+    // Report the eigenvalue of `C B` in the user's units if the kernel of `D + D^T` is the whole space.
     let cb = if kept.len() == problem.variables() { cb } else { kernel.tr_mul(&cb) * kernel };
     let of_cb = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5))?;
     Some(Passivity { of_d: of_d.max(0.0), of_cb: Some(of_cb.max(0.0)) })
 }
 
-/// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` is symmetric positive semidefinite, with the
-/// rank of `B` and `C`, and `B` and `C^T` have the same kernel.
+/// Returns whether `P B = C^T` for some symmetric positive definite `P`: whether `C B` is symmetric positive
+/// semidefinite with the rank of `B` and `C`, and `B` and `C^T` have the same kernel.
 fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     let n = b.nrows();
-    // Scale each state so that its rows of `B` and `C^T` have equal norms.
+    // Scale each state so that its rows in `B` and in `C^T` have equal norms.
     for i in 0..n {
         let (column, row) = (c.column(i).norm(), b.row(i).norm());
         if column > 0.0 && row > 0.0 {
@@ -114,7 +116,7 @@ fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     rank.is_some() && [&b, &c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank)
 }
 
-/// The largest absolute entry, or one if all are zero.
+/// Returns the largest absolute entry of the matrix, or one if all entries are zero.
 fn size(matrix: &DMatrix<f64>) -> f64 {
     let size = matrix.amax();
     if size > 0.0 { size } else { 1.0 }

@@ -1,25 +1,27 @@
-//! Reduction of equivalent formulations of a problem to one form before its uniqueness is judged: free variables are
-//! eliminated, and states are restricted to the subspace in which two solutions can differ.
+//! Reduction of equivalent formulations of a differential variational inequality to one form, for the analysis of
+//! uniqueness: free variables are eliminated, and states are restricted to the subspace in which two solutions can
+//! differ.
 //!
-//! - Of the equations `0 = C_F x + D_FF z_F + D_FB z_B + ..` of the free variables, those with a regular part of `D_FF`
-//!   determine `z_F`. The others, if they constrain states only, `0 = C_2 x + ..`, determine it after one
-//!   differentiation, and the difference of two solutions is in the kernel of `C_2`.
-//! - If `q^T A = 0` and `q^T B = 0`, `q^T x` is an invariant: two solutions differ orthogonally to `q`.
+//! - Of the equations `0 = C_F x + D_FF z_F + D_FB z_B` of the free variables `z_F` (with the bounded variables
+//!   `z_B`), those in the range of `D_FF` determine a part of `z_F`. The other equations, if they constrain states
+//!   only (`0 = C_2 x`), determine the rest of `z_F` after one differentiation, and the difference of two solutions
+//!   is in the kernel of `C_2`.
+//! - If `q^T A = 0` and `q^T B = 0`, `q^T x` is an invariant: the difference of two solutions is orthogonal to `q`.
 
 use super::linearisation::{Linearisation, RANK};
 use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
 impl Linearisation {
-    /// The problem without its free variables; `None` if there are none, if all are free, or if their elimination takes
-    /// more than one differentiation.
+    /// Returns the problem without its free variables; `None` if there are no free variables, if all are free, or if
+    /// their elimination takes more than one differentiation.
     pub(super) fn without_free(&self) -> Option<Self> {
         let (free, bounded): (Vec<usize>, Vec<usize>) = (0..self.variables()).partition(|&k| self.free[k]);
         if free.is_empty() || bounded.is_empty() {
             return None;
         }
         let (n, m) = (self.states(), bounded.len());
-        // Rows: rates, then G of the bounded variables. Columns: states, then bounded variables.
+        // Rows of the matrices: rates, then `G` of the bounded variables. Columns: states, then bounded variables.
         let rows = stack(&self.a, &self.c.select_rows(&bounded));
         let by_bounded = stack(&self.b.select_columns(&bounded), &self.block(&bounded, &bounded));
         let mut known = join(&rows, &by_bounded);
@@ -64,7 +66,8 @@ impl Linearisation {
         Some(reduced.on(&differences))
     }
 
-    /// The problem on the subspace in which two solutions can differ; `None` if that is the whole space.
+    /// Returns the problem restricted to the subspace of states in which two solutions can differ, orthogonal to the
+    /// linear invariants; `None` if there are no invariants.
     pub(super) fn without_invariants(&self) -> Option<Self> {
         if !self.is_constant || self.states() == 0 {
             return None;
@@ -85,19 +88,19 @@ impl Linearisation {
         Some(self.on(&kernel(&invariants)?))
     }
 
-    /// The problem restricted to states in the span of `basis`, whose columns are orthonormal; the span contains the rates of its
-    /// states.
+    /// Restricts the problem to states in the span of `basis`, whose columns are orthonormal; the span must contain
+    /// the rates of these states.
     fn on(&self, basis: &DMatrix<f64>) -> Self {
         Self { a: basis.tr_mul(&self.a) * basis, b: basis.tr_mul(&self.b), c: &self.c * basis, ..self.clone() }
     }
 
-    /// The entries of `D` in these rows and columns.
+    /// Returns the submatrix of `D` in the given rows and columns.
     fn block(&self, rows: &[usize], columns: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.d[(rows[i], columns[j])])
     }
 }
 
-/// An orthonormal basis of the kernel of a matrix of full row rank, computed with rows scaled to one size.
+/// Computes an orthonormal basis of the kernel of a matrix of full row rank, with rows scaled to equal size.
 fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (rows, n) = matrix.shape();
     let mut square = DMatrix::zeros(n.max(rows), n);

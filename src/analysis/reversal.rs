@@ -1,16 +1,16 @@
-//! Reversed signs: `D`, or `C B` if `D` vanishes, is negative definite, so that variables drive their inequalities
-//! further into violation.
+//! Detection of reversed signs: if `D`, or `C B` if `D` vanishes, is negative definite, the variables drive their
+//! inequalities further into violation.
 
 use super::linearisation::Linearisation;
 use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 
-/// The part of a problem that may have the wrong sign.
+/// The part of a problem whose sign may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reversal {
-    /// The inequalities.
+    /// The inequalities `G`.
     Inequality,
-    /// The inequalities, or their variables in the rates.
+    /// The inequalities `G`, or the terms of their variables in the rates `F`.
     InequalityOrRate,
 }
 

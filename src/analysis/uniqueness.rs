@@ -1,10 +1,11 @@
-//! Existence and uniqueness, as far as the derivatives certify them (Stewart 2011, chapters 4 to 6; Pang and Stewart
-//! 2008, Differential variational inequalities; Camlibel, Heemels, Schumacher 2002).
+//! Existence and uniqueness of solutions of `x' = A x + B z, G = C x + D z`, as far as the matrices certify them
+//! (Stewart 2011, chapters 4 to 6; Pang and Stewart 2008, Differential variational inequalities; Camlibel, Heemels,
+//! Schumacher 2002).
 //!
-//! - `D` positive semidefinite and `P B N = C^T N` for a symmetric positive definite `P` and a basis `N` of the kernel
-//!   of `D + D^T` (a system that is passive up to a shift; Camlibel and Schumacher 2016, Linear passive systems and
-//!   maximal monotone mappings): see [`passivity`](super::passivity).
-//! - `D` a P-matrix: `z` is a Lipschitz function of `(t, x)`, so both are unique.
+//! - `D` positive semidefinite and `P B N = C^T N` for a symmetric positive definite `P` and a basis `N` of the
+//!   kernel of `D + D^T` (a system that is passive up to a shift; Camlibel and Schumacher 2016, Linear passive
+//!   systems and maximal monotone mappings): `x` is unique, see [`passivity`](super::passivity).
+//! - `D` a P-matrix: `z` is a Lipschitz function of `(t, x)`, so both `x` and `z` are unique.
 //! - `D = 0`, `K` an orthant and `C B` an H-matrix with positive diagonal: the reflection map is Lipschitz (Harrison
 //!   and Reiman 1981; Dupuis and Ishii 1991), so `x` is unique.
 //! - `D = 0`, `C B` positive definite or a P-matrix but not symmetric: a solution exists; it need not be unique
@@ -17,7 +18,7 @@ use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// The certified verdict.
+/// The certified verdict on existence and uniqueness of the solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uniqueness {
@@ -37,7 +38,7 @@ pub enum Uniqueness {
 }
 
 impl Uniqueness {
-    /// Whether the solution is certified to be unique, at least for a while.
+    /// Returns whether the solution is certified to be unique, at least for a finite time.
     pub fn is_certified(self) -> bool {
         matches!(self, Self::Unique | Self::LocallyUnique)
     }
@@ -56,10 +57,10 @@ impl std::fmt::Display for Uniqueness {
     }
 }
 
-/// Largest order for which all principal minors are computed.
+/// Maximum order of a matrix for which all principal minors are computed.
 const MOST_MINORS: usize = 12;
 
-/// The verdict and its reason; `None` if a product of the derivatives overflows.
+/// Returns the verdict on uniqueness and its reason; `None` if a product of the matrices overflows.
 pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness, String)> {
     let m = problem.variables();
     if m == 0 {
@@ -86,7 +87,7 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         let because = "K moves with the states (a quasi-variational inequality): no theorem applied here covers it";
         return Some((Uniqueness::NotCertified, because.into()));
     }
-    // The verdict must not depend on the formulation.
+    // Eliminate invariants and free variables first, so that the verdict does not depend on the formulation.
     let differing = problem.without_invariants();
     let problem = differing.as_ref().unwrap_or(problem);
     let eliminated = problem.without_free();
@@ -198,8 +199,8 @@ fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str
     }
 }
 
-/// Whether the diagonal is positive, and the comparison matrix (`|a_ii|` on the diagonal, `-|a_ij|` off it) a
-/// nonsingular M-matrix, which has a nonnegative inverse.
+/// Returns whether the matrix is an H-matrix with positive diagonal: whether its comparison matrix (`|a_ii|` on the
+/// diagonal, `-|a_ij|` off it) is a nonsingular M-matrix, which has a nonnegative inverse.
 fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
     if matrix.diagonal().iter().any(|&diagonal| diagonal <= 0.0) {
         return false;
@@ -215,20 +216,20 @@ fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
     comparison.try_inverse().is_some_and(|inverse| inverse.iter().all(|&entry| entry >= 0.0))
 }
 
-/// The figures of a square matrix on which verdicts rest.
+/// The figures of a square matrix `A` on which the verdict on uniqueness rests.
 struct Figures {
-    /// The largest entry.
+    /// The largest absolute entry of the matrix.
     size: f64,
-    /// The least eigenvalue of the symmetric part.
+    /// The least eigenvalue of the symmetric part of the matrix.
     least_eigenvalue: f64,
-    /// `|A - A^T| / |A|`
+    /// The relative asymmetry `|A - A^T| / |A|` in the largest entry.
     asymmetry: f64,
 }
 
 impl Figures {
-    /// `None` if an entry is not finite.
+    /// Computes the figures of a matrix; `None` if an entry is not finite.
     fn of(matrix: &DMatrix<f64>) -> Option<Self> {
-        // Halve first: the sum of two large entries may overflow.
+        // Halve each matrix first: the sum of two large entries may overflow.
         let symmetric = matrix * 0.5 + matrix.transpose() * 0.5;
         let size = matrix.amax();
         let asymmetry = if size > 0.0 { (matrix / size - matrix.transpose() / size).amax() } else { 0.0 };
@@ -236,7 +237,7 @@ impl Figures {
     }
 }
 
-/// Whether all principal minors are positive; `None` if there are too many of them.
+/// Returns whether all principal minors are positive; `None` if the matrix is too large to compute them.
 fn is_p_matrix(matrix: &DMatrix<f64>) -> Option<bool> {
     let m = matrix.nrows();
     if m > MOST_MINORS {

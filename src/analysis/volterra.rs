@@ -1,22 +1,22 @@
-//! Analysis of Volterra inequalities `z in K, <(m * z)(t) + q(t), z~ - z> >= 0` with a kernel `m(t) ~ M t^(a-1)` at
-//! zero. The index is `a` (Stewart 2011, Dynamics with Inequalities, section 5.4):
+//! Analysis of Volterra inequalities `z in K, <(m * z)(t) + q(t), z~ - z> >= 0` with a kernel `m(t) ~ M t^(a-1)` near
+//! `t = 0`. The index is `a` (Stewart 2011, Dynamics with Inequalities, section 5.4):
 //!
-//! - `a < 1`: `t^(a-1)` has the transform `Gamma(a) s^-a`, and on the imaginary axis the convolution is as positive as
-//!   `cos(pi a/2) S + i sin(pi a/2) N`, with the symmetric part `S` and the skew part `N` of `M`: if this Hermitian
-//!   matrix is positive definite the difference of two solutions is zero;
-//! - `a = 1`: the condition reduces to `M` symmetric and positive definite, which is sufficient;
-//! - `1 < a <= 2`: solutions exist and need not be unique (Stewart 2014, Nonuniqueness and fractional index convolution
-//!   complementarity problems).
+//! - `a < 1`: `t^(a-1)` has the Laplace transform `Gamma(a) s^-a`, and on the imaginary axis the convolution is as
+//!   positive as `cos(pi a/2) S + i sin(pi a/2) N`, with the symmetric part `S` and the skew part `N` of `M`: if this
+//!   Hermitian matrix is positive definite, the difference of two solutions is zero;
+//! - `a = 1`: `M` symmetric and positive definite is sufficient for uniqueness;
+//! - `1 < a <= 2`: solutions exist and need not be unique (Stewart 2014, Nonuniqueness and fractional index
+//!   convolution complementarity problems).
 
 use super::{Analysis, MOST_UNKNOWNS, Uniqueness};
 use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
 
-/// Eigenvalues below this fraction of the largest entry are rounding.
+/// Relative rounding error of eigenvalues: those below this fraction of the largest entry are treated as zero.
 const ROUNDING: f64 = 1e-12;
 
-/// The verdict for a kernel of index `a` in `(0, 2]` with the matrix `M`.
+/// Returns the verdict for a Volterra inequality whose kernel has index `a` in `(0, 2]` and the matrix `M` near zero.
 pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     let m = matrix.nrows();
     let levels = if a.fract() == 0.0 { [vec![0; a as usize], vec![m]].concat() } else { Vec::new() };
@@ -68,7 +68,8 @@ pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     }
 }
 
-/// The least eigenvalue of `cos(pi a/2) S + i sin(pi a/2) N`, computed from a real symmetric matrix of twice the size.
+/// Computes the least eigenvalue of the Hermitian matrix `cos(pi a/2) S + i sin(pi a/2) N`, from a real symmetric
+/// matrix of twice the size.
 fn positivity(a: f64, symmetric: &DMatrix<f64>, skew: &DMatrix<f64>) -> Option<f64> {
     let m = symmetric.nrows();
     let (sine, cosine) = (FRAC_PI_2 * a).sin_cos();
@@ -104,8 +105,8 @@ mod tests {
 
     #[test]
     fn the_skew_part_counts_the_more_the_higher_the_index() {
-        // S = I and N = k [[0, 1], [-1, 0]]: the eigenvalues are cos(pi a/2) +- k sin(pi a/2), so that a < (2/pi)
-        // atan(1/k).
+        // With `S = I` and `N = k [[0, 1], [-1, 0]]` the eigenvalues are `cos(pi a/2) +- k sin(pi a/2)`, so that they
+        // are positive for `a < (2/pi) atan(1/k)`.
         let matrix = [1.0, 1.0, -1.0, 1.0];
         assert_eq!(verdict(0.49, matrix), Uniqueness::Unique);
         assert_eq!(verdict(0.51, matrix), Uniqueness::ExistsNotCertified);

@@ -1,4 +1,4 @@
-//! `dvi check`: every error of a specification, without solving it.
+//! `dvi check`: reports every error of a specification, without solving it.
 
 use super::read;
 use clap::Args;
@@ -29,11 +29,11 @@ Examples:
   dvi check spring.json
   for f in *.json; do dvi check \"$f\" || echo \"$f\"; done";
 
-/// Checks the file and prints a summary or the errors; returns the exit code.
+/// Runs `dvi check`: checks the file and prints a summary or the errors; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     match read(&arguments.file) {
         Ok(specification) => {
-            // A closed standard output is ignored.
+            // A write error on a closed standard output is ignored.
             let _ = write!(io::stdout(), "{}", told(&arguments.file, &specification));
             ExitCode::SUCCESS
         }
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// The summary of a correct specification: its sizes, the results of the analysis, and warnings.
+/// Returns the summary of a correct specification: its sizes, the results of the analysis, and warnings.
 fn told(file: &Path, specification: &Specification) -> String {
     let summary = specification.summary();
     let analysis = &summary.analysis;

@@ -1,4 +1,4 @@
-//! `dvi completions`: what a shell completes of the command line.
+//! `dvi completions`: completion of the command line by a shell.
 
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
@@ -19,11 +19,11 @@ Examples:
   dvi completions zsh > ~/.zfunc/_dvi                 with fpath+=~/.zfunc before compinit
   dvi completions fish > ~/.config/fish/completions/dvi.fish";
 
-/// Writes them to standard output.
+/// Runs `dvi completions`: writes the completions to standard output; returns the exit code.
 pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
     let mut text = Vec::new();
     generate(arguments.shell, &mut program, "dvi", &mut text);
-    // A closed standard output wants no completions.
+    // A write error on a closed standard output is ignored.
     let _ = io::Write::write_all(&mut io::stdout(), &text);
     ExitCode::SUCCESS
 }

@@ -16,7 +16,8 @@ use tokio::runtime::Builder;
 use tokio::select;
 use tokio::sync::Notify;
 
-/// Solves `document` in a child process; returns its end and the results as JSON. Ctrl-C stops the solve.
+/// Solves `document` in a child process; returns how the solve ended, and its results as JSON. Ctrl-C stops the
+/// solve.
 ///
 /// # Errors
 /// The exit code, if there are no results; the reason is printed to standard error.
@@ -66,7 +67,7 @@ pub fn solve(
     }
 }
 
-/// Decodes columns into the JSON that they encode.
+/// Decodes columns into the JSON text that they encode.
 fn whole(columns: Vec<u8>, prints: &Prints) -> io::Result<Vec<u8>> {
     let index = columns[columns.len().saturating_sub(prints.index.bytes)..].to_vec();
     let columns = Stored::open(columns, &index)?;

@@ -14,9 +14,9 @@ pub struct Data {
 }
 
 impl Data {
-    /// The folder; `None` if none is given and there is no home directory.
+    /// Returns the data folder; `None` if no folder is given and there is no home directory.
     pub fn folder(&self) -> Option<PathBuf> {
-        // The XDG Base Directory Specification, version 0.8: relative paths are ignored.
+        // The XDG Base Directory Specification, version 0.8, requires that relative paths are ignored.
         let state = |variable, below: &str| {
             let folder = env::var_os(variable).map(PathBuf::from).filter(|folder| folder.is_absolute());
             folder.map(|folder| folder.join(below))

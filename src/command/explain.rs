@@ -27,7 +27,7 @@ Exit codes:
   0   done
   64  the code does not exist";
 
-/// Prints the explanation; a closed standard output is ignored.
+/// Runs `dvi explain`: prints the explanation; a closed standard output is ignored.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let text = match &arguments.code {
         None => list(),

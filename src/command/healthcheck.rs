@@ -1,4 +1,4 @@
-//! `dvi healthcheck`: whether the service on this machine is alive, for systems without curl.
+//! `dvi healthcheck`: tests whether the service on this machine is alive, for systems without curl.
 
 use super::UNHEALTHY;
 use clap::Args;
@@ -21,10 +21,10 @@ pub struct Arguments {
 /// The time limit for connecting and for each read or write.
 const IO_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The beginning of a response that reports a living service.
+/// The beginning of a response that reports that the service is alive.
 const STATUS_LINE: &str = "HTTP/1.1 200";
 
-/// Sends one request; returns the exit code.
+/// Runs `dvi healthcheck`: sends one request to the service; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let address = reachable(arguments.listen);
     match ask(address) {
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// The address to connect to: the loopback address, if the service listens on all addresses.
+/// Returns the address to connect to: the loopback address, if the service listens on all addresses.
 fn reachable(mut listen: SocketAddr) -> SocketAddr {
     match listen.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => listen.set_ip(Ipv4Addr::LOCALHOST.into()),

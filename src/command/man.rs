@@ -1,4 +1,4 @@
-//! `dvi man`: pages for `man`, of the same words as `--help`.
+//! `dvi man`: manual pages with the texts of `--help`.
 
 use super::{UNWRITABLE, USAGE};
 use clap::{Args, Command};
@@ -28,7 +28,7 @@ Examples:
   dvi man solve | man -l -
   dvi man --folder ~/.local/share/man/man1";
 
-/// Writes to standard output, or into the folder.
+/// Runs `dvi man`: writes one page to standard output, or all pages to a folder; returns the exit code.
 pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
     if let Some(folder) = &arguments.folder {
         let written = std::fs::create_dir_all(folder).and_then(|()| generate_to(program, folder));
@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
 
 fn finished(written: io::Result<()>) -> ExitCode {
     match written {
-        // The reader has seen enough.
+        // The reader has closed its end early, as a pager does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the page: {error}");
             ExitCode::from(UNWRITABLE)

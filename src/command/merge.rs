@@ -42,7 +42,7 @@ Exit codes:
 Example:
   dvi merge -o belts.csv part1.json part2.json part3.json part4.json";
 
-/// Reads, joins and writes.
+/// Runs `dvi merge`: reads the parts, joins them and writes the table; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let format = match Format::of(arguments.format, arguments.output.as_deref()) {
         Ok(format) => format,

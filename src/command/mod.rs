@@ -33,28 +33,28 @@ use std::io::{self, Read};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// The end time was not reached.
+/// Exit code: the end time was not reached.
 pub const UNFINISHED: u8 = 1;
-/// The service is not alive.
+/// Exit code: the service is not alive.
 pub const UNHEALTHY: u8 = 1;
-/// The specification has errors.
+/// Exit code: the specification has errors.
 pub const BAD_SPECIFICATION: u8 = 2;
-/// The specification could not be read.
+/// Exit code: the specification could not be read.
 pub const UNREADABLE: u8 = 3;
-/// The result could not be written.
+/// Exit code: the result could not be written.
 pub const UNWRITABLE: u8 = 4;
-/// The service could not start.
+/// Exit code: the service could not start.
 pub const UNSERVABLE: u8 = 5;
-/// A server did not answer, or refused.
+/// Exit code: a server did not answer, or refused the request.
 pub const UNANSWERED: u8 = 6;
-/// The end time was reached, but the solution is not trusted.
+/// Exit code: the end time was reached, but the solution is not trusted.
 pub const UNTRUSTED: u8 = 7;
-/// The child process that solved was killed, for instance for want of memory.
+/// Exit code: the child process that solved was killed, for instance for want of memory.
 pub const ENDED: u8 = 8;
-/// The command line is invalid (`EX_USAGE` of sysexits).
+/// Exit code: the command line is invalid (`EX_USAGE` of sysexits).
 pub const USAGE: u8 = 64;
 
-/// An error of a specification, found here or by a server.
+/// An error of a specification, found by this program or by a server.
 #[derive(Deserialize)]
 pub struct Told {
     pointer: String,
@@ -71,17 +71,18 @@ impl From<SpecificationError> for Told {
     }
 }
 
-/// Reads and checks a file, or standard input if the name is `-`. Errors are printed to standard error.
+/// Reads and checks the specification in a file, or on standard input if the name is `-`. Errors are printed to
+/// standard error.
 pub fn read(file: &Path) -> Result<Specification, ExitCode> {
     read_text(file, &bytes(file)?)
 }
 
-/// Checks the text of a file. Errors are printed to standard error.
+/// Checks the text of a specification that was read from `file`. Errors are printed to standard error.
 pub fn read_text(file: &Path, text: &[u8]) -> Result<Specification, ExitCode> {
     Specification::from_json(text).map_err(|errors| told(file, errors))
 }
 
-/// Replaces some numbers of a specification.
+/// Replaces some numbers of a specification, given as names and values. Errors are printed to standard error.
 pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) -> Result<Vec<u8>, ExitCode> {
     if settings.is_empty() {
         return Ok(text);
@@ -91,7 +92,7 @@ pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) 
 
 /// Parses an argument NAME=VALUE of `--set`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
-    // A pointer may have an equals sign in it; a value that is a condition may have one, too.
+    // Split at the first equals sign: a value that is a condition may contain another.
     let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as m=2 or /method/rtol=1e-9")?;
     Ok((name.trim().to_owned(), value.trim().to_owned()))
 }
@@ -119,7 +120,7 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
     std::fs::read(file).map(|text| document_of(&text).into_owned())
 }
 
-/// The errors for people: one paragraph each, beginning with the pointer.
+/// Formats the errors for people: one paragraph per error, which begins with the JSON pointer.
 fn report(file: &Path, errors: &[Told]) -> String {
     let count = if errors.len() == 1 { "1 error".to_owned() } else { format!("{} errors", errors.len()) };
     let mut text = format!("{}: {count}\n", file.display());

@@ -1,7 +1,7 @@
-//! Other programs that solve the same systems: each Python file of a folder is one. Called with `--name`, a program prints
-//! the name and version of what it runs, or fails if that is not installed; with `--install`, its name and how to get it, a
-//! line each. Otherwise it reads a request as JSON from standard input and prints what it computed
-//! (`dvi::study::report::Answer`).
+//! Other programs that solve the example systems: each file `*_peer.py` of a folder is one. Called with `--name`, a
+//! program prints the name and version of the software that it runs, or fails if the software is not installed; with
+//! `--install`, it prints the name and how to install the software, on a line each. Otherwise it reads a request as
+//! JSON from standard input and prints its answers (`dvi::study::report::Answer`).
 
 use dvi::study::Peer;
 use dvi::study::report::{Answer, Chapter, Ladder, request};
@@ -10,25 +10,25 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The interpreters that a program is tried with, in order: what `tests/peers/install` makes in the folder, the user's, and
-/// that of the system, for which distributions package modules.
+/// Returns the interpreters that a program is tried with, in order: the one that `tests/peers/install` makes in the
+/// folder, the user's, and that of the system, for which distributions package modules.
 fn interpreters(folder: &Path) -> [PathBuf; 3] {
     [folder.join("venv/bin/python3"), PathBuf::from("python3"), PathBuf::from("/usr/bin/python3")]
 }
 
-/// What limits the threads of the libraries of linear algebra that peers use.
+/// Environment variables that limit the threads of the linear algebra libraries used by other programs.
 const THREADS: [&str; 3] = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"];
 
-/// The programs of a folder.
+/// The other programs of a folder.
 #[derive(Default)]
 pub struct Peers {
-    /// Those that can run: interpreter and file.
+    /// The programs that can run: interpreter and file.
     found: Vec<(PathBuf, PathBuf)>,
     all: Vec<Peer>,
 }
 
 impl Peers {
-    /// The programs of a folder; none if the folder does not exist.
+    /// Finds the programs of a folder; none if the folder does not exist.
     pub fn in_folder(folder: &Path) -> Self {
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut scripts: Vec<PathBuf> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
@@ -47,12 +47,13 @@ impl Peers {
         peers
     }
 
-    /// All programs, with those that are not installed.
+    /// All programs, including those that are not installed.
     pub fn all(&self) -> &[Peer] {
         &self.all
     }
 
-    /// The ladders that the programs measure for a system; none from programs that do not have the system.
+    /// Returns the ladders that the programs measure for the system of a chapter; none from programs that do not have
+    /// the system.
     pub fn solve(&self, chapter: &Chapter) -> Vec<Ladder> {
         let request = request(chapter).to_string();
         let answers = self.found.iter().flat_map(|(program, script)| ask(program, script, &request));
@@ -60,29 +61,30 @@ impl Peers {
     }
 }
 
-/// A program that is not installed.
+/// Returns the name of a program that is not installed, and how to install it.
 fn missing(folder: &Path, script: &Path) -> Option<Peer> {
     let told = interpreters(folder).iter().find_map(|program| said(program, script, "--install"))?;
     let (name, install) = told.split_once('\n')?;
     Some(Peer { name: name.to_owned(), install: Some(install.trim().to_owned()) })
 }
 
-/// What a program prints when it is called with an option; `None` where it fails.
+/// Returns the output of a program that is called with an option; `None` if the program fails.
 fn said(program: &Path, script: &Path, option: &str) -> Option<String> {
     let told = Command::new(program).arg(script).arg(option).stderr(Stdio::null()).output().ok()?;
     let text = String::from_utf8_lossy(&told.stdout).trim().to_owned();
     (told.status.success() && !text.is_empty()).then_some(text)
 }
 
-/// The answers of a program. What it says on standard error is passed on: a peer that breaks is not to break in silence.
+/// Returns the answers of a program to a request. Its standard error is passed on, so that a failing program is
+/// noticed.
 fn ask(program: &Path, script: &Path, request: &str) -> Vec<Answer> {
     let answers = || {
         let mut command = Command::new(program);
         command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
-        // One thread, as here.
+        // Other programs get one thread, like the runs of this program.
         command.envs(THREADS.map(|name| (name, "1")));
         let mut process = command.spawn().ok()?;
-        // Drop the input at once, so that the program reads its end.
+        // Standard input is dropped at once, so that the program reads its end.
         let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));
         let told = process.wait_with_output().ok()?;
         sent?.ok()?;

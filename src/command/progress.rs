@@ -2,12 +2,12 @@
 
 use std::io::{self, IsTerminal, Write};
 
-/// The width of the bar, in characters.
+/// Width of the progress bar, in characters.
 const WIDTH: usize = 30;
 /// The largest width of a step's name, in characters; a longer line would wrap.
 const NAME: usize = 40;
 
-/// The number of steps done, out of all.
+/// The progress of a command: the number of steps done, out of all steps.
 pub struct Progress {
     done: usize,
     all: usize,
@@ -15,7 +15,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// The progress of a command with `all` steps, none of them done.
+    /// Creates the progress of a command with `all` steps, none of them done.
     pub fn new(all: usize) -> Self {
         Self { done: 0, all, terminal: io::stderr().is_terminal() }
     }
@@ -41,7 +41,7 @@ impl Progress {
         self.done = (self.done + 1).min(self.all);
     }
 
-    /// Clears the bar.
+    /// Clears the bar on a terminal.
     pub fn end(&self) {
         if self.terminal {
             let _ = write!(io::stderr(), "\r\x1b[K");

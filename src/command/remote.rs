@@ -33,7 +33,7 @@ pub struct Server {
     host: String,
     port: u16,
     is_encrypted: bool,
-    /// The prefix of every path, if a proxy shows the service under a path.
+    /// The prefix of every path, if a proxy serves the service under a path.
     prefix: String,
     token: Option<String>,
 }
@@ -59,14 +59,15 @@ impl FromStr for Server {
     }
 }
 
-/// The preference for the time in which the service may respond with results, before it responds with a job.
+/// Value of the `Prefer` header: the seconds that the service may take to respond with results before it responds
+/// with a job.
 const MOMENT: &str = "wait=5";
 /// The interval between two polls of a job.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// The largest size of a response other than results, in bytes.
 const MOST: usize = 16 << 20;
 
-/// Why there are no results.
+/// The reason why a remote solve has no results.
 enum RemoteError {
     /// The service could not be reached, or the connection broke off.
     Lost(String),
@@ -76,7 +77,7 @@ enum RemoteError {
     Unwritable(io::Error),
 }
 
-/// The parts of a problem (RFC 9457) that are reported.
+/// The members of problem details (RFC 9457) that are reported to the user.
 #[derive(Deserialize)]
 struct ProblemDetails {
     title: String,
@@ -85,7 +86,7 @@ struct ProblemDetails {
     errors: Vec<Told>,
 }
 
-/// The parts of a job's status that are needed here.
+/// The members of a job's status that the client uses.
 #[derive(Deserialize)]
 struct Status {
     status: String,
@@ -96,7 +97,7 @@ struct Status {
     verdict: Option<Verdict>,
 }
 
-/// Has the service solve `specification`, read from `file`; returns the exit code.
+/// Solves `specification`, read from `file`, by the service `server`; returns the exit code.
 pub fn run(
     server: &Server,
     file: &Path,
@@ -140,7 +141,7 @@ pub fn run(
 }
 
 impl Server {
-    /// The service with a token for its requests.
+    /// Returns the service with a token that is sent with every request.
     pub fn showing(self, token: Option<&str>) -> Self {
         Self { token: token.map(|token| format!("Bearer {token}")), ..self }
     }
@@ -159,7 +160,7 @@ impl Server {
         let job =
             job_of(&headers).ok_or_else(|| RemoteError::Lost("the response of the server names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
-            // Before the results are read, while the service is sure to keep the job.
+            // The status is read before the results, while the service is sure to keep the job.
             let ended = self.status(&job).await?;
             write(body, output).await?;
             return Ok(ended);
@@ -171,7 +172,7 @@ impl Server {
         Ok(ended)
     }
 
-    /// Waits for the end of a job.
+    /// Polls the status of a job until the job ends; Ctrl-C cancels the job.
     async fn follow(&self, job: &str) -> Result<Status, RemoteError> {
         let mut interrupted = pin!(ctrl_c());
         let mut cancelled = false;
@@ -179,7 +180,7 @@ impl Server {
         loop {
             let status = self.status(job).await?;
             if drawn {
-                // A closed terminal is ignored.
+                // A write error on a closed terminal is ignored.
                 let _ = write!(io::stderr(), "\r\x1b[K{} {} %  {} steps", status.status, status.progress, status.steps);
             }
             if !matches!(status.status.as_str(), "accepted" | "running") {
@@ -203,7 +204,7 @@ impl Server {
         read(body).await
     }
 
-    /// Sends a request on a connection of its own; a problem in the response is returned as an error.
+    /// Sends a request on a connection of its own; problem details in the response are returned as an error.
     async fn send(
         &self,
         request: axum::http::request::Builder,
@@ -241,7 +242,7 @@ impl Server {
     }
 }
 
-/// Begins to speak HTTP on a connection.
+/// Starts an HTTP/1 client on a connection.
 async fn speak(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, RemoteError> {
     let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
     tokio::spawn(connection);
@@ -252,7 +253,7 @@ fn lost(error: impl std::fmt::Display) -> RemoteError {
     RemoteError::Lost(error.to_string())
 }
 
-/// The path of the job, from `Location` or from the `monitor` link.
+/// Returns the path of the job, from the header `Location` or from the `monitor` link.
 fn job_of(headers: &HeaderMap) -> Option<String> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let link = || text(header::LINK)?.strip_prefix('<')?.split_once('>').map(|(path, _)| path);
@@ -264,7 +265,7 @@ async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, RemoteErr
     serde_json::from_slice(&bytes).map_err(lost)
 }
 
-/// Copies results to standard output, or to a file.
+/// Copies the results in a response to standard output, or to a file.
 async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), RemoteError> {
     let mut out = destination(output).map_err(RemoteError::Unwritable)?;
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {

@@ -60,12 +60,12 @@ Examples:
 /// The number of progress steps of the stability chapter, in addition to the parts of its table.
 const MEASUREMENTS: usize = 3;
 
-/// The names of the systems; for an unknown name, the parser suggests the nearest.
+/// Returns the names of the example systems; for an unknown name, the parser suggests the nearest.
 fn names() -> PossibleValuesParser {
     PossibleValuesParser::new(EXAMPLES.iter().map(|example| example.name))
 }
 
-/// Runs and writes the report, with progress on standard error; returns the exit code.
+/// Runs the examples and writes the report, with progress on standard error; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|only| only == name);
     let examples: Vec<&Example> =
@@ -120,12 +120,12 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     Ok(page)
 }
 
-/// The day, in UTC.
+/// Returns the present day, in UTC.
 fn today() -> String {
     Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
-/// The contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.
+/// Returns the contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.
 fn kept<T: Serialize + DeserializeOwned>(
     out: &Path,
     name: &str,
@@ -139,7 +139,7 @@ fn kept<T: Serialize + DeserializeOwned>(
     }
     let found = measure();
     if let Some(found) = &found {
-        // Written under another name, so that the file is complete after an interruption, too.
+        // The file is written under another name and then renamed, so that it is complete after an interruption, too.
         let part = out.join(format!("{name}.json.part"));
         fs::write(&part, serde_json::to_vec_pretty(found)?)?;
         fs::rename(&part, &file)?;

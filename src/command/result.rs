@@ -1,4 +1,4 @@
-//! The forms of a result, and where it goes.
+//! Formats of a result, and where a result is written.
 
 use super::USAGE;
 use clap::ValueEnum;
@@ -10,7 +10,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// A form of the result.
+/// A format of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Format {
     /// Verdict, trajectory, events and diagnostics; of a sweep the table in columns
@@ -29,7 +29,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The one that was asked for, or that of a file by its extension; JSON, where neither says.
+    /// Returns the requested format, or that of a file by its extension; JSON if neither is given.
     pub fn of(asked: Option<Self>, file: Option<&Path>) -> Result<Self, ExitCode> {
         let extension = file.and_then(Path::extension).and_then(OsStr::to_str);
         let Some(extension) = extension.filter(|_| asked.is_none()) else { return Ok(asked.unwrap_or(Self::Json)) };
@@ -71,7 +71,7 @@ impl Format {
         }
     }
 
-    /// The end of the name of a file that has it.
+    /// Returns the file extension of the format.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Json => "json",
@@ -84,7 +84,7 @@ impl Format {
         }
     }
 
-    /// Its media type.
+    /// Returns the media type of the format.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
@@ -98,7 +98,7 @@ impl Format {
     }
 }
 
-/// The file that a result goes to, or standard output.
+/// Opens the file that a result is written to, or standard output.
 pub fn destination(file: Option<&Path>) -> io::Result<BufWriter<Box<dyn Write>>> {
     let out: Box<dyn Write> = match file.filter(|file| *file != Path::new("-")) {
         Some(file) => Box::new(File::create(file)?),
@@ -107,7 +107,7 @@ pub fn destination(file: Option<&Path>) -> io::Result<BufWriter<Box<dyn Write>>>
     Ok(BufWriter::new(out))
 }
 
-/// Writes a result.
+/// Writes a result in the given format.
 pub fn write(solution: &Solution, label: Option<&str>, format: Format, out: &mut impl Write) -> io::Result<()> {
     format.form().write(solution, label, out)?;
     if format == Format::Json {

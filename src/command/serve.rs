@@ -82,10 +82,10 @@ Exit codes:
   5   the service could not start, for example because the address or the folder is in use
   64  the command line or RUST_LOG is invalid";
 
-/// The time limit for writing the last log lines.
+/// Time limit for writing the last log lines at exit.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// The time for which an address in use is tried again, and the time between two attempts.
+/// Time for which binding an address in use is retried, and time between two attempts.
 const REBINDING: Duration = Duration::from_secs(1);
 const BETWEEN_BINDINGS: Duration = Duration::from_millis(5);
 
@@ -98,12 +98,13 @@ pub enum LogFormat {
     Json,
 }
 
-/// Serves until stopped; returns the exit code.
+/// Runs `dvi serve` until it is stopped; returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
     logged(arguments.log_format, |log| start(arguments, log))
 }
 
-/// Runs a service and returns its exit code. The log goes to standard error, spans to the collector of traces if there is one.
+/// Runs a service and returns its exit code. The log goes to standard error, trace spans to the collector if there is
+/// one.
 pub fn logged(format: LogFormat, service: impl FnOnce(&Log) -> ExitCode) -> ExitCode {
     let spans = match Spans::start() {
         Ok(spans) => spans,
@@ -179,15 +180,15 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
     Ok(())
 }
 
-/// The number of threads that read and write responses and wait for the ends of dead workers. Each keeps some memory of
-/// its own between two tasks, so that their number bounds the memory of many slow readers; what they do does not wait
-/// for clients.
+/// Returns the number of threads for blocking tasks, which read and write responses and wait for dead workers to end.
+/// Each thread keeps some memory of its own between two tasks, so that the number of threads bounds the memory of
+/// many slow readers; blocking tasks do not wait for clients.
 fn blocking_threads(workers: usize) -> usize {
     4 + 2 * workers.min(usize::from(u16::MAX))
 }
 
-/// Binds the address. One that is in use is tried again for a moment: a child process of a service that was just killed
-/// keeps the socket open until it executes its own program.
+/// Binds the address. If it is in use, binding is retried for a moment, because a child process of a service that was
+/// just killed keeps the socket open until it executes its own program.
 async fn bind(address: SocketAddr) -> io::Result<TcpListener> {
     let begun = Instant::now();
     loop {
@@ -200,7 +201,7 @@ async fn bind(address: SocketAddr) -> io::Result<TcpListener> {
     }
 }
 
-/// A channel that receives a message for every SIGTERM and SIGINT.
+/// Returns a channel that receives a message for every SIGTERM and SIGINT.
 pub fn signals() -> io::Result<Receiver<()>> {
     let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
     let (sender, stop) = channel(2);
@@ -218,7 +219,7 @@ pub fn signals() -> io::Result<Receiver<()>> {
     Ok(stop)
 }
 
-/// Starts the log, on standard error.
+/// Starts the log on standard error.
 fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
@@ -235,7 +236,7 @@ fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Erro
         LogFormat::Json => lines.json().with_filter(filter).boxed(),
     };
     tracing_subscriber::registry().with(lines).with(spans.layer()).init();
-    // Report panics as log lines, so that a log in JSON contains nothing else. The hook alone knows the place of a
+    // Report panics as log lines, so that a log in JSON contains nothing else. Only the hook knows the location of a
     // panic; the span names the job.
     panic::set_hook(Box::new(|panic| {
         let place = panic.location().map(ToString::to_string).unwrap_or_default();

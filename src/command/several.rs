@@ -16,16 +16,16 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Room for the deepest expression that a specification may hold.
+/// Stack size of a thread in bytes: room for the deepest expression that a specification may hold.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Result of one file: its lines for standard error, and the exit code that a solve of it alone would have.
+/// Result of one file: its lines for standard error, and the exit code that a solve of the file alone would have.
 struct Outcome {
     told: String,
     code: u8,
 }
 
-/// What Ctrl-C stops: the solves that run, and those to come.
+/// The solves that Ctrl-C stops: those that run, and those to come.
 #[derive(Default)]
 struct Running {
     stopped: AtomicBool,
@@ -46,7 +46,7 @@ impl Running {
     }
 }
 
-/// Solves all; the exit code is that of the first file, in their order, that has one other than 0.
+/// Solves all files; returns the exit code of the first file, in the order given, whose exit code is not 0.
 pub fn run(files: &[PathBuf], format: Format) -> ExitCode {
     if let Err(why) = distinct(files, format) {
         eprintln!("dvi: {why}");
@@ -83,7 +83,7 @@ fn take<'a>(next: &AtomicUsize, files: &'a [PathBuf]) -> Option<(usize, &'a Path
     files.get(place).map(|file| (place, file.as_path()))
 }
 
-/// Refuses standard input, which has no name, and files whose results would have the same one.
+/// Refuses standard input, which has no name, and files whose results would have the same name.
 fn distinct(files: &[PathBuf], format: Format) -> Result<(), String> {
     let mut results: HashMap<PathBuf, &Path> = HashMap::new();
     for file in files {
@@ -98,7 +98,7 @@ fn distinct(files: &[PathBuf], format: Format) -> Result<(), String> {
     Ok(())
 }
 
-/// Where the result of a file goes.
+/// Returns the path of the result of a file.
 fn beside(file: &Path, format: Format) -> PathBuf {
     file.with_extension(format!("result.{}", format.extension()))
 }

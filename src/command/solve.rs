@@ -86,7 +86,7 @@ Examples:
 /// The interval between two updates of the progress.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Solves and writes the results; returns the exit code.
+/// Runs `dvi solve`: solves the specifications and writes the results; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let format = match Format::of(arguments.format, arguments.output.as_deref()) {
         Ok(format) => format,
@@ -146,12 +146,12 @@ pub(super) fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdi
     }
 }
 
-/// As many threads as there are cores.
+/// Returns the number of threads of a solve: one per core.
 pub(super) fn threads() -> NonZeroUsize {
     thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
-/// The label of a specification, whatever else it contains.
+/// The label of a specification; all other keys are ignored.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,
@@ -173,7 +173,7 @@ fn solve_confined(
     eprint!("{}", verdict::lines(&solved.verdict));
     let written = destination(arguments.output.as_deref()).and_then(|mut out| match format {
         Format::Json => out.write_all(&json).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()),
-        // The others are made of it.
+        // All formats other than JSON are converted from it.
         _ => {
             let label = serde_json::from_slice::<Labelled>(document).ok().and_then(|document| document.label);
             encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), format, &mut out))
@@ -182,7 +182,7 @@ fn solve_confined(
     Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
-/// Calls `act` at Ctrl-C, by a thread of its own. If the thread cannot be started, Ctrl-C ends the process.
+/// Calls `act` at Ctrl-C, on a thread of its own. If the thread cannot be started, Ctrl-C ends the process.
 pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
@@ -216,7 +216,7 @@ fn show_progress(control: &Control, ended: &Receiver<()>) {
     while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(POLL_INTERVAL) {
         let fraction = control.fraction().clamp(0.0, 1.0);
         let bar = "#".repeat((fraction * 40.0) as usize);
-        // A closed terminal is ignored.
+        // A write error on a closed terminal is ignored.
         let _ = write!(io::stderr(), "\r[{bar:<40}] {:5.1} %  {} steps", fraction * 100.0, control.steps());
         drawn = true;
     }

@@ -68,21 +68,21 @@ mod none {
     use tracing_subscriber::Layer;
     use tracing_subscriber::layer::Identity;
 
-    /// No exporter: the feature `otlp` is off.
+    /// Stand-in for the exporter of spans in a program without the feature `otlp`.
     pub struct Spans;
 
     impl Spans {
-        /// Starts nothing.
+        /// Returns a stand-in that exports nothing.
         pub fn start() -> Result<Self, Infallible> {
             Ok(Self)
         }
 
-        /// No layer: a layer without a filter, even one that does nothing, would have every span recorded.
+        /// Returns no layer: a layer without a filter, even one that does nothing, would have every span recorded.
         pub fn layer<S: Subscriber>(&self) -> Option<impl Layer<S> + use<S>> {
             None::<Identity>
         }
 
-        /// Does nothing, since there are no spans.
+        /// Does nothing, since no spans are recorded.
         pub fn end(self) {}
     }
 }

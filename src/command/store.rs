@@ -41,11 +41,11 @@ struct Attended {
 }
 
 impl Attended {
-    /// Ends this process when its standard input ends, if that is asked for.
+    /// Ends the process when its standard input ends, if `--attended` is given.
     fn attend(&self) {
         if self.attended {
             thread::spawn(|| {
-                // Nothing is written to it: it ends, or it cannot be read.
+                // Nothing is written to standard input: it ends, or it cannot be read.
                 let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
                 process::exit(UNREADABLE.into());
             });
@@ -98,10 +98,10 @@ Exit codes:
 Examples:
   systemctl stop dvi && dvi store repair /var/lib/dvi";
 
-/// Something is damaged.
+/// Exit code: a part of the store is damaged or lost.
 const DAMAGED: u8 = 1;
 
-/// Runs the action; returns the exit code.
+/// Runs the chosen action of `dvi store`; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     match &arguments.action {
         Action::Check(Check { path }) => check(path),
@@ -119,7 +119,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn check(path: &Path) -> ExitCode {
     match Inspection::of(path) {
         Ok(found) => {
-            // A closed standard output is ignored.
+            // A write error on a closed standard output is ignored.
             let _ = tell(path, &found, &mut io::stdout());
             if found.is_whole() { ExitCode::SUCCESS } else { ExitCode::from(DAMAGED) }
         }
@@ -139,7 +139,7 @@ fn mend(path: &Path) -> ExitCode {
         }
         Ok(Some(salvaged)) => {
             let is_whole = Inspection::of(path).is_ok_and(|found| found.is_whole());
-            // A closed standard output is ignored.
+            // A write error on a closed standard output is ignored.
             let _ = tell_repair(path, &salvaged, &mut io::stdout());
             if is_whole && salvaged.lost.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(DAMAGED) }
         }

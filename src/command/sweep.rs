@@ -59,7 +59,7 @@ Examples:
   dvi sweep -o map.svg belts.json
   dvi sweep --shard 1/4 -o part1.json belts.json";
 
-/// One of so many parts of the members.
+/// Part `number` of the members of a sweep, which are divided into `of` parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shard {
     number: usize,
@@ -75,14 +75,14 @@ fn shard(text: &str) -> Result<Shard, String> {
 }
 
 impl Shard {
-    /// Its part of so many members.
+    /// Returns the members of the part, for a sweep with `all` members.
     fn members(self, all: usize) -> Range<usize> {
         let begin = |number: usize| (all as u128 * number as u128 / self.of as u128) as usize;
         begin(self.number - 1)..begin(self.number)
     }
 }
 
-/// Solves and writes; the exit code says how it went.
+/// Runs `dvi sweep`: solves the members and writes the table; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let format = match Format::of(arguments.format, arguments.output.as_deref()) {
         Ok(format) => format,

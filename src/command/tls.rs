@@ -9,12 +9,12 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
-/// Encrypts a connection to `host`, whose certificate must be for it.
+/// Encrypts a connection to `host`, whose certificate must be issued for that host.
 ///
 /// # Errors
-/// Why there is none, for people.
+/// The reason why there is no encrypted connection, in words.
 pub async fn encrypt(stream: TcpStream, host: &str) -> Result<TlsStream<TcpStream>, String> {
-    // An address of IPv6 stands in brackets.
+    // An IPv6 address is written in brackets in the address of a service.
     let name = host.trim_start_matches('[').trim_end_matches(']').to_owned();
     let name = ServerName::try_from(name).map_err(|error| format!("`{host}` can have no certificate: {error}"))?;
     let connector = TlsConnector::from(Arc::new(settings()?));
@@ -34,7 +34,7 @@ pub async fn encrypt(stream: TcpStream, host: &str) -> Result<TlsStream<TcpStrea
 fn settings() -> Result<ClientConfig, String> {
     let found = rustls_native_certs::load_native_certs();
     let mut roots = RootCertStore::empty();
-    // Of the hundreds that a machine has some may be of forms that nobody uses any more.
+    // Certificates that cannot be parsed are skipped: a machine may have some in obsolete forms.
     let (added, _) = roots.add_parsable_certificates(found.certs);
     if added == 0 {
         let why = found.errors.first().map(|error| format!(" ({error})")).unwrap_or_default();

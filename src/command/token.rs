@@ -62,10 +62,10 @@ enum Action {
     },
 }
 
-/// There is no token with this number.
+/// Exit code: there is no token with the given number.
 const UNKNOWN: u8 = 1;
 
-/// Runs the action; returns the exit code.
+/// Runs the chosen action of `dvi token`; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let Some(folder) = arguments.data.folder() else {
         eprintln!("dvi: there is no home directory to keep tokens in: give --data DIR");

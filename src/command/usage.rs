@@ -4,7 +4,8 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, Error};
 use std::env;
 
-/// The error with tips: the environment variable that the value came from, the least number, or the form of an address.
+/// Adds tips to an error: the environment variable that the value came from, the least number, or the form of an
+/// address.
 pub fn with_tips(mut error: Error, command: &Command) -> Error {
     let tips = tips(&error, command);
     if !tips.is_empty() {
@@ -37,7 +38,7 @@ fn tips(error: &Error, command: &Command) -> Vec<String> {
     tips
 }
 
-/// The environment variable of a flag, if it is set.
+/// Returns the name of the environment variable of a flag, if the variable is set.
 fn variable(flag: &str, command: &Command) -> Option<String> {
     let is_flag = |argument: &&Arg| argument.get_long().is_some_and(|long| flag.strip_prefix("--") == Some(long));
     let arguments = command.get_subcommands().flat_map(Command::get_arguments).chain(command.get_arguments());

@@ -5,13 +5,13 @@ use dvi::solution::{CheckCode, Verdict};
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-/// The exit code of a solve; not reaching the end time takes precedence over an untrusted solution. The verdict may be
-/// absent, from a service of another version.
+/// Returns the exit code of a solve; not reaching the end time takes precedence over an untrusted solution. The
+/// verdict may be absent, from a service of another version.
 pub fn exit_code(reached_end: bool, verdict: Option<&Verdict>) -> ExitCode {
     ExitCode::from(code(reached_end, verdict))
 }
 
-/// The same as a number, to be compared.
+/// Returns the exit code of a solve as a number, to be compared.
 pub fn code(reached_end: bool, verdict: Option<&Verdict>) -> u8 {
     match verdict {
         _ if !reached_end => UNFINISHED,
@@ -20,7 +20,8 @@ pub fn code(reached_end: bool, verdict: Option<&Verdict>) -> u8 {
     }
 }
 
-/// The reasons against the solution, and its caveats. The reason for not reaching the end time is reported elsewhere.
+/// Formats the reasons against the solution, and its caveats, a line each. The reason for not reaching the end time
+/// is reported elsewhere.
 pub fn lines(verdict: &Verdict) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.

@@ -1,5 +1,6 @@
-//! `dvi worker`: a process that takes orders from the front over its standard input and output, started by `dvi serve`
-//! and by `dvi solve --memory-mib`; with `--nats`, the supervisor of such processes, which takes jobs from NATS servers.
+//! `dvi worker`: a process that takes orders over its standard input and output from the process that started it,
+//! `dvi serve` or `dvi solve --memory-mib`; with `--nats`, the supervisor of such processes, which takes jobs from
+//! NATS servers.
 
 use super::serve::{LogFormat, logged, signals};
 use super::{UNANSWERED, UNSERVABLE};
@@ -50,7 +51,7 @@ Exit codes:
   5   it could not start, for example because the servers do not answer
   64  the command line or RUST_LOG is invalid";
 
-/// Performs orders until there are no more.
+/// Runs `dvi worker`: performs orders until there are no more; returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
     if arguments.options.nats.is_used() {
         return join(arguments);
@@ -67,7 +68,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     }
 }
 
-/// Takes jobs from NATS servers until stopped.
+/// Takes jobs from NATS servers until stopped; returns the exit code.
 fn join(arguments: Arguments) -> ExitCode {
     let Arguments { memory_mib, options, log_format } = arguments;
     logged(log_format, |_| match work_on(memory_mib, options) {
@@ -96,7 +97,7 @@ fn perform(confinement: Confinement) -> io::Result<()> {
     serve(io::stdin().lock(), output, Arc::new(dvi::solve), confinement)
 }
 
-/// Starts the log on standard error; the front keeps its last bytes.
+/// Starts the log on standard error; the process that started the worker keeps the last bytes of the log.
 fn log_plainly() {
     tracing_subscriber::fmt().with_writer(io::stderr).with_ansi(false).without_time().init();
     panic::set_hook(Box::new(|panic| {

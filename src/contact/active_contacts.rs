@@ -7,12 +7,12 @@ use nalgebra::Vector3;
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
-/// Data of the active contacts for the law of contact. Velocities, gaps and the step size are passed with each call.
+/// Data of the active contacts for the contact law. Velocities, gaps and the step size are passed with each call.
 pub struct ActiveContacts {
     contacts: Vec<usize>,
-    /// The Delassus operator `W`.
+    /// The Delassus operator `W` of the active contacts.
     pub delassus: BlockMatrix,
-    /// The coefficients of restitution.
+    /// The coefficient of restitution of each active contact.
     pub restitution: Vec<f64>,
     mu: Vec<f64>,
     cone: Vec<Cone>,
@@ -21,8 +21,8 @@ pub struct ActiveContacts {
 }
 
 impl ActiveContacts {
-    /// Computes `W`; `None` if it is not finite. The responses to the joints must be up to date
-    /// ([`Delassus::hold_joints`]).
+    /// Computes the Delassus operator `W` of the given contacts; returns `None` if `W` is not finite. The responses
+    /// to the joints must be up to date ([`Delassus::hold_joints`]).
     pub fn new(
         structure: &MechanicalStructure,
         constraints: &Constraints,
@@ -54,18 +54,18 @@ impl ActiveContacts {
         })
     }
 
-    /// The coefficients of friction.
+    /// Returns the coefficient of friction of each active contact.
     pub fn friction(&self) -> &[f64] {
         &self.mu
     }
 
-    /// Sets the coefficients of friction.
+    /// Sets the coefficient of friction of each active contact.
     pub fn set_friction(&mut self, mu: Vec<f64>) {
         self.mu = mu;
     }
 
-    /// Input of the contact law, with the velocities at the end of the step without impulses (`free`) and at its
-    /// beginning (`before`).
+    /// Returns the input of the contact law, with the contact velocities that the step ends with if no contact
+    /// impulse acts (`free`) and those at its beginning (`before`).
     pub fn contacts<'a>(
         &'a self,
         free: &'a [Vector3<f64>],
@@ -79,14 +79,14 @@ impl ActiveContacts {
         Contacts { delassus, free, before, gap, mu, restitution, cone, roles: &[], h }
     }
 
-    /// Input of the contact law without friction, restitution and gaps.
+    /// Returns the input of the contact law with friction, restitution and gaps set to zero.
     pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
         let Self { delassus, cone, zeros, none, .. } = self;
         let delassus = crate::law::Delassus::Blocks(delassus);
         Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, roles: &[], h: 1.0 }
     }
 
-    /// `u` of each contact at velocities `v`.
+    /// Returns the relative velocity `u` of each active contact for generalised velocities `v`.
     pub fn velocities(
         &self,
         structure: &MechanicalStructure,
@@ -103,15 +103,15 @@ impl ActiveContacts {
         self.contacts.iter().map(velocity).collect()
     }
 
-    /// Velocity scale of contact `i`: `|du_free| + tr(W_ii) |r_i|`, with the change of its velocity by forces alone,
-    /// `du_free`.
+    /// Returns the velocity scale of contact `i`, `|du_free| + tr(W_ii) |r_i|`, where `du_free` is the change of its
+    /// velocity by forces alone and `r_i` its impulse.
     pub fn change(&self, i: usize, by_forces: &Vector3<f64>, r: &Vector3<f64>) -> f64 {
         by_forces.norm() + self.delassus.diagonal(i).trace() * r.norm()
     }
 
     /// Finds a contact with the Painleve paradox: its friction at velocities `u` drives it into the surface it slides
-    /// on, `W_nn - mu W_nt u_t / |u_t| < 0` (Painleve 1895; Stewart 2000, section 1.4). Slips below `rounding` are
-    /// skipped.
+    /// on, `W_nn - mu W_nt u_t / |u_t| < 0` (Painleve 1895; Stewart 2000, section 1.4). Contacts whose slip is below
+    /// `rounding` are skipped.
     pub fn painleve(&self, u: &[Vector3<f64>], rounding: &[f64]) -> Option<usize> {
         (0..u.len()).find(|&i| {
             let (w, slip) = (self.delassus.diagonal(i), u[i].y.hypot(u[i].z));
@@ -119,7 +119,8 @@ impl ActiveContacts {
         })
     }
 
-    /// `v += Y r`.
+    /// Adds the response to the contact impulses `r` to the velocities: `v += Y r`, with the columns `Y = H J^T` of
+    /// [`Delassus`].
     pub fn apply(&self, structure: &MechanicalStructure, delassus: &Delassus, r: &[Vector3<f64>], v: &mut [f64]) {
         for (&k, r) in self.contacts.iter().zip(r) {
             for (&r, row) in r.iter().zip(rows(structure, k)) {
@@ -129,7 +130,7 @@ impl ActiveContacts {
     }
 }
 
-/// The rows of `J` of contact `k`: the normal, then the directions of slip.
+/// Returns the rows of the constraint Jacobian `J` that belong to contact `k`: the normal, then the slip directions.
 pub(super) fn rows(structure: &MechanicalStructure, k: usize) -> impl Iterator<Item = usize> {
     std::iter::once(structure.normal(k)).chain(structure.tangents(k))
 }

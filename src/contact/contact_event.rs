@@ -1,12 +1,12 @@
-//! Events of contacts.
+//! Contact events.
 
 use problem::EventKind;
 
-/// An event of a contact: impact, lift-off (the contact opens after it was closed for a while), stick (slip stops) or
-/// slip (slip begins).
+/// A contact event: impact, lift-off (a contact opens after it was closed for a while), stick (slip stops) or slip
+/// (slip begins).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
-    /// The time, in the units of the problem.
+    /// The time of the event, in the units of the problem.
     pub t: f64,
     /// The kind of event.
     pub kind: EventKind,

@@ -1,33 +1,33 @@
-//! The Delassus operator `W`: the response of velocities to impulses of contacts, with the joints holding:
+//! The Delassus operator `W`: the response of contact velocities to contact impulses while the joints hold:
 //!
 //! ```text
 //! v = v_free + Y r,    Y = H J^T,    H = M^-1 - M^-1 A^T (A M^-1 A^T)^+ A M^-1,    W = J Y
 //! ```
 //!
-//! `A` are the rows of the joints, `J` those of the contacts. With redundant joints the pseudo-inverse selects the
-//! joint impulses of least norm.
+//! The rows of `A` are those of the joints, the rows of `J` those of the contacts. With redundant joints the
+//! pseudo-inverse selects the joint impulses of least norm.
 
 use factorisation::{DenseLu, Pivoted};
 use nalgebra::{DMatrix, Matrix3};
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
-/// Rank tolerance: pivots below this fraction of the largest belong to redundant joints.
+/// Rank tolerance for `A M^-1 A^T`: pivots below this fraction of the largest pivot belong to redundant joints.
 const REDUNDANT: f64 = 1e-11;
 
-/// Factors of `M`, and the responses to the constraint rows at one state.
+/// LU factors of the mass matrix `M`, and the responses to the constraint rows at one state.
 pub struct Delassus {
     factors: DenseLu<f64>,
-    /// `M^-1 A^T` in the first columns, `H J^T` in the others.
+    /// Responses to constraint rows, one column per row: `M^-1 A^T` for the joints, then `H J^T` for the contacts.
     responses: DMatrix<f64>,
-    /// `(A M^-1 A^T)^+`.
+    /// The pseudo-inverse `(A M^-1 A^T)^+` of the joints' Delassus matrix.
     joints: DMatrix<f64>,
-    /// The number of factorisations.
+    /// The number of factorisations of `M` so far.
     pub factorisations: u64,
 }
 
 impl Delassus {
-    /// Allocates for a system.
+    /// Allocates matrices for a mechanical system of the given structure.
     pub fn new(structure: &MechanicalStructure) -> Self {
         Self {
             factors: DenseLu::new(structure.coordinates),
@@ -37,19 +37,20 @@ impl Delassus {
         }
     }
 
-    /// Factorises `M`.
+    /// Factorises the mass matrix `M`.
     pub fn factorise(&mut self, mass: &DMatrix<f64>) {
         self.factors.entries().copy_from_slice(mass.as_slice());
         self.factors.factorise();
         self.factorisations += 1;
     }
 
-    /// Computes `M^-1 p` in place; false if the result is not finite.
+    /// Overwrites `p` with `M^-1 p`; returns false if the result is not finite.
     pub fn solve(&mut self, p: &mut [f64]) -> bool {
         self.factors.solve(p)
     }
 
-    /// Computes the responses to all joints; false if they are not finite.
+    /// Computes the responses to all joint rows and the pseudo-inverse `(A M^-1 A^T)^+`; returns false if one of them
+    /// is not finite.
     pub fn hold_joints(&mut self, constraints: &Constraints) -> bool {
         let j = self.joints.nrows();
         if !(0..j).all(|row| self.respond(constraints, row)) {
@@ -62,7 +63,7 @@ impl Delassus {
         pseudo_inverse(gram).map(|inverse| self.joints = inverse).is_some()
     }
 
-    /// Writes `M^-1` times a row of `J` into its column of the responses.
+    /// Writes `M^-1 j` for row `j` of the constraint Jacobian into the column of that row in the matrix of responses.
     fn respond(&mut self, constraints: &Constraints, row: usize) -> bool {
         let n = self.responses.nrows();
         let column = &mut self.responses.as_mut_slice()[row * n..(row + 1) * n];
@@ -70,7 +71,8 @@ impl Delassus {
         self.factors.solve(column)
     }
 
-    /// Computes the response to a row of a contact, with the joints holding; false if it is not finite.
+    /// Computes the response `H j` to a contact row `j` while the joints hold; returns false if the response is not
+    /// finite.
     pub fn update_response(&mut self, constraints: &Constraints, row: usize) -> bool {
         if !self.respond(constraints, row) {
             return false;
@@ -85,12 +87,13 @@ impl Delassus {
         true
     }
 
-    /// The joint impulses that remove a velocity violation of the joints, least in the metric of `M`.
+    /// Returns the joint impulses that remove a velocity violation of the joints, least in the metric of `M`.
     pub fn joint_impulses(&self, violation: &[f64]) -> Vec<f64> {
         impulses(&self.joints, violation).collect()
     }
 
-    /// Projects `v` onto the joints, `A v + b = 0`, by joint impulses that are least in the metric of `M`.
+    /// Projects the velocities `v` onto the joint constraints, `A v + b = 0`, by joint impulses that are least in the
+    /// metric of `M`.
     pub fn obey_joints(&self, violation: &[f64], v: &mut [f64]) {
         if !violation.is_empty() {
             let n = self.responses.nrows();
@@ -98,7 +101,8 @@ impl Delassus {
         }
     }
 
-    /// Projects `x -= M^-1 C^T (C M^-1 C^T)^+ off` for some rows `C` of `J`; false if the result is not finite.
+    /// Projects `x -= M^-1 C^T (C M^-1 C^T)^+ off`, where `C` consists of the given rows of the constraint Jacobian;
+    /// returns false if the result is not finite.
     pub fn remove(&mut self, constraints: &Constraints, rows: &[usize], off: &[f64], x: &mut [f64]) -> bool {
         if rows.is_empty() {
             return true;
@@ -116,14 +120,14 @@ impl Delassus {
         x.iter().all(|x| x.is_finite())
     }
 
-    /// The response `H j` to a row `j` of `J`.
+    /// Returns the response `H j` to row `j` of the constraint Jacobian.
     pub fn response(&self, row: usize) -> &[f64] {
         let n = self.responses.nrows();
         &self.responses.as_slice()[row * n..(row + 1) * n]
     }
 
-    /// `W` of some contacts, in 3 x 3 blocks. A direction in which a contact cannot slip has the normal entry on its
-    /// diagonal.
+    /// Returns the Delassus operator `W` of the given contacts in 3 x 3 blocks. For a direction in which a contact
+    /// cannot slip, the diagonal entry of `W` is set to that of the contact's normal.
     pub fn blocks(
         &self,
         structure: &MechanicalStructure,
@@ -134,7 +138,7 @@ impl Delassus {
         let mut blocks = Vec::with_capacity(contacts.len() * contacts.len());
         let mut entries = Vec::new();
         for (i, &k) in contacts.iter().enumerate() {
-            // A contact involves few of many coordinates.
+            // Collect the nonzero entries of the contact's rows: a contact involves few of the coordinates.
             entries.clear();
             for (a, row) in rows(k).enumerate() {
                 entries.extend((0..).zip(constraints.row(row)).filter(|(_, x)| **x != 0.0).map(|(c, x)| (a, c, *x)));
@@ -168,12 +172,12 @@ fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     pivoted.pseudo_inverse(pivoted.rank(REDUNDANT))
 }
 
-/// `-(A M^-1 A^T)^+ violation`.
+/// Returns the joint impulses `-(A M^-1 A^T)^+ violation`.
 fn impulses(inverse: &DMatrix<f64>, violation: &[f64]) -> impl Iterator<Item = f64> {
     (0..violation.len()).map(|i| -violation.iter().enumerate().map(|(k, off)| inverse[(i, k)] * off).sum::<f64>())
 }
 
-/// `v += M^-1 A^T` times the impulses that remove the violation.
+/// Adds `M^-1 A^T` times the joint impulses that remove the velocity violation to `v`.
 fn add_joint_response(joints: &[f64], inverse: &DMatrix<f64>, violation: &[f64], v: &mut [f64]) {
     for (response, impulse) in joints.chunks_exact(v.len().max(1)).zip(impulses(inverse, violation)) {
         v.iter_mut().zip(response).for_each(|(v, response)| *v += response * impulse);

@@ -1,13 +1,13 @@
-//! A mechanical system in the time since its start. Motion does not depend on the epoch from which a clock counts, but
-//! floating-point times are spaced by `EPSILON` of their distance from it, too widely for impacts that accumulate.
-//! Motion is therefore computed in the time since the start; the epoch is added where the system itself depends on
-//! time.
+//! A mechanical system with time counted from the start of the run. Motion does not depend on the epoch of the clock,
+//! but floating-point times are spaced by `EPSILON` times their distance from the epoch, too widely for impacts that
+//! accumulate. Motion is therefore computed in the time since the start; the start time is added wherever the system
+//! itself depends on time.
 
 use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::{Constraints, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity, SensitivityRange};
 
-/// A system whose time is zero at its start.
+/// A mechanical system whose time is zero at the start of the run.
 pub struct Elapsed {
     problem: Box<dyn Mechanical>,
     start: f64,

@@ -1,4 +1,4 @@
-//! The balance of energy. Over a step with `M (v+ - v-) = p + J^T r`, where `p` is the impulse of the forces,
+//! The energy balance of a run. Over a step with `M (v+ - v-) = p + J^T r`, where `p` is the impulse of the forces,
 //!
 //! ```text
 //! T+ - T- = <p, v+ + v->/2 + <r, u+ + u->/2
@@ -22,20 +22,20 @@ use serde::Serialize;
 /// [`Energy::size`]. The half-step offset of velocities does not explain the defect of longer steps.
 const MOST_LAG: f64 = 0.1;
 
-/// The balance of a run, in units of energy.
+/// The energy balance of a run, in units of energy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Energy {
-    /// Kinetic energy at the start.
+    /// Kinetic energy at the start of the run.
     pub kinetic_at_start: f64,
-    /// Potential energy at the start.
+    /// Potential energy at the start of the run.
     pub potential_at_start: f64,
-    /// Kinetic energy at the end.
+    /// Kinetic energy at the end of the run.
     pub kinetic_at_end: f64,
-    /// Potential energy at the end.
+    /// Potential energy at the end of the run.
     pub potential_at_end: f64,
-    /// Work of the forces that have no potential.
+    /// Work of the forces without a potential.
     pub work_of_forces: f64,
-    /// Work of drives: surfaces, belts and joints that depend on time, and a potential and masses that do.
+    /// Work of drives: surfaces, belts and joints that depend on time, and a potential or masses that depend on time.
     pub work_of_drives: f64,
     /// Energy dissipated by friction.
     pub dissipated_by_friction: f64,
@@ -44,47 +44,48 @@ pub struct Energy {
     pub dissipated_by_viscosity: f64,
     /// Energy lost in impacts.
     pub lost_in_impacts: f64,
-    /// Defect of the balance at the end: the change of energy less all work, plus dissipation and losses.
+    /// Defect of the energy balance at the end of the run: the change of energy less all work, plus dissipation and
+    /// losses.
     pub defect: f64,
-    /// The largest defect of the run, by absolute value.
+    /// The largest absolute defect of the energy balance during the run.
     pub largest_defect: f64,
-    /// The largest energy gained through impacts in one step, which should be zero, relative to the largest energy so
-    /// far: kinetic with or without the impulses of contacts, or exchanged with the potential.
+    /// The largest energy gained through impacts in one step, which should be zero, relative to the largest energy of
+    /// the run so far: kinetic with or without the contact impulses, or exchanged with the potential.
     pub largest_gain_in_impacts: f64,
     /// Energy lost in impacts beyond the effect of restitution: zero if every impulse obeys the law of impact.
     #[serde(skip)]
     pub lost_beyond_restitution: f64,
-    /// The largest energy so far, see [`Energy::size`].
+    /// The largest energy of the run so far, see [`Energy::size`].
     #[serde(skip)]
     largest: f64,
-    /// The largest gain in impacts, in units of energy.
+    /// The largest energy gained through impacts in one step, in units of energy.
     #[serde(skip)]
     gain: f64,
-    /// The largest defect if velocities are taken at the middles of steps, where that is recorded.
+    /// The largest defect of the balance with velocities taken at the middles of steps; `None` if not recorded.
     #[serde(skip)]
     largest_at_middles: Option<f64>,
     /// The largest change of potential energy in half a step.
     #[serde(skip)]
     largest_lag: f64,
-    /// The sum of all work and dissipation, each term by its absolute value.
+    /// The sum of the absolute values of all work and dissipation.
     #[serde(skip)]
     throughput: f64,
-    /// The sum of the estimated energy errors of first-order steps, each by its absolute value.
+    /// The sum of the absolute values of the estimated energy errors of first-order steps.
     #[serde(skip)]
     explained: f64,
     /// The largest energy that the forces may exchange in one step.
     #[serde(skip)]
     exchanged: f64,
-    /// The largest terms of the balance, which bound its rounding.
+    /// The largest terms of the energy balance, which bound its rounding error.
     #[serde(skip)]
     terms: f64,
 }
 
-/// Rounding of the balance, relative to its terms.
+/// Rounding error of the energy balance, relative to its terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Energy {
-    /// Opens a balance with the energies at the start.
+    /// Opens an energy balance with the energies at the start of the run.
     pub fn new(kinetic: f64, potential: f64) -> Self {
         Self {
             kinetic_at_start: kinetic,
@@ -97,20 +98,21 @@ impl Energy {
         }
     }
 
-    /// Raises the largest energy to at least `energy`: for a system at rest, the work of its weights over its own size.
+    /// Raises the recorded largest energy to at least `energy`. For a system at rest, `energy` is the work of its
+    /// weights over a displacement of its own size.
     pub fn meet(&mut self, energy: f64) {
         self.largest = self.largest.max(energy);
     }
 
-    /// The scale for defects: the largest kinetic energy plus change of potential (or, for a system at rest, the scale
-    /// given to [`Energy::meet`]), plus all work and dissipation so far.
+    /// Returns the energy scale for defects: the largest kinetic energy plus change of potential (for a system at
+    /// rest, the energy given to [`Energy::meet`]), plus all work and dissipation so far.
     pub fn size(&self) -> f64 {
         self.largest + self.throughput
     }
 
-    /// Records the defect with velocities taken at the middle of a step. In a step `q+ = q + h v+` the velocity `v+` is
-    /// that of the middle, to which the mean of the potentials at both ends belongs (as in the leapfrog scheme): an
-    /// offset of half a step in time is no loss of energy.
+    /// Records the defect with velocities taken at the middle of a step. In a step `q+ = q + h v+`, `v+` is the
+    /// velocity at the middle of the step, to which the mean of the potentials at both ends belongs (as in the
+    /// leapfrog scheme): an offset of half a step in time is no loss of energy.
     pub fn close_at_middle(&mut self, change_of_potential: f64) {
         let lag = 0.5 * change_of_potential;
         self.largest_lag = self.largest_lag.max(lag.abs());
@@ -118,8 +120,8 @@ impl Energy {
         self.largest_at_middles = Some(self.largest_at_middles.map_or(defect, |largest| largest.max(defect)));
     }
 
-    /// The largest defect of the run, with velocities taken at the ends of steps or, if recorded and the motion is
-    /// resolved, at their middles.
+    /// Returns the largest defect of the run, with velocities taken at the ends of steps or, if recorded and the
+    /// motion is resolved, at their middles.
     pub fn lacking(&self) -> f64 {
         let is_resolved = self.largest_lag <= MOST_LAG * self.size();
         self.largest_at_middles
@@ -127,20 +129,22 @@ impl Energy {
             .map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
     }
 
-    /// The rounding error of the defect: that of the energies and of the sums of work and dissipation.
+    /// Returns the rounding error of the defect: that of the energies and of the sums of work and dissipation.
     pub fn rounding(&self) -> f64 {
         ROUNDING * (self.terms + self.throughput)
     }
 
-    /// Adds the energy error of a first-order step, and the largest energy that its forces may exchange in the step.
+    /// Adds the energy error of a first-order step, and records the largest energy that its forces may exchange in
+    /// the step.
     pub fn explain(&mut self, error: f64, exchanged: f64) {
         self.explained += error;
         self.exchanged = self.exchanged.max(exchanged);
     }
 
-    /// The largest defect that the first order of the steps explains: twice the accumulated error estimates, which are
-    /// of leading order only. The estimates are capped at `steps` exchanges of energy, which corresponds to positions
-    /// and velocities that are off by their change over `steps` steps. Zero if the steps do not resolve the motion.
+    /// Returns the largest defect that the first order of the steps explains: twice the accumulated error estimates,
+    /// which are of leading order only. The estimates are capped at `steps` exchanges of energy, which corresponds to
+    /// positions and velocities that are off by their change over `steps` steps. Returns zero if the steps do not
+    /// resolve the motion.
     pub fn explained(&self, steps: f64) -> f64 {
         let is_resolved = 0.5 * self.exchanged <= MOST_LAG * self.size();
         if is_resolved { 2.0 * self.explained.min(steps * self.exchanged) } else { 0.0 }
@@ -165,13 +169,13 @@ impl Energy {
         self.throughput += forces.abs() + drives.abs();
     }
 
-    /// Adds the dissipation by viscosity.
+    /// Adds the energy dissipated by viscosity.
     pub fn dissipate_by_viscosity(&mut self, viscosity: f64) {
         self.dissipated_by_viscosity += viscosity;
         self.throughput += viscosity.abs();
     }
 
-    /// Interpolates work and dissipation linearly towards a later balance; `part` is from 0 to 1.
+    /// Interpolates work and dissipation linearly towards a later balance; `part` runs from 0 to 1.
     #[must_use]
     pub fn towards(mut self, later: &Self, part: f64) -> Self {
         let booked = |energy: &mut f64, later: f64| *energy += part * (later - *energy);
@@ -182,7 +186,7 @@ impl Energy {
         self
     }
 
-    /// Sets the energies at the end of a step, and updates the defect.
+    /// Sets the energies at the end of a step, and updates the defect of the balance.
     pub fn close(&mut self, kinetic: f64, potential: f64) {
         (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
         let raised = potential - self.potential_at_start;

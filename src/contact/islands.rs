@@ -1,15 +1,16 @@
 //! Islands: contacts and joints that share moving bodies, directly or through others, form one problem. Islands are
-//! solved separately, and in parallel where that pays.
+//! solved separately, and in parallel if they are large enough.
 
 use std::num::NonZero;
 use std::thread;
 
-/// Disjoint sets of bodies (Tarjan 1975, *Efficiency of a good but not linear set union algorithm*), and the links of
-/// each set.
+/// Disjoint sets of bodies (Tarjan 1975, *Efficiency of a good but not linear set union algorithm*), and the links
+/// (contacts and joints) of each set.
 #[derive(Clone, Debug, Default)]
 pub struct Islands {
     parent: Vec<u32>,
-    /// Links by island in ascending order, and the offset of each island.
+    /// Indices of links, grouped by island and ascending within each; `offsets` holds the start of each island in
+    /// `links`.
     links: Vec<u32>,
     offsets: Vec<usize>,
     island_of_root: Vec<u32>,
@@ -17,7 +18,8 @@ pub struct Islands {
 }
 
 impl Islands {
-    /// Groups links between bodies; a link has one or two moving bodies. Islands are numbered by their first link.
+    /// Groups links between bodies into islands; a link has one or two moving bodies. Islands are numbered by their
+    /// first link.
     pub fn group(&mut self, bodies: usize, links: impl Iterator<Item = (usize, Option<usize>)> + Clone) {
         self.parent.clear();
         self.parent.extend(0..bodies as u32);
@@ -56,7 +58,7 @@ impl Islands {
         }
     }
 
-    /// The number of islands that have links.
+    /// Returns the number of islands that have links.
     pub fn len(&self) -> usize {
         self.offsets.len().saturating_sub(1)
     }
@@ -66,7 +68,7 @@ impl Islands {
         self.len() == 0
     }
 
-    /// The links of an island.
+    /// Returns the indices of the links of an island.
     pub fn links(&self, island: usize) -> &[u32] {
         &self.links[self.offsets[island]..self.offsets[island + 1]]
     }
@@ -82,8 +84,9 @@ impl Islands {
     }
 }
 
-/// Runs `work` on every task with a workspace of its own: on one thread for each workspace, or on the current thread if
-/// all tasks but the largest together weigh less than `worth`. The result of a task must not depend on its workspace.
+/// Runs `work` on every task, each with exclusive use of a workspace: on one thread per workspace, or on the current
+/// thread if all tasks but the largest together weigh less than `worth`. The result of a task must not depend on its
+/// workspace.
 pub fn solve_apart<T: Send, W: Send>(
     tasks: &mut [T],
     workspaces: &mut [W],
@@ -117,7 +120,7 @@ pub fn solve_apart<T: Send, W: Send>(
     });
 }
 
-/// The number of threads of one solve: those of the machine, at most four.
+/// Returns the number of threads of one solve: the available parallelism of the machine, at most four.
 pub fn threads() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get).min(4)
 }

@@ -4,11 +4,11 @@
 //!
 //! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates, independent of `M` and
 //!   of the geometry of contacts.
-//! - [`energy`]: the balance of energy.
+//! - [`energy`]: the energy balance of a run.
 //! - [`EventDriven`]: smooth motion by Radau IIA from impact to impact, a [`SmoothPhase`] for each mode.
-//! - [`tangents`]: the derivatives of such a motion with respect to parameters and initial values.
+//! - [`tangents`]: the derivatives of an event-driven motion with respect to parameters and initial values.
 //! - [`islands`]: contacts that share no moving body are solved separately.
-//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: a run of such steps.
+//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: a run of velocity steps.
 
 mod active_contacts;
 mod contact_event;

@@ -3,71 +3,71 @@
 /// The law for simultaneous impacts at several contacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ImpactLaw {
-    /// All contacts at once.
+    /// One impact law for all contacts at once.
     #[default]
     Simultaneous,
-    /// One contact after the other.
+    /// Newton's impact law for one contact after the other.
     Sequential,
 }
 
-/// The settings of a run.
+/// Settings of a run with contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// The step size of time stepping.
     pub step: f64,
-    /// Whether the step size is the default.
+    /// Whether the step size of time stepping is the default.
     pub default_step: bool,
-    /// The law for simultaneous impacts.
+    /// The law for simultaneous impacts at several contacts.
     pub impact_law: ImpactLaw,
-    /// The tolerance on the relative residual of the law of contact.
+    /// The tolerance on the relative residual of the contact law.
     pub tolerance: f64,
 }
 
-/// The reason why a step failed.
+/// The reason why a step of a system with contacts failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ContactError {
-    /// A quantity is not finite.
+    /// A quantity of the mechanical system is not finite.
     #[error(
         "a {what} is not finite at t = {t}: a division by zero, a function outside its domain, or a number too large"
     )]
     NotFinite {
-        /// The name of the quantity.
+        /// The name of the quantity that is not finite.
         what: &'static str,
-        /// The time.
+        /// The time at which the quantity is not finite.
         t: f64,
     },
-    /// A force is not finite.
+    /// A generalised force is not finite.
     #[error(
         "the force on coordinate {component} (counted from 0) is not finite at t = {t}: a division by zero, a function \
          outside its domain, or a number too large"
     )]
     Force {
-        /// The coordinate.
+        /// The index of the coordinate on which the force acts.
         component: usize,
-        /// The time.
+        /// The time at which the force is not finite.
         t: f64,
     },
-    /// `M` is not positive definite.
+    /// The mass matrix `M` is not positive definite.
     #[error("the mass matrix is not positive definite at t = {t}")]
     MassNotPositive {
-        /// The time.
+        /// The time at which the mass matrix is not positive definite.
         t: f64,
     },
-    /// The matrix of the implicit forces, or a response to an impulse, has no finite inverse.
+    /// The matrix of the linearly implicit forces, or the response to an impulse, has no finite inverse.
     #[error("the matrix of the step is singular at t = {t}: take a smaller step")]
     Singular {
-        /// The time.
+        /// The time at which the matrix is singular.
         t: f64,
     },
-    /// A gap closes where its gradient vanishes.
+    /// The gradient of a gap vanishes where the gap closes.
     #[error(
         "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}, so that \
          its impulse has no direction"
     )]
     Gradient {
-        /// The contact.
+        /// The index of the contact whose gap has no gradient.
         contact: usize,
-        /// The time.
+        /// The time at which the gap closes.
         t: f64,
     },
     /// A coefficient of friction is negative or not finite.
@@ -75,30 +75,30 @@ pub enum ContactError {
         "the coefficient of friction of contact {contact} (counted from 0) is {mu} at t = {t}: it must not be negative"
     )]
     Friction {
-        /// The contact.
+        /// The index of the contact with the inadmissible coefficient of friction.
         contact: usize,
-        /// The coefficient.
+        /// The inadmissible coefficient of friction.
         mu: f64,
-        /// The time.
+        /// The time at which the coefficient of friction is inadmissible.
         t: f64,
     },
-    /// The law of contact was not solved.
+    /// The contact law was not solved to its tolerance.
     #[error(
         "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): \
          joints and contacts may block all motion, or a smaller step may help"
     )]
     Unsolved {
-        /// The time.
+        /// The time at which the contact law was not solved.
         t: f64,
         /// The number of active contacts.
         contacts: usize,
-        /// The relative residual.
+        /// The relative residual of the contact law.
         residual: f64,
     },
 }
 
 impl ContactError {
-    /// The error with its time shifted by `by`, for a clock that is ahead.
+    /// Returns the error with its time shifted by `by`, the start time of a run whose clock starts at zero.
     #[must_use]
     pub fn ahead(mut self, by: f64) -> Self {
         match &mut self {
@@ -113,7 +113,7 @@ impl ContactError {
         self
     }
 
-    /// A stable identifier for programs.
+    /// Returns a stable identifier of the error for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } | Self::Force { .. } => "not_finite",

@@ -10,48 +10,48 @@ use super::violations::Violations;
 use nalgebra::Vector3;
 use problem::{Control, EventKind, Mechanical};
 
-/// A run with a constant step size.
+/// A time-stepping run with constant step size.
 pub struct TimeStepping<'p> {
-    /// The stepper.
+    /// The integrator of one step at the level of velocities.
     pub step: VelocityStep<'p>,
-    /// The current state.
+    /// The current state of the run.
     pub state: State,
     /// The state at the beginning of the last step.
     pub last: State,
-    /// Impulses of each contact since the start.
+    /// Accumulated impulse of each contact since the start of the run.
     pub impulses: Vec<Vector3<f64>>,
-    /// Impulses at the beginning of the last step.
+    /// Accumulated impulse of each contact at the beginning of the last step.
     pub impulses_before: Vec<Vector3<f64>>,
-    /// The balance of energy.
+    /// The energy balance of the run.
     pub energy: Energy,
-    /// The balance of energy at the beginning of the last step.
+    /// The energy balance at the beginning of the last step.
     pub energy_before: Energy,
-    /// Events of the last step.
+    /// Contact events of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// The number of steps.
+    /// The number of steps made.
     pub accepted: u64,
-    /// The largest violations of joints and gaps.
+    /// The largest violations of joints and gaps so far.
     pub violations: Violations,
-    /// The state of each contact after the last step.
+    /// The status of each contact after the last step.
     touching: Vec<Touch>,
-    /// Forces and velocities at the beginning of the previous step, if any.
+    /// Forces and velocities at the beginning of the step before the last; `None` in the first step.
     before: Option<(Vec<f64>, Vec<f64>)>,
     settings: Settings,
     start: f64,
     end: f64,
-    /// Coordinates within a step, and joints and gaps there.
+    /// Workspace: coordinates at a time within a step, and the values of joints and gaps for these coordinates.
     between: (Vec<f64>, Vec<f64>),
 }
 
-/// Fractions of a step at which joints and gaps are also evaluated; from the golden ratio, to avoid multiples of a
-/// period.
+/// Fractions of a step at which joints and gaps are also evaluated; multiples of the golden ratio, to avoid multiples
+/// of a period of the motion.
 const BETWEEN: [f64; 2] = [0.381_966_011_250_105, 0.763_932_022_500_210];
 
-/// The state of a contact in a step.
+/// The status of a contact in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     Open,
-    /// Closed, for this number of consecutive steps.
+    /// Closed for `steps` consecutive steps.
     Struck {
         steps: u64,
         slips: bool,
@@ -62,7 +62,7 @@ enum Touch {
 const ZERO_TOL: f64 = 1e-10;
 
 impl<'p> TimeStepping<'p> {
-    /// Prepares a run from `state` to `end`.
+    /// Prepares a time-stepping run from `state` to the time `end`.
     pub fn new(problem: &'p mut dyn Mechanical, settings: Settings, state: State, end: f64) -> Self {
         let contacts = problem.structure().contacts.len();
         let energies = problem.energies(state.t, &state.q, &state.v);
@@ -88,17 +88,17 @@ impl<'p> TimeStepping<'p> {
         }
     }
 
-    /// Whether the end is reached.
+    /// Whether the run has reached its end time.
     pub fn is_done(&self) -> bool {
         self.state.t >= self.end
     }
 
-    /// Makes one step.
+    /// Makes one step of the constant step size, shortened at the end of the run.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
     pub fn advance(&mut self, control: &Control) -> Result<(), ContactError> {
-        // Count from the start, so that rounding does not accumulate.
+        // Count the time from the start, so that rounding does not accumulate.
         let next = self.start + (self.accepted + 1) as f64 * self.settings.step;
         let next = if next + 1e-6 * self.settings.step >= self.end { self.end } else { next };
         self.advance_to(next, control)
@@ -131,12 +131,12 @@ impl<'p> TimeStepping<'p> {
         Ok(())
     }
 
-    /// The gap below which contact `k` is closed.
+    /// Returns the gap below which contact `k` is closed.
     pub fn closed(&self, k: usize) -> f64 {
         self.step.closed(self.step.structure.normal(k))
     }
 
-    /// Whether contact `k` is closed after the last step, and stays so.
+    /// Whether contact `k` is closed after the last step, and does not open with its end velocity.
     pub fn stays_closed(&self, k: usize) -> bool {
         let contacted = &self.step.contacted;
         let terms = self.step.constraints.terms(self.step.structure.normal(k), &self.state.v) + contacted.change[k];
@@ -148,8 +148,8 @@ impl<'p> TimeStepping<'p> {
         matches!(self.touching[k], Touch::Struck { slips: false, .. }) && self.stays_closed(k)
     }
 
-    /// Takes from a change of coordinates, or of velocities, at the end of the last step what joints and closed contacts do not
-    /// allow; from one of velocities also the slips of contacts that stick.
+    /// Removes from a change of coordinates or velocities at the end of the last step the components that violate
+    /// joints and closed contacts; from a change of velocities also the slips of sticking contacts.
     pub fn hold_back(&mut self, change: &mut [f64], is_of_velocities: bool) {
         let structure = &self.step.structure;
         let mut rows: Vec<usize> = (0..structure.joints).collect();
@@ -167,10 +167,10 @@ impl<'p> TimeStepping<'p> {
         }
     }
 
-    /// Records the estimated energy error of the last step, with its largest kinetic energy. The forces of the step act
-    /// with velocities of its end, or the reverse, whereas the exact ones change together:
-    /// `h/2 |<df, v>| + h/2 |<f, dv>|`. The forces of joints are those that `M dv/h` has beside `f`: with them a step loses the
-    /// energy `<M dv, dv>/2`, which a motor that holds a speed puts in again.
+    /// Records the estimated energy error of the last step, with its largest kinetic energy. The scheme pairs forces
+    /// at the beginning of a step with velocities at its end, whereas in the exact motion forces and velocities
+    /// change together: `h/2 |<df, v>| + h/2 |<f, dv>|`. The joint forces are the part of `M dv/h` beyond `f`: with
+    /// them a step loses the energy `<M dv, dv>/2`, which a motor that prescribes a speed supplies again.
     fn explain(&mut self, h: f64, kinetic: f64) {
         let (f, v) = (&self.step.f, &self.last.v);
         let (f_before, v_before) = self.before.get_or_insert_with(|| (f.clone(), v.clone()));
@@ -191,7 +191,8 @@ impl<'p> TimeStepping<'p> {
         v_before.copy_from_slice(v);
     }
 
-    /// Records violations of joints and gaps at the end of the last step, and on the straight line to it.
+    /// Records violations of joints and gaps at the end of the last step, and at points of the straight line from its
+    /// beginning to its end.
     fn measure(&mut self, h: f64) {
         if self.violations.joints().is_empty() && self.violations.gaps().is_empty() {
             return;
@@ -211,7 +212,8 @@ impl<'p> TimeStepping<'p> {
         }
     }
 
-    /// Records events: impacts, lift-offs, sticks and slips, by changes that exceed rounding.
+    /// Records the events of the last step (impacts, lift-offs, sticks and slips) for changes of velocity and gap
+    /// that exceed rounding.
     fn record_events(&mut self, h: f64) {
         self.new_events.clear();
         let State { t, q, v } = &self.state;

@@ -27,63 +27,63 @@ use nalgebra::{DMatrix, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 use vi::Outcome;
 
-/// Time, coordinates and velocities.
+/// State of a mechanical system: time, coordinates and velocities.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
-    /// `t`.
+    /// The time `t`.
     pub t: f64,
-    /// `q`.
+    /// The generalised coordinates `q`.
     pub q: Vec<f64>,
-    /// `v`.
+    /// The generalised velocities `v`.
     pub v: Vec<f64>,
 }
 
-/// The forces and the restitution of a step.
+/// Which forces act in a step, and whether contacts rebound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Forces {
-    /// All forces, and contacts with their restitution.
+    /// All forces and impulses act; contacts rebound with their restitution.
     All,
-    /// Impulses only: an instantaneous impact of the closed contacts.
+    /// Impulses alone act: an instantaneous impact of the closed contacts.
     Impact,
-    /// Impulses only, without restitution: the limit of infinitely many impacts.
+    /// Impulses alone act, without restitution: the limit of infinitely many impacts.
     Inelastic,
 }
 
-/// Closed gaps at an event, where several contacts may close at once: gaps below `GAP_TOL` times their largest terms so
-/// far, or below `OPEN` times the tolerance that they inherit from the coordinates, as for bodies that rest at zero.
-/// Velocities below `OPEN` times their tolerance are treated as zero.
+/// Tolerance for closed gaps at an event, where several contacts may close at once: a gap is closed below `GAP_TOL`
+/// times its largest terms so far plus `OPEN` times the tolerance that it inherits from the coordinates (for bodies
+/// that rest at zero, whose terms vanish). Velocities below `OPEN` times their tolerance are treated as zero.
 const GAP_TOL: f64 = 1e-10;
 const OPEN: f64 = 1e-3;
 
-/// Rounding of a joint or a gap, as a fraction of its largest terms so far.
+/// Rounding error of the value of a joint or a gap, relative to its largest terms so far.
 const ROUNDING: f64 = 1e-13;
 
-/// Counters of a run.
+/// Cost counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Work {
-    /// Evaluations of the forces.
+    /// Number of evaluations of the forces.
     pub forces: u64,
-    /// Evaluations of the derivatives of the forces.
+    /// Number of evaluations of the derivatives of the forces.
     pub jacobians: u64,
-    /// Contact problems solved.
+    /// Number of contact problems solved.
     pub solves: u64,
-    /// Pivots and iterations of the solvers.
+    /// Total number of pivots and iterations of the contact solvers.
     pub iterations: u64,
-    /// The last solver with a solution.
+    /// Name of the solver that solved the last contact problem.
     pub solver: &'static str,
-    /// The largest relative residual of the law of contact.
+    /// The largest relative residual of the contact law.
     pub residual: f64,
     /// The number of impacts whose whole restitution would have added energy.
     pub limited: u64,
     /// Time and contact of the first Painleve paradox: friction drove the contact into the surface that it slid on.
     pub painleve: Option<(f64, usize)>,
-    /// The largest number of contacts active at once.
+    /// The largest number of contacts active in one step.
     pub most_near: usize,
 }
 
-/// Makes steps. It owns their workspace.
+/// Integrator of single steps at the level of velocities, with its workspace.
 pub struct VelocityStep<'p> {
-    /// The system.
+    /// The mechanical system.
     pub problem: &'p mut dyn Mechanical,
     pub(super) structure: MechanicalStructure,
     pub(super) constraints: Constraints,
@@ -92,41 +92,43 @@ pub struct VelocityStep<'p> {
     implicit: DMatrix<f64>,
     by_q: DMatrix<f64>,
     by_v: DMatrix<f64>,
-    /// The step size of the current factors, if the matrix is constant.
+    /// The step size for which the factors of `M - h f_v - h^2 f_q` were computed; `None` unless the matrix is
+    /// constant.
     factorised: Option<f64>,
-    /// The largest terms of each joint and gap so far.
+    /// The largest size of the terms of each joint and gap so far.
     pub(super) sizes: Vec<f64>,
     /// The tolerance of each joint and gap that follows from the tolerances of the coordinates.
     open: Vec<f64>,
-    /// The absolute tolerances on velocities; empty for a constant step size.
+    /// The absolute tolerances on velocities; empty if the step size is constant.
     pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
-    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
-    /// they happen at once.
+    /// Whether a step whose contacts close at different times is solved again with the sequential impact law, for
+    /// comparison with a run in which the impacts are simultaneous.
     pub is_beside: bool,
-    /// The time by which the last step makes its impacts early: it makes them at its beginning, and they happen when the gaps are
-    /// closed.
+    /// The largest time by which the last step applied an impact too early: a step applies impacts at its beginning,
+    /// whereas they occur when the gaps close.
     pub early: f64,
     pub(super) f: Vec<f64>,
     /// The velocity change by forces in the last step, as a norm in the metric of `M`.
     pub(super) kick: f64,
-    /// That of each coordinate.
+    /// The change of each generalised velocity by forces in the last step.
     pub kicks: Vec<f64>,
-    /// The contact whose gap was found to close; at an instant it counts as closed whatever the rounding of its gap.
+    /// The contact whose gap was located to close; in an instantaneous impact it counts as closed whatever the
+    /// rounding error of its gap.
     pub(super) closing: Option<usize>,
-    /// The length of the last probe.
+    /// The length of the last probe step; `None` before the first.
     pub(super) instant: Option<f64>,
-    /// The impulses of one contact after the other in the last step, by the sequential law.
+    /// The impulses of the last step in the order of the sequential impact law, each with its contact.
     pub(super) strikes: Vec<(usize, Vector3<f64>)>,
-    /// Impulses, velocities and losses of contacts in the last step.
+    /// Impulses, velocities and energy losses of the contacts in the last step.
     pub contacted: Contacted,
-    /// Counters.
+    /// Cost counters of the run.
     pub work: Work,
 }
 
 impl<'p> VelocityStep<'p> {
-    /// Allocates for a system.
+    /// Allocates the workspace for a mechanical system; `tolerance` bounds the relative residual of the contact law.
     pub fn new(problem: &'p mut dyn Mechanical, impact_law: ImpactLaw, tolerance: f64) -> Self {
         let structure = problem.structure().clone();
         let n = structure.coordinates;
@@ -158,10 +160,10 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Advances `state` by `h`.
+    /// Advances `state` by the step size `h`.
     ///
     /// # Errors
-    /// If a quantity is not finite, `M` singular, or the law of contact unsolved; `state` is then unchanged.
+    /// Fails if a quantity is not finite, `M` is singular, or the contact law is unsolved; `state` is then unchanged.
     pub fn advance(
         &mut self,
         state: &mut State,
@@ -171,7 +173,8 @@ impl<'p> VelocityStep<'p> {
     ) -> Result<(), ContactError> {
         let duration = if forces == Forces::All { h } else { 0.0 };
         self.problem.constraints(state.t + duration, &state.q, &mut self.constraints);
-        // Take the drift at the end of the step, the gaps at its beginning.
+        // Evaluate the drift `b` of the contact velocities `u = J v + b` at the end of the step, the gaps at its
+        // beginning.
         if duration > 0.0 && !self.structure.contacts.is_empty() {
             let drift = std::mem::take(&mut self.constraints.drift);
             self.constraints.drift = vec![0.0; drift.len()];
@@ -207,8 +210,8 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// The coordinates that occur with one and the same factor, apart from its sign, in a joint or a gap, by rows; empty
-    /// unless all rows are affine.
+    /// Returns, for each joint and gap, the coordinates whose coefficient has the largest absolute value of the row;
+    /// returns an empty list unless all rows are affine.
     pub fn alike(&self) -> Vec<Vec<usize>> {
         if !self.structure.affine_constraints {
             return Vec::new();
@@ -222,7 +225,7 @@ impl<'p> VelocityStep<'p> {
         alike.collect()
     }
 
-    /// The number of factorisations.
+    /// Returns the number of factorisations of `M - h f_v - h^2 f_q` so far.
     pub fn factorisations(&self) -> u64 {
         self.delassus.factorisations
     }
@@ -236,7 +239,7 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Records the size of the terms of joints and gaps, and of their changes by motion without contacts.
+    /// Records the size of the terms of joints and gaps, and of their changes in a motion without contacts.
     fn survey(&mut self, q: &[f64], v: &[f64], h: f64) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
@@ -244,7 +247,8 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Records the terms of joints and gaps at `q`, and their tolerances where coordinates have the tolerance `atol`.
+    /// Records the terms of joints and gaps at the coordinates `q`, and the tolerances of joints and gaps that follow
+    /// from the tolerances `atol` of the coordinates.
     pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64], atol: &[f64]) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
@@ -252,22 +256,23 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// The gap below which a contact, or a joint, is closed at an event.
+    /// Returns the value below which a gap, or a joint, counts as closed at an event.
     pub(super) fn closed(&self, row: usize) -> f64 {
         GAP_TOL * self.sizes[row] + OPEN * self.open[row]
     }
 
-    /// The rounding error of a joint or a gap.
+    /// Returns the rounding error of the value of a joint or a gap.
     pub(super) fn rounding_of_row(&self, row: usize) -> f64 {
         ROUNDING * self.sizes[row]
     }
 
-    /// The velocity below which a row counts as at rest, from the tolerances of velocities.
+    /// Returns the velocity below which a row of the constraint Jacobian counts as at rest, from the tolerances of
+    /// velocities.
     pub(super) fn open_velocity(&self, row: usize) -> f64 {
         OPEN * self.constraints.size(row, &self.atol)
     }
 
-    /// The speed below which a slip of contact `k` counts as rest, from the tolerances of velocities.
+    /// Returns the speed below which contact `k` counts as sticking, from the tolerances of velocities.
     pub(super) fn open_slip(&self, k: usize) -> f64 {
         self.structure.tangents(k).map(|row| self.open_velocity(row)).fold(0.0, f64::max)
     }
@@ -297,7 +302,7 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// `v += (M - h f_v - h^2 f_q)^-1 h (f + h f_q v)`.
+    /// Adds the velocity change by forces, `v += (M - h f_v - h^2 f_q)^-1 h (f + h f_q v)`.
     fn add_forces(&mut self, state: &State, h: f64, v: &mut [f64]) -> Result<(), ContactError> {
         self.problem.forces(state.t, &state.q, &state.v, &mut self.f);
         self.work.forces += 1;
@@ -320,7 +325,7 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// The work of the drives of the joints; `v` are velocities without impulses of joints and contacts.
+    /// Returns the work of the drives of the joints; `v` are velocities without impulses of joints and contacts.
     fn drive_of_joints(&mut self, mut v: Vec<f64>) -> Option<f64> {
         let joints = self.structure.joints;
         if self.constraints.drift[..joints].iter().all(|b| *b == 0.0) {
@@ -341,7 +346,7 @@ impl<'p> VelocityStep<'p> {
         Some(-dot(&impulses, &self.constraints.drift[..joints]))
     }
 
-    /// Applies the law of contact to `v`.
+    /// Applies the contact law to the velocities `v`.
     fn touch(
         &mut self,
         state: &State,
@@ -351,7 +356,7 @@ impl<'p> VelocityStep<'p> {
         control: &Control,
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
-        // Impacts have no duration to divide gaps by.
+        // An impact has no duration to divide gaps by: any positive `h` serves, as gaps are set to zero.
         let h = if forces == Forces::All { h } else { 1.0 };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         self.early = 0.0;
@@ -437,9 +442,10 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// Of contacts that are open at the beginning of the step, and have the impulses `r`: the times at which they close, with the
-    /// velocities `before` the step, the speeds of approach, and the gaps below which they are closed. One that nothing approaches
-    /// closes after another has been struck.
+    /// Returns, for each contact that is open at the beginning of the step and has a nonzero impulse in `r`: the time
+    /// after which it closes with the velocities `before` the step, its approach speed, and the gap below which it is
+    /// closed. The time is infinite if the contact does not approach: it closes only after another contact has been
+    /// struck.
     fn closings(
         &self,
         near: &[usize],
@@ -463,7 +469,7 @@ impl<'p> VelocityStep<'p> {
         })
     }
 
-    /// Whether contact `k` closes at end velocities `v`.
+    /// Whether contact `k` closes with the velocities `v` at the end of the step.
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {

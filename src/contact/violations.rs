@@ -1,13 +1,13 @@
-//! The largest violations of joints and gaps in a run, at the ends of steps and between them, with length scales to
-//! compare them with.
+//! The largest violations of joints and gaps in a run, at the ends of steps and between them, with length scales for
+//! comparison.
 //!
-//! A joint or a gap has a unit of its own. Its length scale in this unit is the largest of
-//! `sum_j |J_ij (q_j - q_j(0))|`, the displacement of the coordinates in it, and of the gap itself. Neither depends on
-//! the origin of the coordinates.
+//! Each joint or gap has its own unit. Its length scale in this unit is the largest value of `sum_j |J_ij (q_j -
+//! q_j(0))|`, the displacement of the coordinates in it, and of the gap itself. Neither depends on the origin of the
+//! coordinates.
 
 use problem::{Constraints, MechanicalStructure};
 
-/// Violations of joints and gaps so far.
+/// Largest violation of each joint and gap so far.
 #[derive(Clone, Debug)]
 pub struct Violations {
     joints: usize,
@@ -18,27 +18,27 @@ pub struct Violations {
 /// The largest violation of one joint or gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Violation {
-    /// The violation, in the unit of the joint or gap.
+    /// The largest violation, in the unit of the joint or gap.
     pub by: f64,
-    /// The time.
+    /// The time of the largest violation.
     pub t: f64,
-    /// The largest length scale so far.
+    /// The largest length scale of the joint or gap so far.
     pub length: f64,
-    /// The largest size of its terms, relative to which it has rounding errors.
+    /// The largest size of the terms of the joint or gap, relative to which its value has rounding errors.
     pub terms: f64,
-    /// The largest tolerance that it inherits from the coordinates; zero for a constant step size.
+    /// The largest tolerance that the joint or gap inherits from the coordinates; zero for a constant step size.
     pub tolerance: f64,
 }
 
 impl Violations {
-    /// Starts the record of a run at `q`.
+    /// Starts the record of a run with initial coordinates `q`.
     pub fn new(structure: &MechanicalStructure, q: &[f64]) -> Self {
         let rows = vec![Violation::default(); structure.joints + structure.contacts.len()];
         Self { joints: structure.joints, start: q.to_vec(), rows }
     }
 
-    /// Records joints and gaps at a state, with the sizes of the terms of each row and the tolerances of `q` there;
-    /// `is_held` returns whether a contact must stay closed.
+    /// Records the violations of joints and gaps at the coordinates `q`, given the sizes of the terms of each row and
+    /// the tolerances of `q`; `is_held` returns whether a contact must stay closed.
     pub fn note(
         &mut self,
         t: f64,
@@ -60,7 +60,7 @@ impl Violations {
         }
     }
 
-    /// Records values of joints and gaps at a time between two steps.
+    /// Records the values of joints and gaps at a time between the ends of a step.
     pub fn note_values(&mut self, t: f64, values: &[f64], is_held: impl Fn(usize) -> bool) {
         let joints = self.joints;
         for (row, (seen, value)) in self.rows.iter_mut().zip(values).enumerate() {
@@ -68,19 +68,19 @@ impl Violations {
         }
     }
 
-    /// The record with its times shifted by `by`, for a clock that is ahead.
+    /// Returns the record with its times shifted by `by`, the start time of a run whose clock starts at zero.
     #[must_use]
     pub fn ahead(mut self, by: f64) -> Self {
         self.rows.iter_mut().for_each(|row| row.t += by);
         self
     }
 
-    /// The violation of each joint.
+    /// Returns the largest violation of each joint.
     pub fn joints(&self) -> &[Violation] {
         &self.rows[..self.joints]
     }
 
-    /// The violation of each gap.
+    /// Returns the largest violation of each gap.
     pub fn gaps(&self) -> &[Violation] {
         &self.rows[self.joints..]
     }

@@ -1,10 +1,11 @@
-//! The forcing of a problem with memory: `q` and the moving bounds, at a time and enclosed over an interval of time.
+//! The forcing of a problem with memory: the function `q` of time and the moving bounds, at a time and enclosed over
+//! an interval of time.
 
 use super::stepper::StepError;
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, MovingBound, Side};
 
-/// The forcing of a problem without states, whose inequality is `q`.
+/// The forcing of a problem without states, whose inequality is the function `q` of time.
 pub(crate) struct Forcing<'p> {
     problem: &'p mut dyn Dvi,
     zeros: Vec<f64>,
@@ -12,19 +13,19 @@ pub(crate) struct Forcing<'p> {
     over: Over,
 }
 
-/// Enclosures over an interval of time.
+/// Enclosures of the forcing over an interval of time.
 #[derive(Default)]
 pub(crate) struct Over {
-    /// `q`, then the moving bounds in their order.
+    /// Enclosures of `q`, then of the moving bounds in their order.
     pub values: Vec<Interval>,
-    /// The derivatives of `q`.
+    /// Enclosures of the time derivatives of `q`.
     pub slopes: Vec<Interval>,
     zeros: Vec<Interval>,
     jacobian: Vec<Interval>,
 }
 
 impl<'p> Forcing<'p> {
-    /// Evaluates the forcing of a problem without states.
+    /// Prepares the evaluation of the forcing of a problem without states.
     pub fn new(problem: &'p mut dyn Dvi) -> Self {
         let structure = problem.structure();
         let (zeros, values) = (vec![0.0; structure.variables], vec![0.0; structure.rows()]);
@@ -37,7 +38,8 @@ impl<'p> Forcing<'p> {
         Self { problem, zeros, values, over }
     }
 
-    /// Returns `q` at `t`, and sets the moving bounds of the variables from `offset` on in `set`.
+    /// Returns the forcing `q` at time `t`, and sets the moving bounds in `set`, where the variables of the problem
+    /// begin at index `offset`.
     pub fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
@@ -55,7 +57,7 @@ impl<'p> Forcing<'p> {
         Ok(q)
     }
 
-    /// `q` and the moving bounds at `t`, without checks.
+    /// Returns the values of `q` and of the moving bounds at `t`, without checks.
     pub fn rows_at(&mut self, t: f64) -> &[f64] {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         &self.values
@@ -70,14 +72,14 @@ impl<'p> Forcing<'p> {
         is_enclosed.then_some(&self.over)
     }
 
-    /// The row of a moving bound.
+    /// Returns the index of the row of a moving bound.
     pub fn row_of_bound(&self, variable: usize, side: Side) -> Option<usize> {
         let bound = MovingBound { variable, side };
         let structure = self.problem.structure();
         structure.moving.iter().position(|moving| *moving == bound).map(|place| self.zeros.len() + place)
     }
 
-    /// The problem.
+    /// Returns the problem that the forcing is taken from.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
     }

@@ -7,7 +7,7 @@
 
 use nalgebra::DMatrix;
 
-/// The nodes, increasing, and weights of the rule with `n >= 1` nodes; `beta > -1`.
+/// Returns the nodes, increasing, and the weights of the Gauss rule with `n >= 1` nodes; `beta > -1`.
 pub fn gauss_jacobi(n: usize, beta: f64) -> Vec<(f64, f64)> {
     let (diagonal, off): (Vec<f64>, Vec<f64>) = (0..=n).map(|k| recurrence(k, beta)).unzip();
     let jacobi = DMatrix::from_fn(n, n, |i, j| match i.abs_diff(j) {
@@ -19,7 +19,7 @@ pub fn gauss_jacobi(n: usize, beta: f64) -> Vec<(f64, f64)> {
     nodes.sort_by(f64::total_cmp);
     let total = 1.0 / (1.0 + beta);
     let rule = nodes.into_iter().map(|x| {
-        // A Newton step gives the node to full accuracy; its weight is 1 / sum_k p_k^2.
+        // A Newton step gives the node to full accuracy; the weight of the node is 1 / sum_k p_k^2.
         let (value, slope, _) = polynomials(x, &diagonal, &off);
         let x = (x - value / slope).clamp(0.0, 1.0);
         let (_, _, squares) = polynomials(x, &diagonal, &off);
@@ -28,23 +28,24 @@ pub fn gauss_jacobi(n: usize, beta: f64) -> Vec<(f64, f64)> {
     rule.collect()
 }
 
-/// The coefficients `a_k`, `b_k` of the recurrence `b_{k+1} p_{k+1} = (x - a_k) p_k - b_k p_{k-1}` of orthonormal
-/// polynomials.
+/// Returns the coefficients `a_k`, `b_k` of the recurrence `b_{k+1} p_{k+1} = (x - a_k) p_k - b_k p_{k-1}` of
+/// orthonormal polynomials.
 fn recurrence(k: usize, beta: f64) -> (f64, f64) {
     let degree = k as f64;
     let twice = 2.0 * degree + beta;
     let diagonal = if k == 0 { beta / (beta + 2.0) } else { beta * beta / (twice * (twice + 2.0)) };
     let square = match k {
         0 => 0.0,
-        // The general form, with the factor 1 + beta taken out of numerator and denominator.
+        // The general form of the coefficient, with the factor 1 + beta cancelled from numerator and denominator.
         1 => 4.0 * (1.0 + beta) / ((2.0 + beta).powi(2) * (3.0 + beta)),
         _ => 4.0 * (degree * (degree + beta)).powi(2) / (twice * twice * (twice + 1.0) * (twice - 1.0)),
     };
-    // From [-1, 1], with the weight (1 + u)^beta, to [0, 1].
+    // Map the coefficients from [-1, 1], with the weight (1 + u)^beta, to [0, 1].
     (0.5 * (1.0 + diagonal), 0.5 * square.sqrt())
 }
 
-/// The polynomial of the highest degree and its derivative, and the sum of squares of those of lower degree.
+/// Returns the value at `x` of the orthonormal polynomial of the highest degree, its derivative, and the sum of
+/// squares of the polynomials of lower degree.
 fn polynomials(x: f64, diagonal: &[f64], off: &[f64]) -> (f64, f64, f64) {
     let (mut p, mut slope, mut before, mut slope_before) = (1.0, 0.0, 0.0, 0.0);
     let mut squares = 0.0;

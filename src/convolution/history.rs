@@ -14,21 +14,21 @@ use std::sync::Arc;
 /// Number of steps in a block, within which contributions are summed directly.
 const BLOCK: usize = 32;
 
-/// The weights of a scalar kernel, and the matrix that the kernel multiplies.
+/// The convolution weights of a scalar kernel, and the matrix that the kernel multiplies.
 pub struct Part {
-    /// The weights.
+    /// The convolution weights of the scalar kernel.
     pub weights: Weights,
-    /// The matrix as `(row, column, value)`.
+    /// The matrix that the scalar kernel multiplies, as `(row, column, value)`.
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
-/// The values so far and their contributions to future steps.
+/// The values `Z_k` of the steps so far and their contributions to future steps.
 pub struct History {
     stages: usize,
     variables: usize,
     length: usize,
     parts: Vec<Part>,
-    /// `Z`, a sequence over all steps for each stage and variable.
+    /// Values `Z_k` at the stages, a sequence over all steps for each stage and variable.
     values: Vec<f64>,
     /// Contributions of complete blocks to each step, a sequence for each stage and variable.
     sums: Vec<f64>,
@@ -37,13 +37,13 @@ pub struct History {
     levels: Vec<Level>,
 }
 
-/// Transforms of one length, with the spectra of the weights.
+/// Fourier transforms of one length, with the spectra of the weights.
 struct Level {
     forward: Arc<dyn RealToComplex<f64>>,
     backward: Arc<dyn ComplexToReal<f64>>,
-    /// Spectra of the weights of each part, for each pair of stages.
+    /// Spectra of the convolution weights of each part of the kernel, for each pair of stages.
     weights: Vec<Vec<Complex<f64>>>,
-    /// Spectra of the last values, for each stage and variable.
+    /// Spectra of the values in the last block of steps, for each stage and variable.
     values: Vec<Vec<Complex<f64>>>,
     sum: Vec<Complex<f64>>,
     signal: Vec<f64>,
@@ -51,7 +51,7 @@ struct Level {
 }
 
 impl History {
-    /// Allocates for a run of `length` steps; all parts have this number of weights.
+    /// Allocates for a run of `length` steps; all parts of the kernel have `length` weights.
     pub fn new(stages: usize, variables: usize, length: usize, parts: Vec<Part>) -> Self {
         let size = stages * variables * length;
         Self {
@@ -67,22 +67,22 @@ impl History {
         }
     }
 
-    /// The number of steps so far.
+    /// Returns the number of steps so far.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// The number of steps of the whole run.
+    /// Returns the number of steps of the whole run.
     pub fn length(&self) -> usize {
         self.length
     }
 
-    /// The values of one variable at one stage, for all steps; zero for steps to come.
+    /// Returns the values of one variable at one stage, for all steps; zero for future steps.
     pub fn sequence(&self, stage: usize, variable: usize) -> &[f64] {
         &self.values[(stage * self.variables + variable) * self.length..][..self.length]
     }
 
-    /// Writes the sums for the next step, stage by stage.
+    /// Writes the contributions of the past to the next step, stage by stage, to `sums`.
     pub fn contribution(&self, sums: &mut [f64]) {
         let (m, n) = (self.variables, self.steps);
         let first = n - n % BLOCK;
@@ -103,7 +103,7 @@ impl History {
         }
     }
 
-    /// Appends the values of a step, stage by stage.
+    /// Appends the values of `z` in a step, stage by stage.
     pub fn append(&mut self, values: &[f64]) {
         for (value, sequence) in values.iter().zip(self.values.chunks_exact_mut(self.length)) {
             sequence[self.steps] = *value;
@@ -114,7 +114,7 @@ impl History {
         }
     }
 
-    /// Adds the contributions of the last `L = BLOCK 2^level` steps to the next `L`.
+    /// Adds the contributions of the last `L = BLOCK 2^level` steps to the sums of the next `L` steps.
     fn sum_block(&mut self, level: usize) {
         while self.levels.len() <= level {
             let length = BLOCK << self.levels.len();
@@ -128,7 +128,7 @@ impl History {
         for (sequence, spectrum) in self.values.chunks_exact(self.length).zip(&mut transforms.values) {
             transforms.signal[..length].copy_from_slice(&sequence[n - length..n]);
             transforms.signal[length..].fill(0.0);
-            // The only possible error is a wrong length; lengths are those of the plan.
+            // The only possible error is a wrong length, and all lengths are those of the plan.
             let _ = transforms.forward.process_with_scratch(&mut transforms.signal, spectrum, &mut transforms.work);
         }
         for (place, sums) in self.sums.chunks_exact_mut(self.length).enumerate() {
@@ -158,7 +158,7 @@ impl History {
 }
 
 impl Level {
-    /// Plans transforms of `length` values, twice the length of a block.
+    /// Plans Fourier transforms of `length` values, twice the length of a block.
     fn new(planner: &mut RealFftPlanner<f64>, length: usize, signals: usize, stages: usize, parts: &[Part]) -> Self {
         let forward = planner.plan_fft_forward(length);
         let backward = planner.plan_fft_inverse(length);
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn blocks_and_direct_sums_agree() {
-        // Two stages, two variables, two kernels that mix them, over a number of steps that is no power of two.
+        // Use two stages, two variables, two kernels that mix them, and a number of steps that is no power of two.
         let (s, m, length) = (2, 2, 333);
         let random = |seed: usize| (seed as f64 * 0.754_877_666).fract() - 0.3;
         let parts = || -> Vec<Part> {

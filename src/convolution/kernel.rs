@@ -11,53 +11,53 @@ use radau::Tableau;
 /// smooth factor `g`.
 #[derive(Clone, Debug)]
 pub struct Function {
-    /// `a`: in `[0, 1)` for a power, where 0 denotes the identity, and in `(0, 1]` with a factor.
+    /// The exponent `a`: in `[0, 1)` for a power, where 0 denotes the identity, and in `(0, 1]` with a factor.
     pub exponent: f64,
-    /// `g`, a program of the one input `t`.
+    /// The smooth factor `g`, a program of the one input `t`.
     pub factor: Option<Tape>,
-    /// `g'`, if there is a factor.
+    /// The derivative `g'` of the smooth factor, if there is one.
     pub slope: Option<Tape>,
-    /// The number of integrations from zero.
+    /// The number of times that the function is integrated from zero.
     pub integrations: usize,
 }
 
 /// A term of a kernel: a function times a matrix.
 #[derive(Clone, Debug)]
 pub struct Term {
-    /// The function.
+    /// The scalar function of the term.
     pub function: Function,
-    /// The matrix as `(row, column, value)`, each place at most once.
+    /// The matrix of the term as `(row, column, value)`, each place at most once.
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
-/// A kernel, the sum of its terms.
+/// The kernel of a convolution, the sum of its terms.
 #[derive(Clone, Debug)]
 pub struct Kernel {
-    /// The terms.
+    /// The terms of the kernel.
     pub terms: Vec<Term>,
 }
 
-/// The reason why weights cannot be computed.
+/// The reason why the weights of a convolution cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoWeights {
-    /// The kernel is not finite at this time.
+    /// The kernel is not finite at this lag (time since its beginning).
     NotFinite(f64),
     /// [`Control`] asked to stop.
     Interrupted,
 }
 
 impl Function {
-    /// The kernel `t^(alpha-1) / Gamma(alpha)` of the integral of order `alpha > 0`.
+    /// Returns the kernel `t^(alpha-1) / Gamma(alpha)` of the integral of order `alpha > 0`.
     pub fn power(alpha: f64) -> Self {
         Self { exponent: alpha.fract(), factor: None, slope: None, integrations: alpha.trunc() as usize }
     }
 
-    /// The exponent `a` of the integrated function, if the factor is not zero at zero.
+    /// Returns the exponent `a` of the integrated function, if the factor is not zero at zero.
     pub fn index(&self) -> f64 {
         self.exponent + self.integrations as f64
     }
 
-    /// The first `length` weights for a step size `h`.
+    /// Returns the first `length` convolution weights for a step size `h`.
     ///
     /// # Errors
     /// If the kernel is not finite, or on interruption.

@@ -1,4 +1,4 @@
-//! Problems with memory: variational inequalities whose law is a convolution,
+//! Problems with memory: variational inequalities that contain a convolution,
 //!
 //! ```text
 //! z in K,    <(m * z)(t) + q(t), z~ - z> >= 0  for all z~ in K,    (m * z)(t) = int_0^t m(t - s) z(s) ds
@@ -9,8 +9,8 @@
 //! ([`quadrature`]), and of product integration if it is an expression ([`product_integration`]); contributions of the
 //! past are summed by blocks ([`history`]); each step is one variational inequality ([`stepper`]).
 //!
-//! If no step is given and all variables are in intervals, switches are located, and the segments between them have
-//! elements of any length ([`segments`]).
+//! If no step size is given and all variables are in intervals, switches are located, and the segments between them
+//! have elements of any length ([`segments`]).
 
 mod forcing;
 pub mod gauss_jacobi;

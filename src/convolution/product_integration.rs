@@ -16,17 +16,17 @@ use expression::Tape;
 use problem::Control;
 use radau::Tableau;
 
-/// Number of nodes near the singularity.
+/// Number of quadrature nodes in each step near the singularity of the kernel.
 const NEAR: usize = 24;
-/// Number of steps near the singularity.
+/// Number of steps near the singularity of the kernel.
 const NEAR_STEPS: usize = 4;
-/// Number of nodes farther away beyond the number of stages: each reduces the error by the square of twice the
-/// distance.
+/// Number of quadrature nodes, in addition to the number of stages, in each step farther from the singularity of the
+/// kernel: each node reduces the error by the square of twice the distance.
 const FAR: usize = 5;
 /// Number of weights between two polls of the control.
 const CHUNK: usize = 1024;
 
-/// The first `length` weights for a step size `h`.
+/// Computes the first `length` convolution weights by product integration for a step size `h`.
 ///
 /// # Errors
 /// If the kernel is not finite, or on interruption.
@@ -44,7 +44,7 @@ pub fn product_integration(
     let mut weights = Weights::zeros(s, length);
     let mut lagrange = vec![0.0; s];
     let mut value = [0.0];
-    // Adds the integrand at the lag `theta h`; `w` contains the weight of the rule and the singularity.
+    // Adds the integrand at the lag `theta h`; `w` contains the weight of the quadrature rule and the singularity.
     let mut add = |weights: &mut Weights, n: usize, i: usize, theta: f64, w: f64| {
         factor.evaluate(theta * h, &[], &mut value);
         let w = w * value[0];
@@ -98,7 +98,7 @@ mod tests {
         Tape::compile(&graph, &[node])
     }
 
-    /// The convolution with `z = t^power` at the last stage of the last step.
+    /// Returns the convolution with `z = t^power` at the last stage of the last step.
     fn convolved(s: usize, exponent: f64, factor: &str, power: i32, h: f64, length: usize) -> f64 {
         let tableau = Tableau::of(s);
         let weights = product_integration(tableau, exponent, &mut tape(factor), h, length, &Control::new()).unwrap();

@@ -24,28 +24,28 @@ use problem::Control;
 use radau::Tableau;
 use std::f64::consts::PI;
 
-/// Number of nodes of a panel.
+/// Number of quadrature nodes of a panel.
 const NODES: usize = 20;
-/// End of the panels: beyond the eigenvalues of `A^-1` for every number of stages, so that the series in `1/u`
-/// converges.
+/// End of the quadrature panels in `u`: beyond the eigenvalues of `A^-1` for every number of stages, so that the
+/// series in `1/u` converges.
 const LAST: f64 = 64.0;
-/// Number of weights summed at once.
+/// Number of convolution weights summed at once.
 const CHUNK: usize = 64;
-/// Logarithm of the size below which powers of `R` are dropped.
+/// Logarithm of the magnitude below which powers of the stability function `R` are neglected.
 const NEGLIGIBLE: f64 = -40.0;
 
 /// A node of the integral over `u`, with the factors of the integrand.
 struct Resolvent {
-    /// The weight of the rule, including `sin(pi f) / pi u^-f`.
+    /// The weight of the quadrature rule, including `sin(pi f) / pi u^-f`.
     weight: f64,
-    /// `R(-u)`, and the logarithm of its absolute value.
+    /// The value `R(-u)` of the stability function, and the logarithm of its absolute value.
     r: f64,
     ln_r: f64,
-    /// `(I + u A)^-1 1` times the row `b^T (I + u A)^-1`, by rows.
+    /// The column `(I + u A)^-1 1` times the row `b^T (I + u A)^-1`, by rows.
     product: Vec<f64>,
 }
 
-/// The first `length` weights for unit steps; `None` if `control` asks to stop.
+/// Computes the first `length` convolution weights for unit steps; returns `None` if `control` asks to stop.
 pub fn fractional(tableau: &Tableau, f: f64, length: usize, control: &Control) -> Option<Weights> {
     let s = tableau.stages();
     let mut weights = Weights::zeros(s, length);
@@ -93,7 +93,7 @@ impl Resolvent {
         let s = tableau.stages();
         let column: Vec<f64> = (0..s).map(|i| inverse.row(i).sum()).collect();
         let row: Vec<f64> = (0..s).map(|j| (0..s).map(|i| tableau.b[i] * inverse[(i, j)]).sum()).collect();
-        // Stiff accuracy gives small values of R without cancellation; near one, 1 - R is computed instead.
+        // Stiff accuracy gives small values of R without cancellation; if R is near one, 1 - R is computed instead.
         let r = column[s - 1];
         let fall = u * column.iter().zip(&tableau.b).map(|(x, b)| x * b).sum::<f64>();
         let ln_r = if fall < 0.5 { (-fall).ln_1p() } else { r.abs().ln() };
@@ -102,8 +102,8 @@ impl Resolvent {
     }
 }
 
-/// Nodes and weights of `sin(pi f) / pi int_0^inf u^-f g(u) du` for functions that vary on scales of `1 / length` and
-/// above, and at infinity have a series in `1/u` without a constant term.
+/// Returns the nodes and weights of a quadrature rule for `sin(pi f) / pi int_0^inf u^-f g(u) du`, for functions `g`
+/// that vary on scales of `1 / length` and above, and at infinity have a series in `1/u` without a constant term.
 fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
     let factor = (PI * f).sin() / PI;
     let first = 1.0 / length.max(1) as f64;
@@ -118,7 +118,7 @@ fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
         }
         left *= 2.0;
     }
-    // v = 1/u: the weight v^(f-2) = v^(f-1) u.
+    // With v = 1/u, the weight function is v^(f-2) = v^(f-1) u.
     for (x, w) in gauss_jacobi(NODES, f - 1.0) {
         let u = left / x;
         rule.push((u, factor * w * left.powf(-f) * u));
@@ -130,7 +130,7 @@ fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// The largest difference of two sequences of weights, relative to the largest weight of the second.
+    /// Returns the largest difference of two sequences of weights, relative to the largest weight of the second.
     fn distance(a: &Weights, b: &Weights, s: usize) -> f64 {
         let (mut most, mut size) = (0.0_f64, 0.0_f64);
         for (i, j) in (0..s * s).map(|place| (place / s, place % s)) {

@@ -17,24 +17,25 @@ use problem::{Control, ConvexSet, Dvi, Side, Workspace};
 use radau::Tableau;
 use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
-/// The settings of a step.
+/// The settings of a run over a uniform mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// The number of stages, from 1 to 9.
     pub stages: usize,
     /// The solver of the variational inequality of a step.
     pub vi_solver: SolverKind,
-    /// The natural-map residual that is accepted if the solver gives up, relative to the terms.
+    /// The residual of the natural map that is accepted if the solver gives up, relative to the terms of the
+    /// inequality.
     pub vi_tolerance: f64,
 }
 
-/// The reason why a step failed.
+/// The reason why a step of a problem with memory failed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// The kernel is not finite.
+    /// The kernel is not finite at some lag.
     #[error("the kernel is not finite at t = {lag:?} after its beginning")]
     Kernel {
-        /// The time since the beginning of the kernel.
+        /// The lag, the time since the beginning of the kernel, at which it is not finite.
         lag: f64,
     },
     /// `q` or a moving bound is not finite.
@@ -42,17 +43,17 @@ pub enum StepError {
     NotFinite {
         /// The index of the variable, or the number of variables plus the index of the moving bound.
         row: usize,
-        /// The time.
+        /// The time at which the row is not finite.
         t: f64,
     },
     /// A lower bound exceeds the upper one, or a radius is negative.
     #[error("the {} of variable {variable} is empty at t = {t:?}: {}", side.emptiness().0, side.emptiness().1)]
     EmptySet {
-        /// The variable.
+        /// Index of the variable.
         variable: usize,
-        /// The moving bound.
+        /// The bound or the radius that makes the set empty.
         side: Side,
-        /// The time.
+        /// The time at which the set is empty.
         t: f64,
     },
     /// No solution of the variational inequality was found.
@@ -61,17 +62,17 @@ pub enum StepError {
          no solution, as where a kernel does not oppose its variable"
     )]
     Unsolved {
-        /// The end of the step.
+        /// The time at the end of the step.
         t: f64,
-        /// The outcome of the solver.
+        /// The outcome that the solver reports.
         outcome: &'static str,
-        /// The natural-map residual.
+        /// The residual of the natural map.
         residual: f64,
     },
     /// [`Control`] asked to stop.
     #[error("interrupted at t = {t:?}")]
     Interrupted {
-        /// The current time.
+        /// The time reached.
         t: f64,
     },
 }
@@ -88,34 +89,35 @@ impl StepError {
     }
 }
 
-/// A run over a uniform mesh.
+/// A run of a problem with memory over a uniform mesh.
 pub struct Convolution<'p> {
-    /// The tableau.
+    /// The Runge-Kutta tableau of the steps.
     pub tableau: &'static Tableau,
     forcing: Forcing<'p>,
     history: History,
-    /// `D W_0`, stage by stage.
+    /// The matrix `D W_0` of the variational inequality of a step, stage by stage.
     matrix: DMatrix<f64>,
-    /// `W_0` without scaling.
+    /// The convolution weight `W_0` without the scaling by `D`, stage by stage.
     first: DMatrix<f64>,
-    /// `K` at each stage.
+    /// The set `K` at each stage of a step.
     set: ConvexSet,
     solver: Box<dyn ViSolver>,
     tolerance: f64,
     start: f64,
     /// The step size.
     pub h: f64,
-    /// `Z` of the last step, stage by stage.
+    /// The values `Z` of the variables at the stages of the last step, stage by stage.
     pub z: Vec<f64>,
-    /// `w` of the last step, stage by stage.
+    /// The values `w` of the inequality at the stages of the last step, stage by stage.
     pub w: Vec<f64>,
     /// The integral of `z` up to the beginning of the last step.
     pub integral: Vec<f64>,
     past: Vec<f64>,
     q: Vec<f64>,
-    /// The number of pivots and iterations of the solver.
+    /// The number of pivots and iterations of the solver so far.
     pub iterations: u64,
-    /// The largest natural-map residual of a step, relative to its terms, and the end of that step.
+    /// The largest residual of the natural map in a step, relative to its terms, and the time at the end of that
+    /// step.
     pub residual: (f64, f64),
     lagrange: Vec<f64>,
     increments: Vec<f64>,
@@ -123,7 +125,8 @@ pub struct Convolution<'p> {
 }
 
 impl<'p> Convolution<'p> {
-    /// Prepares a run of `steps` steps over `[start, end]`; `problem` has no states, its inequality is `q`.
+    /// Prepares a run of `steps` steps over `[start, end]`; `problem` has no states, and its inequality is the
+    /// function `q` of time.
     ///
     /// # Errors
     /// If the kernel is not finite, or on interruption.
@@ -175,32 +178,32 @@ impl<'p> Convolution<'p> {
         })
     }
 
-    /// The number of variables.
+    /// Returns the number of variables.
     pub fn variables(&self) -> usize {
         self.integral.len()
     }
 
-    /// The number of steps made.
+    /// Returns the number of steps made.
     pub fn steps(&self) -> usize {
         self.history.steps()
     }
 
-    /// The end of step number `step`, counted from one; the start for zero.
+    /// Returns the time at the end of step number `step`, counted from one; the start for zero.
     pub fn time(&self, step: usize) -> f64 {
         self.start + step as f64 * self.h
     }
 
-    /// The values of a variable at the ends of all steps.
+    /// Returns the values of a variable at the ends of all steps.
     pub fn ends(&self, variable: usize) -> &[f64] {
         self.history.sequence(self.tableau.stages() - 1, variable)
     }
 
-    /// The name of the solver of the last step.
+    /// Returns the name of the solver of the last step.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
 
-    /// The lower and upper bound of a variable at a stage of the last step.
+    /// Returns the lower and the upper bound of a variable at a stage of the last step.
     pub fn interval(&self, stage: usize, variable: usize) -> (f64, f64) {
         let place = stage * self.variables() + variable;
         (self.set.lower[place], self.set.upper[place])
@@ -235,7 +238,7 @@ impl<'p> Convolution<'p> {
             let forcing = self.q.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
             let rows = self.matrix.row_iter().zip(&self.q);
             let terms = rows.map(|(row, q)| q.abs() + row.iter().zip(&self.z).map(|(a, z)| (a * z).abs()).sum::<f64>());
-            // The sum of all terms is at least `|q|`: if that suffices, the other terms are not computed.
+            // The sum of all terms is at least `|q|`: if that is large enough, the other terms are not computed.
             let is_clear = report.residual <= self.tolerance * forcing;
             let size = if is_clear { forcing } else { terms.fold(0.0, f64::max) };
             if report.residual == 0.0 { 0.0 } else { report.residual / size }
@@ -267,8 +270,8 @@ impl<'p> Convolution<'p> {
         }
     }
 
-    /// Writes `z`, its integral and `w` at `theta` of the last step, by their collocation polynomials. `z` is projected
-    /// onto `K`, which moves it no farther from the solution.
+    /// Writes the variables `z`, their integral and `w` at the fraction `theta` of the last step, by their
+    /// collocation polynomials. The variables are projected onto `K`, which moves them no farther from the solution.
     ///
     /// # Errors
     /// If a moving bound is invalid.
@@ -292,7 +295,7 @@ impl<'p> Convolution<'p> {
     }
 }
 
-/// Assembles `W_0` over stages and variables.
+/// Assembles the convolution weight `W_0` over stages and variables.
 fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(s * m, s * m);
     for Part { weights, matrix: entries } in parts {

@@ -4,7 +4,7 @@
 
 use radau::Tableau;
 
-/// Weights of a scalar kernel, `s x s` matrices, stored as a sequence over `n` for each entry.
+/// Convolution weights of a scalar kernel, `s x s` matrices, stored as a sequence over `n` for each entry.
 #[derive(Clone, Debug)]
 pub struct Weights {
     stages: usize,
@@ -13,12 +13,12 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// `length` weights of zero.
+    /// Creates `length` convolution weights that are zero.
     pub fn zeros(stages: usize, length: usize) -> Self {
         Self { stages, length, values: vec![0.0; stages * stages * length] }
     }
 
-    /// The weights of the identity: `W_0 = I`.
+    /// Creates the convolution weights of the identity: `W_0 = I`, and zero otherwise.
     pub fn identity(stages: usize, length: usize) -> Self {
         let mut weights = Self::zeros(stages, length);
         for i in 0..stages {
@@ -27,7 +27,7 @@ impl Weights {
         weights
     }
 
-    /// The number of weights.
+    /// Returns the number of weights.
     pub fn len(&self) -> usize {
         self.length
     }
@@ -37,12 +37,12 @@ impl Weights {
         self.length == 0
     }
 
-    /// The entries `(W_n)_ij` for all `n`.
+    /// Returns the entries `(W_n)_ij` of the convolution weights for all `n`.
     pub fn sequence(&self, i: usize, j: usize) -> &[f64] {
         &self.values[(i * self.stages + j) * self.length..][..self.length]
     }
 
-    /// The entries `(W_n)_ij` for all `n`.
+    /// Returns the entries `(W_n)_ij` of the convolution weights for all `n`.
     pub fn sequence_mut(&mut self, i: usize, j: usize) -> &mut [f64] {
         &mut self.values[(i * self.stages + j) * self.length..][..self.length]
     }

@@ -8,13 +8,13 @@ use std::sync::LazyLock;
 /// The kind of message that a code belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Errors of a specification.
+    /// A code of an error in a specification.
     Specification,
-    /// Warnings, caveats, and reasons of a verdict.
+    /// A code of a warning, of a caveat, or of a reason of a verdict.
     Answer,
-    /// Failures and stops of a solve.
+    /// A code of a failure or a stop of a solve.
     Failure,
-    /// Refused requests of a service, and jobs without a result.
+    /// A code of a refused request of a service, or of a job without a result.
     Service,
 }
 
@@ -25,13 +25,13 @@ pub struct Page {
     pub code: &'static str,
     /// The kind of message that the code belongs to.
     pub kind: Kind,
-    /// The meaning, in one sentence.
+    /// The meaning of the code, in one sentence.
     pub meaning: &'static str,
-    /// The cause.
+    /// The cause of the message.
     pub why: &'static str,
-    /// What to do about it.
+    /// What to do about the cause.
     pub remedy: &'static str,
-    /// An example of its occurrence.
+    /// An example of the message's occurrence.
     pub example: &'static str,
 }
 
@@ -43,17 +43,17 @@ const TEXTS: [(Kind, &str); 4] = [
 ];
 
 impl Kind {
-    /// All kinds, in the order of the list.
+    /// All kinds of messages, in the order of the list of pages.
     pub const ALL: [Self; 4] = [Self::Specification, Self::Answer, Self::Failure, Self::Service];
 
-    /// The title of a kind, for a heading.
+    /// Returns the title of the kind, for a heading.
     pub fn title(self) -> &'static str {
         let text = TEXTS.iter().find(|(kind, _)| *kind == self).map_or("", |(_, text)| text);
         text.strip_prefix("# ").and_then(|text| text.lines().next()).unwrap_or_default()
     }
 }
 
-/// All pages, grouped by kind.
+/// Returns all pages, grouped by kind.
 pub fn pages() -> &'static [Page] {
     static PAGES: LazyLock<Vec<Page>> = LazyLock::new(|| {
         let sections =
@@ -63,7 +63,7 @@ pub fn pages() -> &'static [Page] {
     &PAGES
 }
 
-/// The page of a code; `-` is accepted in place of `_`, as in addresses.
+/// Returns the page of a code; `-` is accepted in place of `_`, as in addresses.
 pub fn find(code: &str) -> Option<&'static Page> {
     let code = code.replace('-', "_");
     pages().iter().find(|page| page.code == code)

@@ -1,4 +1,4 @@
-//! Breaks: kinks and jumps of expressions at times that do not depend on states. They are sign changes of those
+//! Breaks: kinks and jumps of expressions at times that do not depend on states. Breaks are sign changes of those
 //! [switches](super::switches) that depend on input 0 (time) alone.
 
 use super::enclosure::IntervalWorkspace;
@@ -7,19 +7,19 @@ use super::operator::Operator;
 use super::tape::Tape;
 use numerics::Interval;
 
-/// The compiled event functions whose sign changes are the breaks of some expressions.
+/// The compiled event functions of time whose sign changes are the breaks of some expressions.
 #[derive(Clone, Debug)]
 pub struct Breaks {
     tape: Tape,
     values: Vec<f64>,
-    /// What runs evenly through the sign changes of the event functions.
+    /// For each event function, a quantity that is continuous through its sign changes.
     courses: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
 }
 
 impl Breaks {
-    /// Compiles the event functions of `nodes` that depend on input 0 alone.
+    /// Compiles the event functions of `nodes` that depend on input 0 (time) alone.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let quantities = graph.breaks(nodes);
         let tape = Tape::compile(graph, &quantities);
@@ -29,28 +29,28 @@ impl Breaks {
         Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape, courses }
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled event functions.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.courses.bind(parameters);
         self.workspace.bind(&self.tape);
     }
 
-    /// The values of the event functions at input 0 equal to `t`.
+    /// Returns the values of the event functions at input 0 equal to `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
         &self.values
     }
 
-    /// For each event function a quantity that runs evenly through its sign changes, at input 0 equal to `t`: the argument of
-    /// `floor`, whose event function jumps there, else the event function itself. Which value it has there does not matter:
-    /// it tells how the time of a sign change moves with parameters.
+    /// Returns, for each event function, a quantity that is continuous through its sign changes, at input 0 equal to
+    /// `t`: the argument of `floor` if the event function jumps there, else the event function itself. Its value at a
+    /// sign change is arbitrary; its slopes give the derivative of the time of the sign change by parameters.
     pub fn courses(&mut self, t: f64) -> &[f64] {
         self.courses.evaluate(t, &[], &mut self.values);
         &self.values
     }
 
-    /// Encloses the event functions over an interval of input 0.
+    /// Encloses the event functions over an interval of input 0 (time).
     pub fn over(&mut self, t: Interval) -> &[Interval] {
         self.tape.enclose(t, &[], &mut self.workspace, &mut self.ranges);
         &self.ranges
@@ -58,7 +58,7 @@ impl Breaks {
 }
 
 impl Graph {
-    /// What runs evenly through the sign changes of an event function.
+    /// Returns a quantity that is continuous through the sign changes of an event function.
     fn course_of_break(&self, quantity: Node) -> Node {
         match self.operation(quantity) {
             Some((Operator::Parity, whole, _)) => match self.operation(whole) {
@@ -98,7 +98,7 @@ mod tests {
         let text = "x*heaviside(t - 2) + abs(x - t) + min(t, 3, x) + max(2*t, 5) + abs(-4) + sign(x)";
         let node = graph.parse(text, &scope).unwrap();
         let mut breaks = Breaks::new(&mut graph, &[node]);
-        // t - 2, 2 t - 5, and t - 3 from the inner min(t, 3); the other switch of `min` depends on x.
+        // Breaks at t - 2, 2 t - 5, and t - 3 from the inner min(t, 3); the other switch of `min` depends on x.
         let mut values: Vec<f64> = breaks.at(2.25).iter().map(|value| value.abs()).collect();
         values.sort_by(f64::total_cmp);
         assert_eq!(values, [0.25, 0.5, 0.75]);
@@ -107,7 +107,7 @@ mod tests {
         assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
     }
 
-    /// The times in `[0, 10]` at which a sign changes, located as in steps: by bisection of enclosures.
+    /// Returns the times in `[0, 10]` at which a sign changes, located by bisection of enclosures as in steps.
     fn changes(text: &str) -> Vec<f64> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         scope.bind("t", graph.input(0)).unwrap();
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(changes("pulse(t, 1, 0.5) + if(t >= 1.5 and t < 7, t, 0)"), [1.0, 1.5, 7.0]);
         assert_eq!(changes("if(mod(floor(t), 2) == 0, 1, -1)"), to_ten(1));
         assert_eq!(changes("floor(1000*t)").len(), 10_000);
-        // A duty that depends on time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
+        // A duty cycle that depends on time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
         let ends = [0.5, 1.5].map(|k: f64| 40.0 * k / 9.0);
         assert!(
             changes("pwm(t, 4, 0.5 + t/40)")

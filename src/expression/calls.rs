@@ -16,7 +16,7 @@ use winnow::combinator::{opt, peek, preceded};
 use winnow::prelude::*;
 use winnow::token::take_while;
 
-/// Remedy for a discontinuous table of states: text for messages.
+/// Remedy for a discontinuous table of states, as text for messages.
 const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
      height times z, with z in the box [0, 1] and the inequality k - a";
 
@@ -84,8 +84,8 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
     Err(failure(ExpressionError { did_you_mean, expected, ..ExpressionError::new(code, start, message) }))
 }
 
-/// The error for an unknown output such as `v(R1)`, if the scope has other outputs of this name; `rest` is the text
-/// after the name.
+/// Returns the error for an unknown output such as `v(R1)`, if the scope has other outputs of this name; `rest` is
+/// the text after the name.
 fn no_output(scope: &Scope, name: &str, rest: &str) -> Option<ExpressionError> {
     const SHOWN: usize = 12;
     let is_like = |other: &&str| other.strip_prefix(name).is_some_and(|rest| rest.starts_with('('));
@@ -161,7 +161,7 @@ fn check_stepped(
     arguments: &[Read],
 ) -> Result<(), Failure> {
     if stepped == Discontinuous::If {
-        // Comparisons of unknowns have been rejected already.
+        // Comparisons of unknowns have been rejected by the parser already.
         return conditions("if", [arguments[0]]).map(|_| ());
     }
     let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();

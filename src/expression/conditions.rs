@@ -4,7 +4,7 @@
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
-/// Remedy for a comparison of states: text for messages.
+/// Remedy for a comparison of states, as text for messages.
 pub(super) const AS_SET: &str = "a variable in a set, or a `filippov` problem: `a > b` = z with z in the box [0, 1] and \
      the inequality b - a, and `if(a > b, p, q)` = q + (p - q)*z";
 
@@ -20,7 +20,7 @@ pub(super) enum Comparison {
 }
 
 impl Comparison {
-    /// The condition `a ~ b`: 1 if it holds, else 0; NaN propagates.
+    /// Builds the condition `a ~ b` for the comparison `~`: 1 if it holds, else 0; NaN propagates.
     pub(super) fn apply(self, graph: &mut Graph, a: Node, b: Node) -> Node {
         match self {
             Self::Less => graph.at_least(a, b, true),
@@ -37,7 +37,7 @@ impl Comparison {
 }
 
 impl Graph {
-    /// The condition `a >= b`, or its negation if `negated`.
+    /// Builds the condition `a >= b`, or its negation if `negated`.
     pub(super) fn at_least(&mut self, a: Node, b: Node, negated: bool) -> Node {
         let difference = self.subtract(a, b);
         let holds = self.heaviside(difference);
@@ -60,7 +60,7 @@ impl Graph {
         self.not(neither)
     }
 
-    /// `a` if a condition holds, else `b`; the other operand may be undefined.
+    /// Builds the term that is `a` if a condition holds, else `b`; the operand that is not chosen may be undefined.
     pub(super) fn choice(&mut self, condition: Node, a: Node, b: Node) -> Node {
         match self.number(condition) {
             Some(1.0) => return a,
@@ -72,7 +72,7 @@ impl Graph {
         self.add(a, b)
     }
 
-    /// `a` if a condition holds, else 0, even if `a` is undefined.
+    /// Builds the term that is `a` if a condition holds, else 0, even if `a` is undefined.
     fn chosen(&mut self, condition: Node, a: Node) -> Node {
         match self.number(a) {
             Some(number) if number.is_finite() => self.multiply(condition, a),

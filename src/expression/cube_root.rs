@@ -1,14 +1,15 @@
-//! The cube root, in the same digits wherever the program is built: those of C libraries differ in the last one, also between
-//! the static and the dynamic library of one system.
+//! The cube root with identical results wherever the program is built: the cube roots of C libraries differ in the
+//! last digit, even between the static and the dynamic library of one system.
 
-/// The cube root of any number, to within a unit in the last place: the power, corrected by a step of Newton's method.
+/// Returns the cube root of any number, to within a unit in the last place: `powf`, corrected by a step of Newton's
+/// method.
 pub fn cube_root(a: f64) -> f64 {
     let size = a.abs();
     let root = size.powf(1.0 / 3.0);
     if root == 0.0 || !root.is_finite() {
         return root.copysign(a);
     }
-    // (root^3 - size) / (3 root^2), in factors that neither overflow nor vanish.
+    // Evaluate (root^3 - size) / (3 root^2) in factors that neither overflow nor vanish.
     (root - (root - size / root / root) / 3.0).copysign(a)
 }
 

@@ -5,7 +5,7 @@
 //! d root / d a  +=  w d phi / d a,    d root / d b  +=  w d phi / d b
 //! ```
 //!
-//! Adjoints are terms of the same graph, a small number for each term of the expression.
+//! Adjoints are terms of the graph that contains the expression, a small number for each term of the expression.
 
 use super::error::ExpressionError;
 use super::graph::{Graph, Node, Term};
@@ -17,19 +17,20 @@ use std::f64::consts::LN_10;
 /// The largest number of terms in a graph, derivatives included.
 pub(super) const MAXIMUM_TERMS: usize = 2_000_000;
 
-/// The variables of differentiation.
+/// The variables of differentiation: inputs or parameters.
 #[derive(Debug)]
 enum By {
-    /// The inputs. Terms of parameters alone are constant; derivatives that vanish at the given parameter values are
-    /// dropped.
+    /// Derivatives with respect to inputs. Terms in parameters alone are constant; derivatives that vanish at the
+    /// given parameter values are dropped.
     Inputs,
-    /// The parameters, with the set of all terms that depend on a parameter.
+    /// Derivatives with respect to parameters, with the set of all terms that depend on a parameter.
     Parameters(FxHashSet<Node>),
 }
 
 impl Graph {
-    /// The derivatives of `root` with respect to its inputs, as `(input, derivative)` sorted by input. Derivatives that
-    /// vanish identically or at the given parameter values are dropped; the latter is recorded as an assumption.
+    /// Returns the derivatives of `root` with respect to its inputs, as `(input, derivative)` sorted by input.
+    /// Derivatives that vanish identically or at the given parameter values are dropped; the latter is recorded as an
+    /// assumption.
     ///
     /// # Errors
     /// `too_many_nodes` if the graph exceeds two million terms.
@@ -37,14 +38,14 @@ impl Graph {
         self.sweep(root, &By::Inputs)
     }
 
-    /// The derivatives of `root` with respect to its parameters, as `(parameter, derivative)` sorted by parameter.
-    /// Derivatives that vanish identically are dropped.
+    /// Returns the derivatives of `root` with respect to its parameters, as `(parameter, derivative)` sorted by
+    /// parameter. Derivatives that vanish identically are dropped.
     ///
     /// # Errors
     /// `too_many_nodes` if the graph exceeds two million terms.
     pub fn gradient_by_parameters(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut terms = self.all_below(&[root]);
-        // Operands come before the terms that use them.
+        // Sort by position: operands come before the terms that use them.
         terms.sort_unstable();
         let mut depending = FxHashSet::default();
         for y in terms {
@@ -62,7 +63,7 @@ impl Graph {
 
     fn sweep(&mut self, root: Node, by: &By) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut gradient = Vec::new();
-        // Sorted by position, so that the adjoint of the last term is complete.
+        // Keep the adjoints sorted by position, so that the adjoint of the last term is complete.
         let mut adjoints = BTreeMap::from([(root, self.constant(1.0))]);
         while let Some((y, w)) = adjoints.pop_last() {
             if self.len() > MAXIMUM_TERMS {
@@ -94,7 +95,7 @@ impl Graph {
         Ok(gradient)
     }
 
-    /// Whether a derivative is dropped as zero.
+    /// Whether a derivative is zero, and is therefore dropped.
     fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.is_absent(derivative),
@@ -110,7 +111,7 @@ impl Graph {
         }
     }
 
-    /// The contributions of `y` with adjoint `w` to the adjoints of its nonconstant operands.
+    /// Returns the contributions of the term `y` with adjoint `w` to the adjoints of its nonconstant operands.
     fn contributions(&mut self, y: Node, w: Node, by: &By) -> [Option<(Node, Node)>; 2] {
         let Term::Apply(operator, a, b) = self.terms[y.place()] else {
             return [None, None];
@@ -133,9 +134,9 @@ impl Graph {
         [first, second]
     }
 
-    /// The contributions of `Choose` (`a` if a condition holds, else 0) with adjoint `w`: the chosen derivatives of
-    /// `a`. They are taken directly with respect to the variables of differentiation, because derivatives of `a` may be
-    /// undefined where it is not chosen, and zero adjoints would not suppress them.
+    /// Returns the contributions of a `Choose` term (`a` if a condition holds, else 0) with adjoint `w`: the
+    /// derivatives of `a` if chosen. These are taken directly with respect to the variables of differentiation,
+    /// because derivatives of `a` may be undefined where it is not chosen, and zero adjoints would not suppress them.
     fn by_chosen(&mut self, condition: Node, a: Node, w: Node, by: &By) -> Result<Vec<(Node, Node)>, ExpressionError> {
         let mut contributions = Vec::new();
         if self.varies(a, by) {
@@ -151,14 +152,14 @@ impl Graph {
         Ok(contributions)
     }
 
-    /// The contribution of an expanded power with adjoint `w` to its exponent; the contribution to its base is that of
-    /// the product.
+    /// Returns the contribution of an expanded power with adjoint `w` to its exponent; the contribution to its base
+    /// is that of the expanded product.
     fn by_exponent(&mut self, power: Node, w: Node, by: &By) -> Option<(Node, Node)> {
         let Term::Apply(operator, base, exponent) = self.terms[power.place()] else { return None };
         self.varies(exponent, by).then(|| (exponent, self.by_second(operator, base, exponent, power, w)))
     }
 
-    /// `w d phi(a, b) / d a`, with `y = phi(a, b)`.
+    /// Builds the term `w d phi(a, b) / d a`, with `y = phi(a, b)`.
     fn by_first(&mut self, operator: Operator, a: Node, b: Node, y: Node, w: Node) -> Node {
         let one = self.constant(1.0);
         match operator {
@@ -208,7 +209,7 @@ impl Graph {
                 let denominator = self.multiply(three, square);
                 self.divide(w, denominator)
             }
-            // 2 H - 1 rather than the sign, whose value 0 at 0 is not a limit of derivatives.
+            // Use 2 H - 1 instead of the sign, whose value 0 at 0 is not a limit of derivatives.
             Operator::Abs => {
                 let (two, step) = (self.constant(2.0), self.unary(Operator::Heaviside, a));
                 let double = self.multiply(two, step);
@@ -241,7 +242,7 @@ impl Graph {
         }
     }
 
-    /// `w d phi(a, b) / d b`, with `y = phi(a, b)`, for a binary operator.
+    /// Builds the term `w d phi(a, b) / d b`, with `y = phi(a, b)`, for a binary operator.
     fn by_second(&mut self, operator: Operator, a: Node, b: Node, y: Node, w: Node) -> Node {
         match operator {
             Operator::Add => w,
@@ -273,13 +274,13 @@ impl Graph {
         }
     }
 
-    /// `w phi(a)`
+    /// Builds the term `w phi(a)` for the function `phi` of an operator.
     fn scaled(&mut self, w: Node, operator: Operator, a: Node) -> Node {
         let slope = self.unary(operator, a);
         self.multiply(w, slope)
     }
 
-    /// `w / sqrt((1 - a)(1 + a))`, without cancellation near 1.
+    /// Builds the term `w / sqrt((1 - a)(1 + a))`, without cancellation near 1.
     fn by_arc(&mut self, w: Node, a: Node) -> Node {
         let one = self.constant(1.0);
         let (below, above) = (self.subtract(one, a), self.add(one, a));
@@ -288,7 +289,7 @@ impl Graph {
         self.divide(w, root)
     }
 
-    /// `w p / (a^2 + b^2)`
+    /// Builds the term `w p / (a^2 + b^2)`.
     fn by_angle(&mut self, w: Node, p: Node, a: Node, b: Node) -> Node {
         let (a, b) = (self.multiply(a, a), self.multiply(b, b));
         let square = self.add(a, b);
@@ -296,21 +297,22 @@ impl Graph {
         self.multiply(w, slope)
     }
 
-    /// `w` if `a > b`, else 0.
+    /// Builds the term that is `w` if `a > b`, else 0.
     fn gate(&mut self, a: Node, b: Node, w: Node) -> Node {
         let greater = self.binary(Operator::Greater, a, b);
         self.binary(Operator::Gate, greater, w)
     }
 
-    /// `w` unless `a > b`, else 0.
+    /// Builds the term that is `w` unless `a > b`, else 0.
     fn gate_not(&mut self, a: Node, b: Node, w: Node) -> Node {
         let (one, greater) = (self.constant(1.0), self.binary(Operator::Greater, a, b));
         let not_greater = self.subtract(one, greater);
         self.binary(Operator::Gate, not_greater, w)
     }
 
-    /// `ln a` if `a > 0`, else 0: `0^y` does not depend on `y > 0`. For `a < 0` there is no derivative with respect to `y`: it is 0
-    /// where `y` keeps its value, and not a number where it varies.
+    /// Builds `ln a` for the derivative of `a^y` with respect to `y`; it is 0 for `a = 0`, since `0^y` does not
+    /// depend on `y > 0`. For `a < 0` the derivative does not exist: the term is 0 if `y` keeps its value, and NaN if
+    /// `y` varies.
     fn guarded_logarithm(&mut self, a: Node, varies: bool) -> Node {
         let (zero, one) = (self.constant(0.0), self.constant(1.0));
         if varies {

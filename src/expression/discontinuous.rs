@@ -1,5 +1,6 @@
-//! Discontinuous, mostly periodic functions. They are functions of time and parameters: steps end where one of them
-//! [switches](super::switches). Jumps that depend on a state or a variable must be modelled by a convex set.
+//! Discontinuous, mostly periodic functions of time and parameters: steps end where one of their
+//! [switches](super::switches) changes sign. Jumps that depend on a state or a variable must be modelled by a convex
+//! set.
 //!
 //! ```text
 //! ceil(a) = -floor(-a)                    sawtooth(t, T) = mod(t/T, 1)        triangle(t, T) = 1 - |2 sawtooth(t, T) - 1|
@@ -17,7 +18,7 @@ pub(super) enum Discontinuous {
     Ceil,
     Round,
     Modulo,
-    /// The first argument is a condition.
+    /// The choice `if(c, a, b)`, whose first argument is a condition.
     If,
     Pwm,
     Sawtooth,
@@ -31,7 +32,7 @@ enum Range {
     Positive,
     NotNegative,
     NotZero,
-    /// From 0 to 1.
+    /// A fraction from 0 to 1.
     Share,
 }
 
@@ -43,7 +44,7 @@ pub(super) struct OutOfRange {
 }
 
 impl Discontinuous {
-    /// The number of arguments, in words and as a number.
+    /// Returns the number of arguments, in words and as a number.
     pub(super) fn arity(self) -> (&'static str, usize) {
         match self {
             Self::Floor | Self::Ceil | Self::Round => ("one argument", 1),
@@ -52,7 +53,7 @@ impl Discontinuous {
         }
     }
 
-    /// For messages: the call and its meaning.
+    /// Returns the call of the function and its meaning, for messages.
     pub(super) fn usage(self) -> &'static str {
         match self {
             Self::Floor => "`floor(a)`, the largest whole number up to a",
@@ -77,7 +78,7 @@ impl Discontinuous {
         }
     }
 
-    /// For messages: the remedy if an argument depends on a state or a variable.
+    /// Returns the remedy if an argument depends on a state or a variable, for messages.
     pub(super) fn as_set(self) -> &'static str {
         match self {
             Self::Floor | Self::Ceil | Self::Round => {
@@ -96,8 +97,8 @@ impl Discontinuous {
         }
     }
 
-    /// Reports the first argument whose known value is out of range. The others are assumed to be in range; the
-    /// assumptions are recorded in `graph`.
+    /// Reports the first argument whose known value is out of range. The other arguments are assumed to be in range;
+    /// the assumptions are recorded in `graph`.
     pub(super) fn check(self, graph: &mut Graph, arguments: &[Node]) -> Result<(), OutOfRange> {
         let ranges: &[(usize, &'static str, Range)] = match self {
             Self::Modulo => &[(1, "divisor", Range::NotZero)],
@@ -153,7 +154,7 @@ impl Discontinuous {
 }
 
 impl Range {
-    /// The condition that a value is in the range.
+    /// Builds the condition that a value is in the range.
     fn holds(self, graph: &mut Graph, a: Node) -> Node {
         let (zero, one) = (graph.constant(0.0), graph.constant(1.0));
         match self {
@@ -181,14 +182,14 @@ impl Range {
 }
 
 impl Graph {
-    /// The elapsed fraction of a period.
+    /// Builds the elapsed fraction of a period.
     fn sawtooth(&mut self, t: Node, period: Node) -> Node {
         let (one, periods) = (self.constant(1.0), self.divide(t, period));
         self.binary(Operator::Modulo, periods, one)
     }
 
-    /// 1 while the elapsed fraction of the period is below `duty`, else 0. A time-dependent duty is clamped to
-    /// `[0, 1]`.
+    /// Builds the term that is 1 while the elapsed fraction of the period is below `duty`, else 0. A time-dependent
+    /// duty cycle is clamped to `[0, 1]`.
     fn pwm(&mut self, t: Node, period: Node, duty: Node) -> Node {
         let duty = if self.value(duty).is_some() {
             duty

@@ -1,8 +1,9 @@
-//! Interval arithmetic for the functions of the language, and for programs: [`Tape::enclose`] encloses the outputs over
-//! a box of inputs.
+//! Interval arithmetic for the functions of the language, and for programs: [`Tape::enclose`] encloses the outputs of
+//! a program over a box of inputs.
 //!
-//! Monotone functions are evaluated at the ends of an interval; sine, cosine and tangent also check for extrema and
-//! poles inside. Library functions have errors of a few units in the last place: their values are widened by [`SLACK`].
+//! Monotone functions are evaluated at the ends of an interval; for sine, cosine and tangent, extrema and poles
+//! inside the interval are checked too. Library functions have errors of a few units in the last place: their values
+//! are widened by [`SLACK`].
 
 use super::cube_root::cube_root;
 use super::graph::is_power_of_two;
@@ -11,7 +12,8 @@ use super::tape::Tape;
 use numerics::{Interval, between};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Bound on the relative error of library functions; the largest error of those in use is 4 units in the last place.
+/// Bound on the relative error of library functions; the largest error of the functions in use is 4 units in the last
+/// place.
 const SLACK: f64 = 8.0 * f64::EPSILON;
 
 /// Interval registers of one program, so that [`Tape::enclose`] does not allocate.
@@ -36,8 +38,8 @@ impl IntervalWorkspace {
 }
 
 impl Tape {
-    /// Encloses the outputs for the first input (usually time) in `first` and the others in `rest`, which must extend
-    /// to the largest index that occurs. The workspace must belong to this program.
+    /// Encloses the outputs for the first input (usually time) in `first` and the other inputs in `rest`, which must
+    /// extend to the largest index that occurs. The workspace must belong to this program.
     pub fn enclose(
         &self,
         first: Interval,
@@ -48,8 +50,9 @@ impl Tape {
         self.enclose_sides((first, rest), workspace, outputs, |_, _, _, range| range);
     }
 
-    /// The same near a point at which the program was evaluated last, on the side of each jump that was taken there: beside a
-    /// jump, where rounding leaves both sides open, the outputs are those of one of them, and not what is between.
+    /// Encloses the outputs, as [`enclose`](Self::enclose) does, near the point of the last evaluation. At a jump
+    /// that rounding leaves undecided, only the side taken in that evaluation is enclosed, not the values of both
+    /// sides and between.
     pub fn enclose_as_evaluated(
         &self,
         first: Interval,
@@ -63,8 +66,8 @@ impl Tape {
         });
     }
 
-    /// Encloses the outputs; `side` may narrow the range of an operation, given its operator, the registers of both operands and
-    /// of the result, and the ranges of the operands.
+    /// Encloses the outputs. The function `side` may narrow the range of an operation, given its operator, the
+    /// registers of both operands and of the result, the ranges of the operands, and the range of the operation.
     fn enclose_sides(
         &self,
         (first, rest): (Interval, &[Interval]),
@@ -93,7 +96,7 @@ impl Tape {
 }
 
 impl Operator {
-    /// The part of a range on the side of a jump on which these operands have this value.
+    /// Narrows the range of an operation at a jump to the side on which the given operands have the given value.
     fn side_of(self, range: Interval, (ranges, operands): ([Interval; 2], [f64; 2]), value: f64) -> Interval {
         let is_open = range.lo < range.hi && range.contains(value);
         match self {
@@ -108,7 +111,8 @@ impl Operator {
         }
     }
 
-    /// Encloses the values at `(a, b)`; `same` states that both operands are the same term and thus have equal values.
+    /// Encloses the values of the operator at `(a, b)`; `same` states that both operands are one term and thus have
+    /// equal values.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
         // A closed gate is 0 even if its operand is undefined; comparisons and some powers of NaN have a value.
         if !matches!(self, Self::Gate | Self::Choose | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
@@ -152,7 +156,7 @@ impl Operator {
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
             // Exact quotients are not widened, so that functions with jumps at integers are certain.
             Self::Divide if is_exact_quotient(a, b) => Interval::point(a.lo / b.lo).defined_if(defined),
-            // As for constant divisors, whose quotient is compiled as a product.
+            // Enclose as a product, since a quotient by a constant power of two is compiled as a product.
             Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
                 let reciprocal = 1.0 / b.lo;
                 product(a, Interval { lo: reciprocal, hi: reciprocal, ..b })
@@ -175,7 +179,8 @@ fn is_exact_quotient(a: Interval, b: Interval) -> bool {
     a.lo == a.hi && b.lo == b.hi && (a.lo / b.lo).mul_add(b.lo, -a.lo) == 0.0
 }
 
-/// `a b`; exact if one factor is the point 1, as a parameter may be, or if both are points with an exact product.
+/// Encloses `a b`; exact if one factor is the point 1, as a parameter may be, or if both are points with an exact
+/// product.
 fn product(a: Interval, b: Interval) -> Interval {
     let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
     let value = a.lo * b.lo;
@@ -193,7 +198,7 @@ fn product(a: Interval, b: Interval) -> Interval {
     }
 }
 
-/// `a - b floor(a / b)`: between 0 and `b`, up to rounding if the quotient is nearly an integer.
+/// Encloses `a - b floor(a / b)`: between 0 and `b`, up to rounding if the quotient is nearly an integer.
 fn modulo(a: Interval, b: Interval) -> Interval {
     let quotient = Operator::Divide.enclose(a, b, false);
     let whole = Operator::Floor.enclose(quotient, quotient, true);
@@ -205,7 +210,7 @@ fn modulo(a: Interval, b: Interval) -> Interval {
     between(b.lo.min(0.0) - rounding, b.hi.max(0.0) + rounding, whole.defined)
 }
 
-/// `b` if `a` is not 0, else 0.
+/// Encloses the gate: `b` if `a` is not 0, else 0.
 fn gate(a: Interval, b: Interval) -> Interval {
     if a.is_empty() {
         Interval::EMPTY
@@ -218,17 +223,17 @@ fn gate(a: Interval, b: Interval) -> Interval {
     }
 }
 
-/// A lower bound of the exact value, given the result of a library function.
+/// Returns a lower bound of the exact value, given the result of a library function.
 fn below(value: f64) -> f64 {
     if value.is_finite() { value - (SLACK * value.abs() + f64::MIN_POSITIVE) } else { value.next_down() }
 }
 
-/// An upper bound of the exact value, given the result of a library function.
+/// Returns an upper bound of the exact value, given the result of a library function.
 fn above(value: f64) -> f64 {
     -below(-value)
 }
 
-/// Encloses an increasing function; all of them are exact at zero.
+/// Encloses an increasing function; every increasing library function in use is exact at zero.
 fn increasing(a: Interval, function: impl Fn(f64) -> f64) -> Interval {
     let lo = if a.lo == 0.0 { function(0.0) } else { below(function(a.lo)) };
     let hi = if a.hi == 0.0 { function(0.0) } else { above(function(a.hi)) };
@@ -246,7 +251,7 @@ fn clamped(a: Interval, least: f64, most: f64) -> Interval {
     Interval { lo: a.lo.clamp(least, most), hi: a.hi.clamp(least, most), ..a }
 }
 
-/// Encloses sine or cosine; `crest` is the position of a maximum.
+/// Encloses the sine or the cosine; `crest` is the position of a maximum.
 fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     let (at_lo, at_hi) = (function(a.lo), function(a.hi));
     let hi = if reaches(a, crest, TAU) { 1.0 } else { above(at_lo.max(at_hi)) };
@@ -254,7 +259,7 @@ fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     clamped(between(lo, hi, a.defined), -1.0, 1.0)
 }
 
-/// Whether `first + k period` may be in `a` for an integer `k`; true for large arguments, where rounding exceeds a
+/// Whether `first + k period` may lie in `a` for an integer `k`; true for large arguments, where rounding exceeds a
 /// period.
 fn reaches(a: Interval, first: f64, period: f64) -> bool {
     if !(a.lo.is_finite() && a.hi.is_finite()) || a.width() >= period {
@@ -265,15 +270,15 @@ fn reaches(a: Interval, first: f64, period: f64) -> bool {
     (from - rounding).ceil() <= to + rounding
 }
 
-/// `a^b` according to IEEE 754: NaN to the power of 0 is 1, and 1 to the power of NaN is 1.
+/// Encloses `a^b` according to IEEE 754: NaN to the power of 0 is 1, and 1 to the power of NaN is 1.
 fn power(a: Interval, b: Interval) -> Interval {
     let one = (!a.defined && b.contains(0.0)) || (!b.defined && a.contains(1.0));
     let known = if a.is_empty() || b.is_empty() { Interval::EMPTY } else { real_power(a, b) };
     if one { known.hull(Interval::point(1.0)).defined_if(false) } else { known }
 }
 
-/// `a^b`: for a positive base `exp(b ln a)`, whose extrema are at the corners; for a negative base with constant
-/// integer exponents.
+/// Encloses `a^b`: for a positive base as `exp(b ln a)`, whose extrema are at the corners; for a negative base with
+/// constant integer exponents only.
 fn real_power(a: Interval, b: Interval) -> Interval {
     let defined = a.defined && b.defined;
     let fixed = (b.lo == b.hi).then_some(b.lo);
@@ -285,14 +290,14 @@ fn real_power(a: Interval, b: Interval) -> Interval {
     }
     let grows = b.lo > 0.0;
     within(a, 0.0, f64::INFINITY, |a| {
-        // Powers of a negative zero could have the wrong sign.
+        // Take the absolute value, since powers of a negative zero could have the wrong sign.
         let least = a.lo.abs();
         let values = [least.powf(b.lo), least.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
         clamped(corners(values, defined && (a.lo > 0.0 || grows)), 0.0, f64::INFINITY)
     })
 }
 
-/// `a^k` for an integer `k`.
+/// Encloses `a^k` for an integer `k`.
 fn whole_power(a: Interval, k: f64) -> Interval {
     if k < 0.0 {
         return Interval::point(1.0) / whole_power(a, -k);
@@ -305,18 +310,18 @@ fn whole_power(a: Interval, k: f64) -> Interval {
     }
 }
 
-/// The angle `atan2(y, x)`. It jumps where `y` changes sign and `x` is negative; on a box without this line, its
-/// extrema are at the corners.
+/// Encloses the angle `atan2(y, x)`. It jumps where `y` changes sign and `x` is negative; on a box without this line,
+/// its extrema are at the corners.
 fn angle(y: Interval, x: Interval) -> Interval {
     let defined = y.defined && x.defined;
     if x.lo > 0.0 || y.lo > 0.0 || y.hi < 0.0 {
         return corners([y.lo.atan2(x.lo), y.lo.atan2(x.hi), y.hi.atan2(x.lo), y.hi.atan2(x.hi)], defined);
     }
-    // Even where `x >= 0`: the angle of (0, -0) is pi.
+    // Enclose the full circle even if `x >= 0`: the angle of (0, -0) is pi.
     between(-above(PI), above(PI), defined)
 }
 
-/// The hull of the values at the corners of a box, widened by the error of library functions.
+/// Returns the hull of the values at the corners of a box, widened by the error of library functions.
 fn corners(values: [f64; 4], defined: bool) -> Interval {
     let (lo, hi) =
         values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| (lo.min(value), hi.max(value)));

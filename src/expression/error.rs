@@ -1,6 +1,6 @@
 //! Errors of expressions, with their position in the text.
 
-/// Why a text is not a valid expression, or why an expression exceeds a limit.
+/// The reason why a text is not a valid expression, or why an expression exceeds a limit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExpressionError {
@@ -8,13 +8,13 @@ pub struct ExpressionError {
     /// `number_out_of_range`, `out_of_range`, `misplaced_condition`, `jump_of_unknown`, `not_ascii`, `too_long`,
     /// `too_deep` or `too_many_nodes`.
     pub code: &'static str,
-    /// The byte offset of the error; the length of the text if it ends too early.
+    /// The byte offset of the error in the text; the length of the text if it ends too early.
     pub offset: usize,
     /// The message for users: what was expected and what was found.
     pub message: String,
-    /// A valid alternative.
+    /// A valid alternative to the erroneous text, if known.
     pub expected: Option<String>,
-    /// The nearest valid spelling.
+    /// The nearest valid spelling of an unknown name, if any.
     pub did_you_mean: Option<String>,
 }
 

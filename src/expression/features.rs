@@ -1,5 +1,5 @@
-//! Features that evaluation at a few points may miss: nonpolynomial dependence (or high degree) on the inputs after the
-//! first, jumps, and the knots of tables.
+//! Features that evaluation at a few points may miss: nonpolynomial dependence (or dependence of high degree) on the
+//! inputs after the first, jumps, and the knots of tables.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node, Term};
@@ -8,7 +8,7 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashMap;
 
-/// Compiled quantities with their ranges over a box of inputs.
+/// Compiled terms with their ranges over a box of inputs.
 #[derive(Clone, Debug, Default)]
 struct Ranges {
     tape: Tape,
@@ -29,7 +29,8 @@ impl Ranges {
         self.workspace.bind(&self.tape);
     }
 
-    /// Whether the range of a quantity is such, or not known, for the first input in `t` and the others in `rest`.
+    /// Whether `is_such` holds for the range of a term, or a range is unknown, for the first input in `t` and the
+    /// others in `rest`.
     fn any(&mut self, t: Interval, rest: &[Interval], is_such: impl Fn(&Interval) -> bool) -> bool {
         if self.ranges.is_empty() {
             return false;
@@ -45,7 +46,7 @@ impl Ranges {
 pub struct Jumps(Ranges);
 
 impl Jumps {
-    /// Compiles the event functions of `nodes`.
+    /// Compiles the event functions at which `nodes` jump.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let terms = graph.terms_below(nodes);
         let jump = |node: Node| match graph.operation(node)? {
@@ -58,7 +59,7 @@ impl Jumps {
         Self(Ranges::new(graph, quantities))
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled event functions.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.0.bind(parameters);
     }
@@ -69,13 +70,13 @@ impl Jumps {
     }
 }
 
-/// The knots of tables of inputs after the first, where one piece ends and the next begins: there a derivative of some order
-/// jumps.
+/// The knots of tables of inputs after the first. At a knot one piece of a table ends and the next begins, and a
+/// derivative of some order jumps.
 #[derive(Clone, Debug, Default)]
 pub struct Knots(Ranges);
 
 impl Knots {
-    /// Compiles the numbers of the pieces of the tables in `nodes`.
+    /// Compiles the piece numbers of the tables in `nodes`.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let terms = graph.terms_below(nodes);
         let piece = |node: Node| match graph.operation(node)? {
@@ -89,7 +90,7 @@ impl Knots {
         Self(Ranges::new(graph, pieces))
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled piece numbers.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.0.bind(parameters);
     }
@@ -107,7 +108,8 @@ impl Graph {
         self.terms_below(&[node]).into_iter().all(|term| !is_atan2(self, term) && self.switch(term).is_none())
     }
 
-    /// The indices of those `nodes` that are not polynomials of at most the given degree in the inputs after the first.
+    /// Returns the indices of those `nodes` that are not polynomials of at most the given degree in the inputs after
+    /// the first.
     pub fn beyond_degree(&self, nodes: &[Node], degree: u32) -> Vec<usize> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();
@@ -128,8 +130,8 @@ impl Graph {
     }
 }
 
-/// The degree of the result of an operator on polynomials of degrees `a` and `b`; `number` is the value of a constant
-/// second operand. `None` if an operand or the result is not a polynomial.
+/// Returns the degree of the result of an operator on polynomials of degrees `a` and `b`; `number` is the value of a
+/// constant second operand. Returns `None` if an operand or the result is not a polynomial.
 fn degree_of(operator: Operator, a: Option<u32>, b: Option<u32>, number: Option<f64>) -> Option<u32> {
     let (a, b) = (a?, b?);
     match operator {

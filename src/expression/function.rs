@@ -4,7 +4,7 @@ use super::discontinuous::Discontinuous;
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
-/// The kind of a function, which determines its term.
+/// The kind of a function of the language, which determines its term.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Function {
     Unary(Operator),
@@ -102,13 +102,13 @@ impl Function {
         FUNCTIONS.iter().map(|&(name, _)| name)
     }
 
-    /// Whether users cannot define this name. Names of discontinuous functions, which were added later, are not
-    /// reserved: before a parenthesis they denote the function, otherwise the user's name.
+    /// Whether users cannot define this name. Names of discontinuous functions are not reserved, so that users may
+    /// bind them: before a parenthesis they denote the function, otherwise the user's name.
     pub(super) fn is_reserved(self) -> bool {
         !matches!(self, Self::Discontinuous(_))
     }
 
-    /// The number of arguments, in words.
+    /// Returns the number of arguments, in words.
     pub(super) fn arity(self) -> &'static str {
         match self {
             Self::Unary(_) => "one argument",
@@ -144,8 +144,8 @@ impl Function {
 }
 
 impl Graph {
-    /// `min` or `max`. For equal arguments the derivative is that of the second one; constants become the second
-    /// argument, so that `sqrt(max(x, 0))` has the derivative 0 at 0 and not infinity.
+    /// Builds `min` or `max` of two terms. For equal arguments the derivative is that of the second argument;
+    /// constants become the second argument, so that `sqrt(max(x, 0))` has the derivative 0 at 0 and not infinity.
     fn extremum(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         match self.value(a) {
             Some(_) => self.binary(operator, b, a),
@@ -154,7 +154,7 @@ impl Graph {
     }
 }
 
-/// The equivalent in this language of a name from another language.
+/// Returns the equivalent in this language of a name from another language.
 pub(super) fn synonym(name: &str, called: bool) -> Option<&'static str> {
     let function = FUNCTION_SYNONYMS.iter().find(|(foreign, _)| called && *foreign == name).map(|&(_, ours)| ours);
     function.or((name == "e" && !called).then_some("exp(1)"))

@@ -48,15 +48,15 @@ const GREEK: [(char, &str); 20] = [
 /// The maximum nesting depth.
 const DEEPEST: usize = 200;
 
-/// The state of the parsers.
+/// The state shared by the parsers of one text.
 #[derive(Debug)]
 pub(super) struct State<'s> {
     pub graph: &'s mut Graph,
     pub scope: &'s Scope,
-    /// The whole text.
+    /// The whole text of the expression.
     text: &'s str,
     pub depth: usize,
-    /// The indices of enclosing sums.
+    /// The indices of the enclosing sums.
     pub indices: Vec<Index>,
 }
 
@@ -65,7 +65,7 @@ pub(super) struct State<'s> {
 pub(super) struct Read {
     pub node: Node,
     pub kind: Kind,
-    /// The byte offset of its start.
+    /// The byte offset of the start of the term.
     pub start: usize,
 }
 
@@ -73,7 +73,7 @@ pub(super) struct Read {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Number,
-    /// A comparison without parentheses; on its own, the user usually means an inequality.
+    /// A comparison without parentheses; if it is the whole expression, the user usually means an inequality.
     Comparison,
     Condition,
 }
@@ -83,9 +83,9 @@ pub(super) type Input<'i, 's> = Stateful<&'i str, State<'s>>;
 /// The failure of a parser.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// Recoverable: try an alternative.
+    /// A recoverable failure: the parser may try an alternative.
     Elsewhere,
-    /// Final: report the error.
+    /// A final failure: the error is reported.
     Final(Box<ExpressionError>),
 }
 
@@ -106,7 +106,7 @@ impl<'i, 's> ParserError<Input<'i, 's>> for Failure {
 }
 
 impl Graph {
-    /// Parses an infix expression with the names of `scope`.
+    /// Parses an infix expression with the names bound in `scope`.
     ///
     /// # Errors
     /// The first error in the text, with its position.
@@ -260,7 +260,7 @@ fn compare(input: &mut Input, comparison: Comparison, a: Read, b: Read) -> Resul
     Ok(Read { kind: Kind::Comparison, ..read })
 }
 
-/// Checks that the operands of `joint` (`if`, `and`, `or`, `not`) are conditions.
+/// Checks that the operands of the operator `joint` (`if`, `and`, `or`, `not`) are conditions.
 pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N], Failure> {
     let Some(number) = found.iter().find(|read| read.kind == Kind::Number) else { return Ok(found) };
     let message = format!("`{joint}` takes conditions, and this is a number");
@@ -283,7 +283,7 @@ fn number(input: &mut Input) -> Result<Read, Failure> {
     }
     opt((one_of(['e', 'E']), opt(one_of(['+', '-'])), digits(1))).void().parse_next(input)?;
     let literal = &whole[..offset(input) - start];
-    // The literal has the form of a number.
+    // The literal has the form of a number, so that parsing cannot fail.
     let value: f64 = literal.parse().unwrap_or(f64::NAN);
     if value.is_finite() && (value != 0.0 || mantissa.bytes().all(|byte| matches!(byte, b'0' | b'.'))) {
         return keep(input, start, |graph| graph.constant(value));
@@ -318,7 +318,7 @@ pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failu
     take_while(1.., ('a'..='z', 'A'..='Z', '0'..='9', '_')).parse_next(input)
 }
 
-/// Increases the nesting depth; the caller decreases it at the end of the construct.
+/// Increases the nesting depth; the caller decreases it at the end of the construct. Fails beyond the limit.
 pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     input.state.depth += 1;
     if input.state.depth <= DEEPEST {
@@ -362,7 +362,7 @@ pub(super) fn syntax(input: &Input, expected: &str) -> Failure {
     })
 }
 
-/// The error for text after an operand that does not continue the expression.
+/// Returns the error for text after an operand that does not continue the expression.
 fn missing_operator(input: &Input, otherwise: &str) -> Failure {
     let (before, rest) = input.state.text.split_at(offset(input));
     let remedy = remedies::of_operator(before, rest, input.state.scope);

@@ -4,12 +4,12 @@
 //! dropped, signs move outwards (`-a - b = -(a + b)`), and division by a power of two becomes multiplication.
 //! `0 x -> 0` and `x - x -> 0` are not applied, because they would hide a NaN or an infinity in `x`.
 //!
-//! Terms in parameters and numbers alone have a known value, at the given parameter values ([`Graph::parameter`]), and
-//! count as constants for the structure of a problem. Sign rules use these values, because they hold for either sign.
-//! Neutral elements and divisions by powers of two are rewritten only for numbers, not for parameters. Evaluation is
-//! then bitwise equal to that with numbers instead of parameters, except for signs of zeros, for exponents that are
-//! integers or halves in only one of both cases, and for derivatives in which terms are equal only by their numbers
-//! (different order of sums).
+//! Terms in parameters and numbers alone have a known value, at the given parameter values ([`Graph::parameter`]),
+//! and count as constants for the structure of a problem. Rules for signs use known values, because they hold for
+//! either sign. Neutral elements and divisions by powers of two are rewritten only for numbers, not for parameters.
+//! Evaluation is then bitwise equal to that with numbers instead of parameters, except for signs of zeros, for
+//! exponents that are integers or halves in only one of both cases, and for derivatives in which terms are equal only
+//! by their numbers (different order of sums).
 
 use super::operator::Operator;
 use super::parameters::Assumption;
@@ -23,7 +23,7 @@ use std::sync::Arc;
 pub struct Node(pub(super) u32);
 
 impl Node {
-    /// The index of the node among the terms of its graph.
+    /// Returns the index of the node among the terms of its graph.
     pub(super) fn place(self) -> usize {
         self.0 as usize
     }
@@ -46,9 +46,9 @@ pub struct Graph {
     places: FxHashMap<Term, Node>,
     /// Powers `base^exponent` expanded to products, whose derivatives are shorter than those of the products.
     pub(super) powers: FxHashMap<Node, (Node, i32)>,
-    /// The values of terms in parameters, at the given parameter values.
+    /// The values of terms in parameters alone, at the given parameter values.
     pub(super) known: FxHashMap<Node, f64>,
-    /// The terms in parameters that are to vary.
+    /// The terms that depend on a parameter whose value is to vary.
     pub(super) varied: FxHashSet<Node>,
     /// Assumptions about the structure made with the `known` values.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
@@ -59,32 +59,32 @@ pub struct Graph {
 }
 
 impl Graph {
-    /// A graph without terms.
+    /// Creates a graph without terms.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The number of terms.
+    /// Returns the number of terms.
     pub fn len(&self) -> usize {
         self.terms.len()
     }
 
-    /// Whether there is no term.
+    /// Whether the graph has no terms.
     pub fn is_empty(&self) -> bool {
         self.terms.is_empty()
     }
 
-    /// A constant.
+    /// Returns the node of a constant.
     pub fn constant(&mut self, value: f64) -> Node {
         self.intern(Term::Constant(value.to_bits()))
     }
 
-    /// The input with this `index` among the inputs of [`Tape::evaluate`](super::Tape::evaluate).
+    /// Returns the node of the input with this `index` among the inputs of [`Tape::evaluate`](super::Tape::evaluate).
     pub fn input(&mut self, index: usize) -> Node {
         self.intern(Term::Input(index))
     }
 
-    /// The value of a constant node, or of a node in parameters alone at the given parameter values.
+    /// Returns the value of a constant node, or of a node in parameters alone at the given parameter values.
     pub fn value(&self, node: Node) -> Option<f64> {
         match self.terms[node.place()] {
             Term::Constant(bits) => Some(f64::from_bits(bits)),
@@ -93,7 +93,7 @@ impl Graph {
         }
     }
 
-    /// The value of a node that is a number, independent of parameters.
+    /// Returns the value of a node that is a number, independent of parameters.
     pub fn number(&self, node: Node) -> Option<f64> {
         match self.terms[node.place()] {
             Term::Constant(bits) => Some(f64::from_bits(bits)),
@@ -101,7 +101,7 @@ impl Graph {
         }
     }
 
-    /// The operator and the operands of a term that is not constant.
+    /// Returns the operator and the operands of a term that is not constant.
     pub(super) fn operation(&self, node: Node) -> Option<(Operator, Node, Node)> {
         match self.terms[node.place()] {
             Term::Apply(operator, a, b) if !self.known.contains_key(&node) => Some((operator, a, b)),
@@ -109,7 +109,7 @@ impl Graph {
         }
     }
 
-    /// `-a`
+    /// Returns the node of `-a`.
     pub fn negate(&mut self, a: Node) -> Node {
         match self.terms[a.place()] {
             Term::Apply(Operator::Negate, inner, _) => inner,
@@ -117,7 +117,7 @@ impl Graph {
         }
     }
 
-    /// `a + b`
+    /// Returns the node of `a + b`.
     pub fn add(&mut self, a: Node, b: Node) -> Node {
         if self.number(a) == Some(0.0) {
             return b;
@@ -136,7 +136,7 @@ impl Graph {
         }
     }
 
-    /// `a - b`
+    /// Returns the node of `a - b`.
     pub fn subtract(&mut self, a: Node, b: Node) -> Node {
         if self.number(b) == Some(0.0) {
             return a;
@@ -152,7 +152,7 @@ impl Graph {
         }
     }
 
-    /// `a b`
+    /// Returns the node of `a b`.
     pub fn multiply(&mut self, a: Node, b: Node) -> Node {
         if self.number(a) == Some(1.0) {
             return b;
@@ -163,7 +163,7 @@ impl Graph {
         self.signed(Operator::Multiply, a, b)
     }
 
-    /// `a / b`
+    /// Returns the node of `a / b`.
     pub fn divide(&mut self, a: Node, b: Node) -> Node {
         match self.number(b) {
             Some(1.0) => a,
@@ -175,29 +175,30 @@ impl Graph {
         }
     }
 
-    /// 1 if `a >= 0`, else 0
+    /// Returns the node that is 1 if `a >= 0`, else 0.
     pub fn heaviside(&mut self, a: Node) -> Node {
         self.unary(Operator::Heaviside, a)
     }
 
-    /// The value of a table at `a`
+    /// Returns the node of the value of a table at `a`.
     pub fn lookup(&mut self, table: &Table, a: Node) -> Node {
         self.of_table(Operator::Lookup, &table.0, a)
     }
 
-    /// An operator of a table, applied at `a`.
+    /// Returns the node of a table operator applied at `a`.
     pub(super) fn of_table(&mut self, operator: Operator, table: &Arc<Pieces>, a: Node) -> Node {
         let place = self.tables.place(table);
         let place = self.constant(place as f64);
         self.binary(operator, a, place)
     }
 
-    /// The table of a table operator, given its second operand.
+    /// Returns the table of a table operator, given its second operand.
     pub(super) fn table_of(&self, operator: Operator, place: Node) -> Option<&Arc<Pieces>> {
         self.tables.get(self.number(place).filter(|_| operator.takes_table())?)
     }
 
-    /// A product or a quotient with the sign moved outwards, so that `-k x` and `k x` share a term.
+    /// Returns the node of a product or a quotient with the sign moved outwards, so that `-k x` and `k x` share a
+    /// term.
     fn signed(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         let (minus_a, a) = self.without_sign(a);
         let (minus_b, b) = self.without_sign(b);
@@ -205,7 +206,7 @@ impl Graph {
         if minus_a == minus_b { magnitude } else { self.negate(magnitude) }
     }
 
-    /// Splits off a negative sign: whether there is one, and the term without it.
+    /// Splits off a negative sign: returns whether there is one, and the term without it.
     fn without_sign(&mut self, a: Node) -> (bool, Node) {
         match (self.value(a), self.negated(a)) {
             (Some(value), _) if value < 0.0 => (true, self.negate(a)),
@@ -214,7 +215,7 @@ impl Graph {
         }
     }
 
-    /// `b` if `a` is the term `-b`; `None` for negative constants.
+    /// Returns `b` if `a` is the term `-b`; `None` for negative constants.
     fn negated(&self, a: Node) -> Option<Node> {
         match self.operation(a) {
             Some((Operator::Negate, inner, _)) => Some(inner),
@@ -222,7 +223,7 @@ impl Graph {
         }
     }
 
-    /// A unary operator applied to `a`; folded if `a` is a number.
+    /// Returns the node of a unary operator applied to `a`; folded to a constant if `a` is a number.
     pub(super) fn unary(&mut self, operator: Operator, a: Node) -> Node {
         match self.number(a) {
             Some(a) => self.constant(operator.apply(a, a)),
@@ -233,7 +234,7 @@ impl Graph {
         }
     }
 
-    /// A binary operator applied to `(a, b)`; folded if both are numbers.
+    /// Returns the node of a binary operator applied to `(a, b)`; folded to a constant if both are numbers.
     pub(super) fn binary(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         if let (Some(a), Some(b)) = (self.number(a), self.number(b)) {
             let value = self.tables.apply(operator, a, b);
@@ -244,7 +245,7 @@ impl Graph {
         self.applied(operator, a, b, value)
     }
 
-    /// An operator applied to two terms, with its value at the given parameter values, if known.
+    /// Returns the node of an operator applied to two terms, with its value at the given parameter values, if known.
     pub(super) fn applied(&mut self, operator: Operator, a: Node, b: Node, value: Option<f64>) -> Node {
         let node = self.intern(Term::Apply(operator, a, b));
         if let Some(value) = value {

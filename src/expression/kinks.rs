@@ -20,13 +20,14 @@ pub struct Kinks {
     tape: Tape,
     values: Vec<f64>,
     derivatives: Tape,
-    /// The kink and the input of each derivative.
+    /// The index of the kink and of the input to which each derivative belongs.
     places: Vec<(usize, usize)>,
     slopes: Vec<f64>,
 }
 
 impl Kinks {
-    /// Compiles the event functions of `nodes`, except those whose derivatives exceed the size limits of `graph`.
+    /// Compiles the event functions of the kinks of `nodes`, except those whose derivatives exceed the size limits of
+    /// `graph`.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let (mut kinks, mut quantities) = (Vec::new(), Vec::new());
         let (mut derivatives, mut places) = (Vec::new(), Vec::new());
@@ -53,24 +54,25 @@ impl Kinks {
         }
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled event functions and their derivatives.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.derivatives.bind(parameters);
     }
 
-    /// The kinks, in the order of the values of [`at`](Self::at).
+    /// Returns the kinks, in the order of the values of [`at`](Self::at).
     pub fn kinks(&self) -> &[Kink] {
         &self.kinks
     }
 
-    /// The values of the event functions for inputs `t`, then `rest`.
+    /// Returns the values of the event functions at the first input `t` and the other inputs `rest`.
     pub fn at(&mut self, t: f64, rest: &[f64]) -> &[f64] {
         self.tape.evaluate(t, rest, &mut self.values);
         &self.values
     }
 
-    /// The derivatives of event function `kink` for inputs `t`, then `rest`, as `(index in rest, value)`.
+    /// Returns the derivatives of event function number `kink` at the first input `t` and the other inputs `rest`, as
+    /// `(index in rest, value)`.
     pub fn gradient(&mut self, kink: usize, t: f64, rest: &[f64]) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.derivatives.evaluate(t, rest, &mut self.slopes);
         let slopes = self.places.iter().zip(&self.slopes);
@@ -79,7 +81,7 @@ impl Kinks {
 }
 
 impl Graph {
-    /// The event functions, each once, with the name of the function that has a kink where they change sign.
+    /// Returns the event functions, each once, with the name of the function that has a kink where they change sign.
     fn kink_quantities(&mut self, nodes: &[Node]) -> Vec<(&'static str, Node)> {
         let terms = self.terms_below(nodes);
         let mut found: Vec<(&'static str, Node)> = terms.into_iter().filter_map(|node| self.switch(node)).collect();

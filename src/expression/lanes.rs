@@ -4,10 +4,11 @@
 
 use super::operator::Operator;
 
-/// The number of lanes staged together: small enough for the stack, large enough to amortise the dispatch.
+/// The number of lanes whose operands are staged together: small enough for the stack, large enough to amortise the
+/// dispatch.
 const CHUNK: usize = 64;
 
-/// The registers of the operands of the lanes.
+/// The registers of one operand in all lanes.
 #[derive(Clone, Debug)]
 enum Operands {
     /// One register for all lanes.
@@ -28,12 +29,12 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// The operator applied to the pairs of registers `(a[i], b[i])`; there must be at least one pair.
+    /// Prepares an operator for the pairs of registers `(a[i], b[i])`; there must be at least one pair.
     pub(super) fn new(operator: Operator, a: Vec<u32>, b: Vec<u32>) -> Self {
         Self { operator, length: a.len(), a: Operands::new(a), b: Operands::new(b) }
     }
 
-    /// The number of results.
+    /// Returns the number of results.
     pub(super) fn len(&self) -> usize {
         self.length
     }
@@ -45,7 +46,7 @@ impl Lanes {
         }
     }
 
-    /// Writes all results.
+    /// Writes the results of all lanes.
     pub(super) fn evaluate(&self, registers: &[f64], results: &mut [f64]) {
         let (mut a, mut b) = ([0.0; CHUNK], [0.0; CHUNK]);
         for (chunk, results) in results.chunks_mut(CHUNK).enumerate() {
@@ -56,7 +57,7 @@ impl Lanes {
         }
     }
 
-    /// Writes all results at the first `count` of `L` points; results at the other points are arbitrary.
+    /// Writes the results of all lanes at the first `count` of `L` points; results at the other points are arbitrary.
     pub(super) fn evaluate_points<const L: usize>(
         &self,
         registers: &[[f64; L]],
@@ -82,7 +83,7 @@ impl Operands {
         }
     }
 
-    /// The register of the operand of one lane.
+    /// Returns the register of the operand of one lane.
     fn register(&self, lane: usize) -> usize {
         match self {
             Self::Same(register) => *register,
@@ -91,7 +92,7 @@ impl Operands {
         }
     }
 
-    /// The operands of the lanes from `start` on, copied to `room` unless they are contiguous already.
+    /// Returns the operands of the lanes from `start` on, copied to `room` unless they are contiguous already.
     #[inline(always)]
     fn stage<'r>(&self, registers: &'r [f64], start: usize, room: &'r mut [f64]) -> &'r [f64] {
         match self {
@@ -111,15 +112,15 @@ impl Operands {
 }
 
 impl Operator {
-    /// `results[i] = apply(a[i], b[i])`.
+    /// Computes `results[i] = apply(a[i], b[i])` for all lanes.
     fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
         if !self.apply_arithmetic(a, b, results) {
-            // The function takes much longer than its dispatch.
+            // Dispatch in each lane: these functions take much longer than their dispatch.
             each(a, b, results, |a, b| self.apply(a, b));
         }
     }
 
-    /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the other results are arbitrary.
+    /// Computes `results[i] = apply(a[i], b[i])` for the first `count` lanes; the other results are arbitrary.
     #[inline(always)]
     pub(super) fn apply_lanes<const L: usize>(self, a: &[f64; L], b: &[f64; L], results: &mut [f64; L], count: usize) {
         if !self.apply_arithmetic(a, b, results) {
@@ -127,8 +128,8 @@ impl Operator {
         }
     }
 
-    /// `results[i] = apply(a[i], b[i])` for operators that are as cheap as their dispatch; returns false for others.
-    /// The operator is constant inside each loop, so that the loop is vectorised.
+    /// Computes `results[i] = apply(a[i], b[i])` for operators that are as cheap as their dispatch; returns false for
+    /// others. The operator is constant inside each loop, so that the loop is vectorised.
     #[inline(always)]
     fn apply_arithmetic(self, a: &[f64], b: &[f64], results: &mut [f64]) -> bool {
         match self {

@@ -6,8 +6,8 @@
 //! - The root of a nonnegative function with Lipschitz derivatives is Lipschitz (Glaeser 1963, Racine carree d'une
 //!   fonction differentiable): `sqrt(x^2 + y^2)` is, `sqrt(abs(x))` is not. This also holds for `acos(f)` with
 //!   `|f| <= 1`.
-//! - At a pole an expression has no value: the solution of a differential equation ends there and is Lipschitz before,
-//!   unless another function has a finite value at infinity, as in `atan(1/x)`, which jumps.
+//! - At a pole an expression has no value: the solution of a differential equation ends at the pole and is Lipschitz
+//!   before it, unless another function has a finite value at infinity, as in `atan(1/x)`, which jumps.
 //! - `abs`, `min` and `max` are Lipschitz.
 //!
 //! Terms in input 0 (time) alone are ignored: a differential equation may jump in time.
@@ -27,9 +27,9 @@ use rustc_hash::FxHashSet;
 pub struct Irregularity {
     /// The name of the function in the language, or `/` or `^`.
     pub function: &'static str,
-    /// The inputs that its arguments depend on, sorted.
+    /// The inputs that the arguments of the function depend on, sorted.
     pub inputs: Vec<usize>,
-    /// Whether the function jumps at these arguments; otherwise it is continuous, or the expression may be.
+    /// Whether the expression jumps at the irregular arguments; otherwise it is continuous, or may be continuous.
     pub jumps: bool,
     points: Points,
 }
@@ -37,9 +37,9 @@ pub struct Irregularity {
 /// The arguments at which a function is not Lipschitz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Points {
-    /// Zero.
+    /// The argument is zero.
     Zero,
-    /// Zero and negative numbers.
+    /// The argument is zero or negative.
     NotPositive,
     /// All points outside the open interval `(-1, 1)`.
     NotInsideUnit,
@@ -61,13 +61,13 @@ impl Points {
     }
 }
 
-/// A function that is not Lipschitz at some arguments, independent of the range of its arguments.
+/// A function in an expression that is not Lipschitz at some arguments, whether or not its arguments reach them.
 #[derive(Clone, Debug)]
 struct Candidate {
     operator: Operator,
-    /// Whether its pole is hidden by a function with a finite value at infinity.
+    /// Whether a function with a finite value at infinity hides the pole of the term.
     pole: bool,
-    /// Whether it is a power with a constant exponent.
+    /// Whether the operator is a power with a constant exponent.
     has_constant_exponent: bool,
     inputs: Vec<usize>,
 }
@@ -76,16 +76,17 @@ struct Candidate {
 #[derive(Clone, Debug, Default)]
 pub struct Irregularities {
     candidates: Vec<Candidate>,
-    /// The irregularities that the ranges of arguments over the whole space do not exclude, with their candidate index.
+    /// The irregularities that the ranges of arguments over the whole space do not exclude, with the index of their
+    /// candidate.
     found: Vec<(usize, Irregularity)>,
-    /// The program of two arguments per candidate.
+    /// The program of the arguments, two per candidate.
     arguments: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
 }
 
 impl Irregularities {
-    /// The irregularities of `nodes` that depend on inputs other than 0.
+    /// Finds the irregularities of `nodes` that depend on inputs other than 0 (time).
     pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
         let (candidates, arguments): (Vec<Candidate>, Vec<[Node; 2]>) = graph.candidates(nodes).into_iter().unzip();
         let arguments = arguments.concat();
@@ -126,8 +127,8 @@ impl Irregularities {
         self.found.is_empty()
     }
 
-    /// An irregularity that may occur in a box, jumps first. The first input (time) is in `first`, the others in
-    /// `rest`.
+    /// Returns an irregularity that may occur in a box of inputs, jumps first. The first input (time) lies in
+    /// `first`, the others in `rest`.
     pub fn over(&mut self, first: Interval, rest: &[Interval]) -> Option<&Irregularity> {
         self.arguments.enclose(first, rest, &mut self.workspace, &mut self.ranges);
         let ranges = &self.ranges;
@@ -141,7 +142,7 @@ impl Irregularities {
 }
 
 impl Candidate {
-    /// The irregularity of the candidate, if arguments with the given ranges and smoothness may reach it.
+    /// Returns the irregularity of the candidate, if arguments with the given ranges and smoothness may reach it.
     fn judged(&self, a: Regularity, b: Regularity) -> Option<Irregularity> {
         let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
         let exponent = (self.has_constant_exponent && b.range.lo == b.range.hi).then_some(b.range.lo);
@@ -171,7 +172,7 @@ impl Candidate {
 }
 
 impl Tape {
-    /// Range and smoothness of each register, for inputs in the whole space.
+    /// Returns range and smoothness of each register, for inputs in the whole space.
     fn regularities(&self) -> Vec<Regularity> {
         let (inputs, first) = (self.program.inputs, self.program.first);
         let leaf = |(register, &value): (usize, &f64)| match register < inputs {
@@ -191,8 +192,8 @@ impl Tape {
 }
 
 impl Graph {
-    /// The functions that may be irregular, each with two arguments: a single argument is repeated, and a power with
-    /// constant exponent has its exponent as second argument.
+    /// Returns the functions that may be irregular, each with two arguments: a single argument is repeated, and a
+    /// power with constant exponent has its exponent as second argument.
     fn candidates(&self, nodes: &[Node]) -> Vec<(Candidate, [Node; 2])> {
         let mut terms = self.terms_below(nodes);
         let operator = |y: Node| self.operation(y).map(|(operator, ..)| operator);
@@ -222,7 +223,7 @@ impl Graph {
         found
     }
 
-    /// The terms that depend on inputs other than time.
+    /// Returns the terms that depend on inputs other than time.
     fn of_states(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut found = FxHashSet::default();
         for &y in terms {
@@ -237,7 +238,7 @@ impl Graph {
         found
     }
 
-    /// The terms that are used by a function with a finite value at infinity, so that their poles are hidden.
+    /// Returns the terms that are used by a function with a finite value at infinity, so that their poles are hidden.
     fn hidden(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut hidden = FxHashSet::default();
         for &y in terms.iter().rev() {
@@ -283,7 +284,8 @@ struct Regularity {
 }
 
 impl Regularity {
-    /// Whether the term stays in `domain` and is smooth, so that it touches the ends of the domain only at its extrema.
+    /// Whether the term stays in `domain` and is smooth, so that it touches the ends of the domain only at its
+    /// extrema.
     fn touches_only(self, domain: Interval) -> bool {
         self.smooth && self.range.defined && domain.contains(self.range.lo) && domain.contains(self.range.hi)
     }
@@ -334,7 +336,8 @@ mod tests {
     use super::super::Scope;
     use super::*;
 
-    /// The name of a function in `text` that is not Lipschitz for `x` in an interval and any `y`, and whether it jumps there.
+    /// Returns the name of a function in `text` that is not Lipschitz for `x` in an interval and any `y`, and whether
+    /// it jumps.
     fn met(text: &str, x: Interval) -> Option<(&'static str, bool)> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         for (index, name) in ["t", "x", "y"].into_iter().enumerate() {

@@ -7,8 +7,8 @@ use super::cube_root::cube_root;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Operator {
     Negate,
-    /// The first operand: the expansion of the second operand, a power whose exponent depends on parameters, into
-    /// products.
+    /// A power whose exponent depends on parameters, expanded into products: the first operand is the product, which
+    /// gives the value, the second the general power.
     Expanded,
     Sin,
     Cos,
@@ -31,9 +31,9 @@ pub(super) enum Operator {
     Floor,
     /// The nearest integer, ties away from zero.
     Round,
-    /// 1 for even integers, -1 for odd integers.
+    /// The parity: 1 for even integers, -1 for odd integers.
     Parity,
-    // Binary operators.
+    // The binary operators.
     Add,
     Subtract,
     Multiply,
@@ -42,23 +42,23 @@ pub(super) enum Operator {
     Atan2,
     Min,
     Max,
-    /// 1 if `a > b`, else 0.
+    /// The comparison that is 1 if `a > b`, else 0.
     Greater,
-    /// `b` if `a` is not 0, else 0 for any `b`: the branch not taken may be infinite.
+    /// The gate: `b` if `a` is not 0, else 0 for any `b`, as the branch that is not taken may be infinite.
     Gate,
-    /// `b` if the condition `a` holds, else 0.
+    /// The choice: `b` if the condition `a` holds, else 0.
     Choose,
-    /// `a - b floor(a / b)`, which has the sign of `b`.
+    /// The remainder `a - b floor(a / b)`, which has the sign of `b`.
     Modulo,
-    // Table operators; the second operand is the index of the table.
+    // The table operators, whose second operand is the index of the table.
     /// The value of a table.
     Lookup,
-    /// The number of pieces of a table that have begun.
+    /// The number of knots up to the argument at which the polynomial of a table changes.
     Piece,
 }
 
 impl Operator {
-    /// Whether the operator has one operand; the second one of its node is then ignored.
+    /// Whether the operator has one operand; the second operand of its node is then ignored.
     pub(super) fn is_unary(self) -> bool {
         self < Self::Add
     }
@@ -83,7 +83,7 @@ impl Operator {
         matches!(self, Self::Floor | Self::Round | Self::Parity | Self::Modulo)
     }
 
-    /// The name of the function in the language, if it has a kink or a jump.
+    /// Returns the name of the function in the language, if it has a kink or a jump.
     pub(super) fn kink(self) -> Option<&'static str> {
         match self {
             Self::Abs => Some("abs"),
@@ -98,7 +98,7 @@ impl Operator {
         }
     }
 
-    /// The value at `(a, b)`. NaN propagates, unlike in `f64::min` and `f64::max`.
+    /// Returns the value of the operator at `(a, b)`. NaN propagates, unlike in `f64::min` and `f64::max`.
     #[inline(always)]
     pub(super) fn apply(self, a: f64, b: f64) -> f64 {
         match self {

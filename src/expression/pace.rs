@@ -15,10 +15,11 @@ use rustc_hash::FxHashMap;
 /// The degree in time up to which polynomials have pace zero: the stages of a step of any size resolve them.
 const SLOW_DEGREE: u32 = 3;
 
-/// The compiled pace of some expressions.
+/// The compiled pace of some expressions: the largest rate of the phase of a sine or of the exponent of an
+/// exponential.
 #[derive(Clone, Debug, Default)]
 pub struct Pace {
-    /// `None` if the pace is unknown; a program without outputs if the pace is zero.
+    /// The program of the pace: `None` if the pace is unknown, without outputs if the pace is zero.
     tape: Option<Tape>,
     value: Vec<f64>,
 }
@@ -26,29 +27,29 @@ pub struct Pace {
 /// The variation of a term with time.
 #[derive(Clone, Copy)]
 struct Variation {
-    /// The degree of its polynomials in time.
+    /// The degree of the polynomials in time that occur in the term.
     degree: u32,
-    /// The pace; `None` for zero.
+    /// The pace of the term; `None` if it is zero.
     pace: Option<Node>,
 }
 
 impl Pace {
-    /// The pace of `nodes` in input 0.
+    /// Compiles the pace of `nodes` in input 0 (time).
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let pace = graph.pace(nodes);
         let value = vec![0.0; usize::from(pace.flatten().is_some())];
         Self { tape: pace.map(|pace| Tape::compile(graph, pace.as_slice())), value }
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled pace.
     pub fn bind(&mut self, parameters: &[f64]) {
         if let Some(tape) = &mut self.tape {
             tape.bind(parameters);
         }
     }
 
-    /// The pace in radians per unit of time: zero without time dependence or for polynomials of low degree, infinite if
-    /// unknown.
+    /// Returns the pace in radians per unit of time: zero without time dependence or for polynomials of low degree,
+    /// infinite if unknown.
     pub fn fastest(&mut self) -> f64 {
         let Some(tape) = &mut self.tape else { return f64::INFINITY };
         tape.evaluate(0.0, &[], &mut self.value);
@@ -57,7 +58,7 @@ impl Pace {
 }
 
 impl Graph {
-    /// The pace of all `nodes`: `None` if it is unknown, `Some(None)` if it is zero.
+    /// Builds the largest pace of all `nodes`: returns `None` if it is unknown, `Some(None)` if it is zero.
     fn pace(&mut self, nodes: &[Node]) -> Option<Option<Node>> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();
@@ -107,12 +108,12 @@ impl Graph {
             Operator::Sin | Operator::Cos | Operator::Exp if of_a.degree == 1 && of_a.pace.is_none() => {
                 let gradient = self.gradient(a).ok()?;
                 let (_, slope) = gradient.into_iter().find(|(input, _)| *input == 0)?;
-                // The slope depends on parameters alone.
+                // A pace is only known if the slope depends on parameters alone.
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Variation { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
-            // Breaks in time alone, at the zero or at the integer values of an argument of first degree: steps end
-            // there.
+            // Functions of time alone with breaks at the zero or at the integer values of an argument of first
+            // degree: steps end at these breaks.
             Operator::Abs
             | Operator::Sign
             | Operator::Heaviside

@@ -10,24 +10,25 @@ use std::sync::Arc;
 /// An assumption about the value of a term in parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Assumption {
-    /// Whether the term is zero.
+    /// The term is zero, or not zero, as at the given parameter values.
     Vanishing,
-    /// Whether the term is finite.
+    /// The term is finite, or not finite, as at the given parameter values.
     Finite,
-    /// The exact value of the term.
+    /// The term has exactly the value that it has at the given parameter values.
     Value,
 }
 
 impl Graph {
-    /// The parameter with this `index` among the values of [`Tape::bind`], with the value that decides about structure.
+    /// Returns the node of the parameter with this `index` among the values of [`Tape::bind`]; `value` decides about
+    /// structure.
     pub fn parameter(&mut self, index: usize, value: f64) -> Node {
         let node = self.intern(Term::Parameter(index));
         self.known.insert(node, value);
         node
     }
 
-    /// Prepares a parameter for other values, before terms are made of it: its coefficients are part of the structure
-    /// even where they are zero, and powers with such an exponent are not expanded.
+    /// Prepares a parameter for other values; must be called before terms with the parameter are built: its
+    /// coefficients are part of the structure even if they are zero, and powers with it as exponent are not expanded.
     pub fn vary(&mut self, parameter: Node) {
         self.varied.insert(parameter);
     }
@@ -37,7 +38,7 @@ impl Graph {
         self.varied.contains(&node)
     }
 
-    /// The parameters that `node` depends on, sorted.
+    /// Returns the parameters that `node` depends on, sorted.
     pub fn parameters(&self, node: Node) -> Vec<usize> {
         let mut found = Vec::new();
         for node in self.all_below(&[node]) {
@@ -56,7 +57,7 @@ impl Graph {
         }
     }
 
-    /// Whether a term is zero at the given parameter values; recorded as an assumption.
+    /// Whether a term is zero at the given parameter values; the answer is recorded as an assumption.
     pub fn vanishes(&mut self, node: Node) -> bool {
         self.assume(node, Assumption::Vanishing);
         self.value(node) == Some(0.0)
@@ -73,7 +74,8 @@ impl Graph {
         self.below_with(nodes, |input| input)
     }
 
-    /// As [`below`](Self::below), with inputs renumbered by `place`.
+    /// Copies the terms below `nodes` to a new graph, as [`below`](Self::below) does, with inputs renumbered by
+    /// `place`.
     pub fn below_with(&self, nodes: &[Node], place: impl Fn(usize) -> usize) -> (Self, Vec<Node>) {
         let mut graph = Self::new();
         graph.tables = self.tables.clone();
@@ -125,7 +127,7 @@ struct Decision {
 /// A violated assumption.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Broken {
-    /// The assumption.
+    /// The violated assumption.
     pub assumption: Assumption,
     /// The value of the term when the assumption was made.
     pub given: f64,

@@ -20,7 +20,7 @@ impl Wide {
         self.lanes = 0;
     }
 
-    /// The registers at `L` points; constants are copied from the registers `single` of one point.
+    /// Returns the registers at `L` points; constants are copied from the registers `single` of one point.
     fn registers<const L: usize>(&mut self, single: &[f64]) -> &mut [[f64; L]] {
         if self.lanes != L {
             self.lanes = L;
@@ -32,8 +32,8 @@ impl Wide {
 }
 
 impl Tape {
-    /// Evaluates the outputs at several points at once, bitwise equal to [`Tape::evaluate`]. `first` contains the first
-    /// input of each point, `rest` the other inputs, concatenated with equal numbers per point; `outputs` are
+    /// Evaluates the outputs at several points at once, bitwise equal to [`Tape::evaluate`]. `first` contains the
+    /// first input of each point, `rest` the other inputs, concatenated with equal numbers per point; `outputs` are
     /// concatenated by point.
     pub fn evaluate_points(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let (stride, width) = (rest.len() / first.len().max(1), self.program.outputs.len());
@@ -46,7 +46,7 @@ impl Tape {
                 // Programs vectorised over terms gain nothing from vectorisation over points.
                 _ if self.program.is_vectorised => self.evaluate_each(first, rest, outputs),
                 1 => self.evaluate(first[0], rest, outputs),
-                // The narrowest vectors of processors have two lanes.
+                // Two to four points share four lanes: the narrowest vector registers of processors have two lanes.
                 2..=4 => self.evaluate_lanes::<4>(first, rest, outputs),
                 5 | 6 => self.evaluate_lanes::<6>(first, rest, outputs),
                 _ => self.evaluate_lanes::<MOST_LANES>(first, rest, outputs),

@@ -1,7 +1,7 @@
-//! Powers `x^y`. Small integer exponents are expanded into products, by `x^(2k) = (x^k)^2`, and exponents `+-1/2` into
-//! square roots: both are an order of magnitude faster than the general power, and integer powers accept any sign of
-//! `x`. If the exponent depends on parameters, its value is recorded as an assumption, and the general power is kept
-//! beside the product for derivatives with respect to the exponent.
+//! Powers `x^y`. Small integer exponents are expanded into products, by `x^(2k) = (x^k)^2`, and exponents `+-1/2`
+//! into square roots: both are an order of magnitude faster than the general power, and integer powers accept any
+//! sign of `x`. If the exponent depends on parameters, its value is recorded as an assumption, and the general power
+//! is kept beside the product for derivatives with respect to the exponent.
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
@@ -12,7 +12,7 @@ use super::parameters::Assumption;
 const LARGEST: f64 = 16.0;
 
 impl Graph {
-    /// `x^y`
+    /// Returns the node of `x^y`.
     pub fn power(&mut self, x: Node, y: Node) -> Node {
         let fixed = self.value(y).filter(|_| !self.is_varied(y));
         let Some(expanded) = fixed.and_then(|exponent| self.expanded(x, exponent)) else {
@@ -27,7 +27,7 @@ impl Graph {
         self.applied(Operator::Expanded, expanded, power, value)
     }
 
-    /// `x^exponent` as products and square roots; `None` if it is not expanded.
+    /// Expands `x^exponent` into products and square roots; returns `None` if it is not expanded.
     fn expanded(&mut self, x: Node, exponent: f64) -> Option<Node> {
         if exponent == exponent.trunc() && exponent.abs() <= LARGEST {
             return Some(self.whole_power(x, exponent as i32));

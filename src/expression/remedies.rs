@@ -22,7 +22,7 @@ const UNITS: [&str; 42] = [
     "kHz", "MHz", "Pa", "K",
 ];
 
-/// The next token, as text for messages.
+/// Returns the next token, as text for messages.
 pub(super) fn found(rest: &str) -> String {
     let in_word = |byte: &u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'.');
     match rest.chars().next() {
@@ -35,7 +35,7 @@ pub(super) fn found(rest: &str) -> String {
     }
 }
 
-/// The remedy where an operand was expected.
+/// Returns the remedy for text at a place where an operand was expected.
 pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
     let word = rest.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next();
     if matches!(word, Some("and" | "or")) {
@@ -55,7 +55,7 @@ pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
     })
 }
 
-/// The remedy where an operator was expected.
+/// Returns the remedy for text at a place where an operator was expected.
 pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<String> {
     let next = rest.chars().next()?;
     let after = rest[next.len_utf8()..].chars().next();
@@ -85,12 +85,12 @@ pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<Str
     Some(remedy.to_owned())
 }
 
-/// The word at the end of a text.
+/// Returns the word at the end of a text.
 fn last_word(text: &str) -> &str {
     &text[text.rfind(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).map_or(0, |at| at + 1)..]
 }
 
-/// The remedy where an operand follows an operand.
+/// Returns the remedy for an operand that directly follows another operand.
 fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     let word = &rest[..rest.bytes().take_while(u8::is_ascii_alphanumeric).count()];
     let number = before.trim_end();
@@ -141,7 +141,7 @@ fn is_second_comparison(before: &str) -> bool {
     open.contains(['<', '>']) || open.contains("==") || open.contains("!=")
 }
 
-/// The remedy for a function of other languages without an equivalent name.
+/// Returns the remedy for a function of other languages without an equivalent name.
 pub(super) fn of_call(name: &str) -> Option<&'static str> {
     Some(match name {
         "rand" | "random" | "randn" | "noise" => "a table of random numbers drawn beforehand",
@@ -152,7 +152,7 @@ pub(super) fn of_call(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The remedy for a word that denotes a number in other languages.
+/// Returns the remedy for a word that denotes a number in other languages.
 pub(super) fn of_name(name: &str) -> Option<&'static str> {
     Some(match name.to_ascii_lowercase().as_str() {
         "inf" | "infinity" => "a finite number; leave out a bound, or write `null`, for none",
@@ -163,7 +163,7 @@ pub(super) fn of_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The correct call of a function whose name is not followed by a parenthesis.
+/// Returns the correct call of a function whose name is not followed by a parenthesis.
 pub(super) fn of_function(name: &str, rest: &str) -> String {
     let power = rest.strip_prefix("**").or_else(|| rest.strip_prefix('^'));
     if let Some((exponent, _)) = power.and_then(|power| power.split_once('(')) {
@@ -176,7 +176,8 @@ pub(super) fn of_function(name: &str, rest: &str) -> String {
     }
 }
 
-/// The expression for an inequality: the difference of its sides, which is nonnegative if the inequality holds.
+/// Returns the expression for an inequality: the difference of its sides, which is nonnegative if the inequality
+/// holds.
 pub(super) fn of_inequality(text: &str) -> Option<String> {
     let mut depth = 0_usize;
     let at = text.bytes().position(|byte| {

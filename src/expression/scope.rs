@@ -6,10 +6,10 @@ use super::table::Table;
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
-/// The name of the predefined constant.
+/// The name of the predefined constant pi.
 pub(super) const PI: &str = "pi";
 
-/// The keywords for conditions.
+/// The keywords that join conditions.
 pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
 
 /// Names bound to nodes, in the order of binding.
@@ -17,38 +17,38 @@ pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
 pub struct Scope {
     names: Vec<String>,
     nodes: FxHashMap<String, Node>,
-    /// The first input that is an unknown.
+    /// The first input that is an unknown (state or variable); `None` if there are no unknowns.
     unknowns: Option<usize>,
     tables: FxHashMap<String, Table>,
     /// The elements of vectors, in the order of binding.
     vectors: FxHashMap<String, Vec<Node>>,
 }
 
-/// Why a name cannot be bound.
+/// The reason why a name cannot be bound.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// The name is malformed.
     #[error("`{}` is not a valid name: write a letter or `_`, then letters, digits and `_`, all ASCII", excerpt(.name))]
     Malformed {
-        /// The offender.
+        /// The malformed name.
         name: String,
     },
     /// The name is reserved by the language.
     #[error("`{name}` is a reserved word: `pi`, `and`, `or`, `not` and the functions of the language cannot be names")]
     Reserved {
-        /// The offender.
+        /// The reserved name.
         name: String,
     },
     /// The name is already bound.
     #[error("the name `{}` is in use already", excerpt(.name))]
     Bound {
-        /// The offender.
+        /// The name that is already bound.
         name: String,
     },
 }
 
 impl Scope {
-    /// A scope without names.
+    /// Creates a scope without names.
     pub fn new() -> Self {
         Self::default()
     }
@@ -56,7 +56,7 @@ impl Scope {
     /// Binds `name` to `node`.
     ///
     /// # Errors
-    /// If it is malformed, reserved or already bound.
+    /// Fails if the name is malformed, reserved or already bound.
     pub fn bind(&mut self, name: &str, node: Node) -> Result<(), NameError> {
         self.claim(name)?;
         self.insert(name, node);
@@ -71,12 +71,12 @@ impl Scope {
         self.names.push(name.to_owned());
     }
 
-    /// The elements of a vector, in the order of binding; empty if there is no such vector.
+    /// Returns the elements of a vector, in the order of binding; empty if there is no such vector.
     pub(super) fn vector(&self, name: &str) -> &[Node] {
         self.vectors.get(name).map_or(&[], Vec::as_slice)
     }
 
-    /// The names of the vectors.
+    /// Returns the names of the vectors.
     pub(super) fn vectors(&self) -> impl Iterator<Item = &str> {
         self.vectors.keys().map(String::as_str)
     }
@@ -84,7 +84,7 @@ impl Scope {
     /// Binds `name` to a table, which is called as a function of one argument.
     ///
     /// # Errors
-    /// If it is malformed, bound, or the name of a function.
+    /// Fails if the name is malformed, already bound, or the name of a function.
     pub fn bind_table(&mut self, name: &str, table: Table) -> Result<(), NameError> {
         if Function::named(name).is_some() {
             return Err(NameError::Reserved { name: name.to_owned() });
@@ -117,12 +117,12 @@ impl Scope {
         self.unknowns = Some(first);
     }
 
-    /// The first input that is an unknown.
+    /// Returns the first input that is an unknown.
     pub(super) fn unknowns(&self) -> Option<usize> {
         self.unknowns
     }
 
-    /// The name of an input.
+    /// Returns the name of an input.
     pub(super) fn name_of_input(&self, graph: &Graph, input: usize) -> &str {
         let is_it = |name: &&str| self.get(name).is_some_and(|node| graph.is_input(node, |index| index == input));
         self.names().find(is_it).unwrap_or("?")
@@ -131,7 +131,7 @@ impl Scope {
     /// Binds the name of an output to `node`: a name, names joined by dots, or the form `v(R1)`.
     ///
     /// # Errors
-    /// If the name is malformed, reserved or already bound.
+    /// Fails if the name is malformed, reserved or already bound.
     pub fn bind_output(&mut self, name: &str, node: Node) -> Result<(), NameError> {
         let parts = name.strip_suffix(')').and_then(|call| call.split_once('('));
         let (first, second) = parts.unwrap_or((name, "_"));
@@ -147,7 +147,7 @@ impl Scope {
         Ok(())
     }
 
-    /// The longest output name at the beginning of a text, unless it is a plain name.
+    /// Returns the longest output name at the beginning of a text, unless it is a plain name.
     pub(super) fn output_at<'t>(&self, text: &'t str) -> Option<&'t str> {
         let plain = text.bytes().position(|byte| !is_letter(byte)).unwrap_or(text.len());
         let mut end = plain;
@@ -162,33 +162,33 @@ impl Scope {
         found
     }
 
-    /// The node bound to `name`.
+    /// Returns the node bound to `name`.
     pub fn get(&self, name: &str) -> Option<Node> {
         self.nodes.get(name).copied()
     }
 
-    /// A scope with only the tables of this scope.
+    /// Returns a scope with only the tables of this scope.
     pub fn with_tables_alone(&self) -> Self {
         Self { tables: self.tables.clone(), ..Self::default() }
     }
 
-    /// The table of this name.
+    /// Returns the table of this name.
     pub(super) fn table(&self, name: &str) -> Option<&Table> {
         self.tables.get(name)
     }
 
-    /// The names of the tables.
+    /// Returns the names of the tables.
     pub(super) fn tables(&self) -> impl Iterator<Item = &str> {
         self.tables.keys().map(String::as_str)
     }
 
-    /// The names, in the order of binding.
+    /// Returns the names bound to nodes, in the order of binding.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str)
     }
 }
 
-/// The vector of an element name: `x` for `x[3]` or `x[1,-2]`.
+/// Returns the vector of an element name: `x` for `x[3]` or `x[1,-2]`.
 fn vector_of(name: &str) -> Option<&str> {
     let (vector, indices) = name.strip_suffix(']')?.split_once('[')?;
     let is_whole = |text: &str| {
@@ -210,7 +210,7 @@ fn is_letter(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_'
 }
 
-/// The beginning of a possibly long text, for messages.
+/// Returns the beginning of a possibly long text, for messages.
 pub(super) fn excerpt(text: &str) -> String {
     const LONGEST: usize = 40;
     match text.char_indices().nth(LONGEST) {
@@ -219,7 +219,7 @@ pub(super) fn excerpt(text: &str) -> String {
     }
 }
 
-/// The candidate that is closest to `name` in spelling, if it is close: a third of the letters may differ.
+/// Returns the candidate that is closest to `name` in spelling, if it is close: a third of the letters may differ.
 pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const LONGEST: usize = 64;
     let allowed = (name.len() / 3).max(1);

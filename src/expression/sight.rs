@@ -1,35 +1,37 @@
-//! What samples of a program over a time interval leave unseen.
+//! Screening of a program over a time interval: bounds on the variation of its outputs that samples do not show.
 //!
-//! A narrow feature of a smooth function arises where an operator is applied to operands that vary by more than its own
-//! scale: an exponential over many powers of e, a quotient near a zero of its divisor, a switch, a table over several
-//! pieces. Sums and products of what samples show have no features of their own. So each operation is judged by the
-//! ranges of its operands: within its scale it is seen; otherwise its enclosure must not be much wider than the range of
-//! its samples, or it counts as hidden, and the bound on what is hidden is carried on to the outputs.
+//! A narrow feature of a smooth function arises where an operator is applied to operands that vary by more than its
+//! own scale: an exponential over many powers of e, a quotient near a zero of its divisor, a switch, a table over
+//! several pieces. Sums and products of sampled terms have no features of their own. Each operation is therefore
+//! judged by the ranges of its operands: within its scale it counts as sampled; otherwise its enclosure must not be
+//! much wider than the range of its samples, or it counts as hidden, and the bound on the hidden variation is
+//! propagated to the outputs.
 
 use super::operator::Operator;
 use super::tape::Tape;
 use numerics::{Interval, WIDER};
 
-/// Largest ratio of the values of an operand with a singularity at zero, over which a function counts as seen.
+/// Largest ratio of the values of an operand, relative to a singularity at zero, over which samples show a function.
 const RATIO: f64 = 4.0;
-/// Largest variation of the logarithm of a value over which an exponential counts as seen.
+/// Largest variation of the exponent over which samples show an exponential.
 const POWERS: f64 = 4.0;
-/// Largest variation of the argument of a wave: about one period.
+/// Largest variation of the argument over which samples show a sine or a cosine: about one period.
 const PERIOD: f64 = 6.5;
-/// Largest variation of the argument of a function with singularities at a distance of about one from the real line.
+/// Largest variation of the argument over which samples show a function with singularities at a distance of about one
+/// from the real line.
 const UNIT: f64 = 1.0;
-/// Part of the sampled range by which values may lie beyond it on either side. Polynomials of up to two thirds of the
-/// number of samples in their degree stay within (Ehlich and Zeller 1964).
+/// Fraction of the sampled range by which values may lie beyond it on either side. Polynomials whose degree is at
+/// most two thirds of the number of samples stay within (Ehlich and Zeller 1964).
 const BEYOND: f64 = 0.5;
 /// Largest ratio of the slope of a function within its scale to its mean slope.
 const STEEPER: f64 = 8.0;
 
-/// The ranges of all registers of a program over samples, and what these leave unseen.
+/// The ranges of all registers of a program over samples, and bounds on the variation that the samples do not show.
 #[derive(Clone, Debug, Default)]
 pub struct Sight {
     sampled: Vec<(f64, f64)>,
     ranges: Vec<Interval>,
-    /// Bounds on what samples do not show of each register.
+    /// For each register, a bound on the variation that samples do not show.
     hidden: Vec<f64>,
     is_needed: bool,
 }
@@ -43,7 +45,7 @@ impl Sight {
         Self { sampled: vec![NOTHING; count], ranges: vec![Interval::LINE; count], hidden: vec![0.0; count], is_needed }
     }
 
-    /// Whether anything may be hidden: a polynomial has no features.
+    /// Whether samples may miss a feature: a polynomial has none.
     pub fn is_needed(&self) -> bool {
         self.is_needed
     }
@@ -60,7 +62,7 @@ impl Sight {
         }
     }
 
-    /// Judges the samples that were taken while the first input was in `first`.
+    /// Bounds the variation that the samples taken while the first input was in `first` do not show.
     pub fn judge(&mut self, tape: &Tape, first: Interval) {
         let Self { sampled, ranges, hidden, .. } = self;
         let beyond = |(lo, hi): (f64, f64)| {
@@ -89,7 +91,7 @@ impl Sight {
             };
             let is_one_piece = operator.takes_table() && pieces().is_some_and(|(first, last)| first == last);
             hidden[next] = operation.hides(hi - lo, is_one_piece);
-            // What is seen is no wider than its samples show.
+            // The range of a register that samples show is no wider than the sampled range with its margin.
             ranges[next] = range;
             if hidden[next] == 0.0 {
                 let shown = beyond((lo, hi));
@@ -102,7 +104,8 @@ impl Sight {
         });
     }
 
-    /// Bound on what samples do not show of output `k`, and the largest absolute value of it.
+    /// Returns a bound on the variation of output `k` that samples do not show, and the largest absolute value of the
+    /// output.
     pub fn hidden(&self, tape: &Tape, k: usize) -> (f64, f64) {
         let place = tape.program.outputs[k] as usize;
         (self.hidden[place], self.ranges[place].magnitudes().1)
@@ -126,11 +129,11 @@ struct Operation {
 }
 
 impl Operation {
-    /// Bound on what samples, which vary by `shown`, do not show of the result.
+    /// Returns a bound on the variation of the result that samples, which vary by `shown`, do not show.
     fn hides(&self, shown: f64, is_one_piece: bool) -> f64 {
         let &Self { operator, a, b, range, hidden: [of_a, of_b], .. } = self;
         let width = if range.is_empty() { 0.0 } else { range.width() };
-        // What is below all normal numbers is no feature.
+        // A variation below all normal numbers is no feature.
         if width < f64::MIN_POSITIVE {
             return 0.0;
         }
@@ -156,8 +159,8 @@ impl Operation {
             }
             Operator::Abs if !a.contains(0.0) => of_a,
             _ if of_a + of_b == 0.0 => {
-                // The enclosure of a function within its scale needs no samples. Samples on both sides of a jump do not
-                // show where it is, on which products of jumps depend.
+                // The enclosure of a function within its scale needs no samples. Samples on both sides of a jump do
+                // not locate the jump, on which products of jumps depend.
                 let is_seen = width <= WIDER * shown && !operator.jumps();
                 if is_one_piece || self.is_in_scale() || is_seen { 0.0 } else { width }
             }
@@ -186,12 +189,12 @@ impl Operation {
             Operator::Asin | Operator::Acos => range.width() <= UNIT && a.magnitudes().1 <= 0.5,
             Operator::Atan2 => keeps_off(a) || keeps_off(b),
             Operator::Divide => same || keeps_off(b),
-            // Between two jumps it is linear.
+            // Between two jumps the remainder is linear.
             Operator::Modulo => {
                 let periods = Operator::Divide.enclose(a, b, false);
                 keeps_off(b) && Operator::Floor.enclose(periods, periods, true).width() == 0.0
             }
-            // A whole power of few factors is a polynomial of no large degree.
+            // A power with a small integer exponent is a polynomial of low degree.
             Operator::Power if b.width() == 0.0 && b.lo.fract() == 0.0 && (0.0..=8.0).contains(&b.lo) => true,
             Operator::Power => a.lo > 0.0 && keeps_off(a) && range.lo > 0.0 && (range.hi / range.lo).ln() <= POWERS,
             _ => false,

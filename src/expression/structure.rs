@@ -6,13 +6,13 @@ use rustc_hash::FxHashSet;
 use std::collections::BTreeMap;
 
 impl Graph {
-    /// The inputs that `node` depends on, sorted.
+    /// Returns the inputs that `node` depends on, sorted.
     pub fn inputs(&self, node: Node) -> Vec<usize> {
         self.inputs_of(&[node])
     }
 
-    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`, ..), each with the sorted
-    /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
+    /// Returns the functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`, ..), each with
+    /// the sorted inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
     pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {
         let mut absorbed = FxHashSet::default();
         let mut kinks = Vec::new();
@@ -34,9 +34,9 @@ impl Graph {
         kinks
     }
 
-    /// Splits a node into a linear combination `(term, factor)`. Factors are numbers or depend on parameters alone.
-    /// Terms are distinct and are neither sums nor multiples themselves; constant summands become a multiple of the
-    /// node 1.
+    /// Splits a node into a linear combination of terms, as pairs `(term, factor)`. Factors are numbers or depend on
+    /// parameters alone. Terms are distinct and are neither sums nor multiples themselves; constant summands become a
+    /// multiple of the node 1.
     pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, Node)> {
         let one = self.constant(1.0);
         let mut by_itself = self.constant(0.0);
@@ -103,15 +103,15 @@ impl Graph {
         inputs
     }
 
-    /// The nodes and all terms below them, each once; terms below constants (including terms of parameters) are
-    /// omitted.
+    /// Returns the nodes and all terms below them, each once; terms below constants (including terms of parameters)
+    /// are omitted.
     pub(super) fn terms_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| {
             self.operation(node).map(|(operator, a, b)| (a, (!operator.is_unary()).then_some(b)))
         })
     }
 
-    /// The nodes and all terms needed to compute their values, each once, including terms below constants.
+    /// Returns the nodes and all terms needed to compute their values, each once, including terms below constants.
     pub(super) fn computed_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| match self.terms[node.place()] {
             Term::Apply(operator, a, b) => Some((a, (!operator.is_unary()).then_some(b))),
@@ -119,7 +119,7 @@ impl Graph {
         })
     }
 
-    /// The nodes and all terms below them, each once, including terms below constants.
+    /// Returns the nodes and all terms below them, each once, including terms below constants.
     pub(super) fn all_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| match self.terms[node.place()] {
             Term::Apply(_, a, b) => Some((a, Some(b))),
@@ -127,7 +127,7 @@ impl Graph {
         })
     }
 
-    /// The nodes and all terms reachable from them through `operands`, each once.
+    /// Returns the nodes and all terms reachable from them through `operands`, each once.
     fn reached(&self, nodes: &[Node], operands: impl Fn(Node) -> Option<(Node, Option<Node>)>) -> Vec<Node> {
         let mut seen = FxHashSet::default();
         let mut open = nodes.to_vec();

@@ -20,7 +20,7 @@ impl Graph {
     /// `too_many_nodes` if the graph exceeds two million terms.
     pub fn substitute(&mut self, node: Node, numbers: &[(usize, f64)]) -> Result<Node, ExpressionError> {
         let mut terms = self.terms_below(&[node]);
-        // Operands come before the terms that use them.
+        // Sort by position: operands come before the terms that use them.
         terms.sort_unstable();
         let mut replaced: FxHashMap<Node, Replaced> = FxHashMap::default();
         for old in terms {
@@ -32,7 +32,7 @@ impl Graph {
                 },
                 Term::Parameter(_) => Replaced::Term(old),
                 Term::Apply(..) if self.value(old).is_some() => Replaced::Term(old),
-                // The expansion of a power is kept.
+                // Keep the expansion of a power.
                 Term::Apply(Operator::Expanded, a, _) => replaced[&a],
                 Term::Apply(operator, a, b) => match (replaced[&a], replaced[&b]) {
                     (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(self.tables.apply(operator, a, b)),

@@ -23,7 +23,7 @@ pub enum Interpolation {
 #[derive(Clone, Debug)]
 pub struct Table(pub(super) Arc<Pieces>);
 
-/// Why points do not define a table.
+/// The reason why points do not define a table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TableError {
     /// The numbers of arguments and values differ.
@@ -63,10 +63,10 @@ pub(super) struct Pieces {
 }
 
 impl Table {
-    /// The table through the points `(x, y)`.
+    /// Builds the table through the points `(x, y)`.
     ///
     /// # Errors
-    /// If there are fewer than two, one is not finite, or they are not sorted by `x`.
+    /// Fails if there are fewer than two points, a number is not finite, or the points are not sorted by `x`.
     pub fn new(x: &[f64], y: &[f64], interpolation: Interpolation) -> Result<Self, TableError> {
         if x.len() != y.len() {
             return Err(TableError::Lengths { x: x.len(), y: y.len() });
@@ -92,7 +92,7 @@ impl Table {
         let mut coefficients = vec![still(y[0])];
         coefficients.extend(inner);
         coefficients.push(still(y[y.len() - 1]));
-        // Continuous pieces are compared by their slopes and higher coefficients, constant pieces by their values.
+        // Compare continuous pieces by their slopes and higher coefficients, constant pieces by their values.
         let telling = usize::from(interpolation != Interpolation::Previous);
         let changes = |k: &usize| coefficients[*k][telling..] != coefficients[k + 1][telling..];
         let switches = (0..x.len()).filter(changes).map(|k| x[k]).collect();
@@ -105,7 +105,7 @@ impl Table {
     }
 }
 
-/// The coefficients of linear interpolation.
+/// Computes the coefficients of linear interpolation.
 fn lines(x: &[f64], y: &[f64]) -> Vec<[f64; 4]> {
     (1..x.len()).map(|k| [y[k - 1], (y[k] - y[k - 1]) / (x[k] - x[k - 1]), 0.0, 0.0]).collect()
 }
@@ -134,7 +134,7 @@ fn cubics(x: &[f64], y: &[f64]) -> Vec<[f64; 4]> {
     (0..=last).map(piece).collect()
 }
 
-/// The slope at an end: that of the parabola through three points, limited to avoid overshoots.
+/// Returns the slope at an end of the table: that of the parabola through three points, limited to avoid overshoots.
 fn slope_at_end(width: [f64; 2], chord: [f64; 2]) -> f64 {
     let slope = ((2.0 * width[0] + width[1]) * chord[0] - width[0] * chord[1]) / (width[0] + width[1]);
     if slope * chord[0] <= 0.0 {
@@ -167,7 +167,7 @@ impl Pieces {
         self.interpolation == Interpolation::Linear && !self.switches.is_empty()
     }
 
-    /// The name of the nonsmooth function, if the table is not smooth.
+    /// Returns the name of the nonsmooth function, if the table is not smooth.
     pub(super) fn kink(&self) -> Option<&'static str> {
         match self.interpolation {
             _ if self.switches.is_empty() => None,
@@ -177,13 +177,13 @@ impl Pieces {
         }
     }
 
-    /// The largest degree of a piece.
+    /// Returns the largest degree of a piece.
     pub(super) fn degree(&self) -> u32 {
         let of_piece = |piece: &[f64; 4]| piece.iter().rposition(|c| *c != 0.0).unwrap_or(0);
         self.coefficients.iter().map(of_piece).max().map_or(0, |degree| degree as u32)
     }
 
-    /// The derivative, piece by piece.
+    /// Returns the derivative of the table, piece by piece.
     pub(super) fn derivative(&self) -> &Arc<Self> {
         self.derivative.get_or_init(|| {
             let differentiated = self.coefficients.iter().map(|&[_, b, c, d]| [b, 2.0 * c, 3.0 * d, 0.0]).collect();
@@ -191,7 +191,7 @@ impl Pieces {
         })
     }
 
-    /// A piecewise linear function that is zero exactly at the switches, with slopes 1 and -1.
+    /// Returns a piecewise linear function that is zero exactly at the switches, with slopes 1 and -1.
     pub(super) fn zigzag(&self) -> &Arc<Self> {
         self.zigzag.get_or_init(|| {
             let zeros = &self.switches;
@@ -227,12 +227,12 @@ impl Pieces {
         if coefficients[1..] == [0.0; 3] { coefficients[0] } else { horner(coefficients, a - self.origin(piece)) }
     }
 
-    /// The number of switches up to `a`.
+    /// Returns the number of switches up to `a`.
     fn count_at(&self, a: f64) -> f64 {
         if a.is_nan() { a } else { self.switches.partition_point(|switch| *switch <= a) as f64 }
     }
 
-    /// The range of a piece for arguments in `[lo, hi]`.
+    /// Returns the range of a piece for arguments in `[lo, hi]`.
     fn range_of(&self, piece: usize, lo: f64, hi: f64) -> Interval {
         let coefficients @ [a, b, c, d] = self.coefficients[piece];
         if [b, c, d] == [0.0; 3] {
@@ -246,7 +246,7 @@ impl Pieces {
         }
         let mut range = [from, to].map(|s| horner(&coefficients, s));
         range.sort_unstable_by(f64::total_cmp);
-        // The zeros of b + 2 c s + 3 d s^2.
+        // Extrema at the zeros of b + 2 c s + 3 d s^2.
         let root = (c * c - 3.0 * b * d).max(0.0).sqrt();
         let sum = -(c + root.copysign(c));
         for s in [sum / (3.0 * d), b / sum] {
@@ -266,7 +266,7 @@ impl Pieces {
         let mut range = self.range_of(first, a.lo, a.hi);
         if last > first {
             range = range.hull(self.range_of(last, a.lo, a.hi));
-            // Ranges of the pieces in between, from the segment tree.
+            // Add the ranges of the pieces in between, from the segment tree.
             let count = self.coefficients.len();
             let (mut from, mut to) = (count + first + 1, count + last);
             while from < to {
@@ -294,7 +294,7 @@ fn horner(&[a, b, c, d]: &[f64; 4], s: f64) -> f64 {
 pub(super) struct Tables(Vec<Arc<Pieces>>);
 
 impl Tables {
-    /// The index of a table, which is added if it is new.
+    /// Returns the index of a table, which is added if it is new.
     pub(super) fn place(&mut self, table: &Arc<Pieces>) -> usize {
         self.0.iter().position(|known| Arc::ptr_eq(known, table)).unwrap_or_else(|| {
             self.0.push(table.clone());
@@ -302,12 +302,12 @@ impl Tables {
         })
     }
 
-    /// The table with an index, given as a number of a graph.
+    /// Returns the table with an index, given as a number of a graph.
     pub(super) fn get(&self, place: f64) -> Option<&Arc<Pieces>> {
         self.0.get(place as usize)
     }
 
-    /// The value of an operator, including table operators.
+    /// Returns the value of an operator, including table operators.
     pub(super) fn apply(&self, operator: Operator, a: f64, b: f64) -> f64 {
         match (operator, self.get(b)) {
             (Operator::Lookup, Some(table)) => table.at(a),

@@ -1,6 +1,6 @@
 //! A straight-line program for several nodes of a graph. Each instruction writes the next register. Terms are ordered
-//! by depth, operator and shape. Terms that agree in all three are independent of each other; if there are many, as in
-//! the rows of a discretised partial differential equation, they are evaluated as lanes with a single dispatch.
+//! by depth, operator and shape. Terms that agree in all three are independent of each other; if there are many, as
+//! in the rows of a discretised partial differential equation, they are evaluated as lanes with a single dispatch.
 //!
 //! Terms in parameters alone are computed once, when parameters are bound, and are constants for evaluations.
 
@@ -14,8 +14,8 @@ use std::hash::BuildHasher;
 use std::mem::take;
 use std::sync::Arc;
 
-/// The number of terms of one kind from which they are evaluated as lanes; for fewer, staging operands costs more than
-/// it saves.
+/// The smallest number of terms of one kind that are evaluated together as vectorised lanes; for fewer, staging
+/// operands costs more than it saves.
 const FEWEST_LANES: usize = 24;
 
 /// Writes `operator(registers[a], registers[b])` to the next register.
@@ -45,9 +45,9 @@ pub(super) struct Program {
     /// The instructions for terms in parameters alone, with the registers of their results.
     prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
-    /// Whether most instructions are evaluated as lanes, even at a single point.
+    /// Whether most instructions are evaluated as vectorised lanes, even at a single point.
     pub(super) is_vectorised: bool,
-    /// The register of the first instruction.
+    /// The register written by the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
     /// The tables used by the program.
@@ -144,7 +144,7 @@ impl Tape {
         }
     }
 
-    /// The largest absolute value of all finite intermediate results of the last evaluation.
+    /// Returns the largest absolute value of all finite intermediate results of the last evaluation.
     pub fn largest(&self) -> f64 {
         self.registers.iter().filter(|value| value.is_finite()).fold(0.0, |largest, value| largest.max(value.abs()))
     }
@@ -163,13 +163,13 @@ impl Tape {
         }
     }
 
-    /// The number of operations of one evaluation.
+    /// Returns the number of operations of one evaluation.
     pub fn instructions(&self) -> usize {
         self.registers.len() - self.program.first
     }
 }
 
-/// A program under compilation.
+/// The state of the compilation of a program.
 struct Assembly<'g> {
     graph: &'g Graph,
     inputs: usize,
@@ -198,7 +198,7 @@ impl<'g> Assembly<'g> {
         let known = steps.iter().map(|&(_, node)| node).filter(|node| self.graph.known.contains_key(node));
         let mut terms = self.graph.computed_below(&known.collect::<Vec<_>>());
         terms.sort_unstable();
-        // Computed terms get consecutive registers, so that operands of lanes are contiguous.
+        // Give computed terms consecutive registers, so that operands of lanes are contiguous.
         let (computed, given): (Vec<Node>, Vec<Node>) =
             terms.into_iter().partition(|node| matches!(self.graph.terms[node.place()], Term::Apply(..)));
         for node in given {
@@ -217,7 +217,7 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// Adds a step, unless the prelude contains it.
+    /// Adds the instruction of a term, unless the prelude of terms in parameters contains it.
     fn take(&mut self, kind: Kind, node: Node) {
         if self.register_of.contains_key(&node) {
             return;
@@ -236,7 +236,7 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// The register of a term; for an expanded power, that of its product.
+    /// Returns the register of a term; for an expanded power, that of its product.
     fn register(&self, mut node: Node) -> u32 {
         while let Term::Apply(Operator::Expanded, a, _) = self.graph.terms[node.place()] {
             node = a;
@@ -256,7 +256,7 @@ fn narrow(place: usize) -> u32 {
     u32::try_from(place).expect("a graph has fewer than 2^32 terms")
 }
 
-/// The kind of a term; terms of one kind can be evaluated together.
+/// The kind of a term; terms of one kind are independent and can be evaluated together.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     /// The length of the longest path below the term: terms of equal depth are independent of each other.
@@ -281,7 +281,7 @@ impl Kind {
     }
 }
 
-/// All terms that the outputs need, operands first, grouped by kind.
+/// Returns all terms that the outputs need, operands first, grouped by kind.
 fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut nodes = graph.terms_below(outputs);
     nodes.sort_unstable();

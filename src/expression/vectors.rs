@@ -13,8 +13,8 @@ use std::fmt::Write;
 use winnow::combinator::opt;
 use winnow::prelude::*;
 
-/// Limit on the bytes parsed repeatedly for the summands of all sums of a graph: bounds the parsing time of short
-/// texts.
+/// Limit on the bytes parsed repeatedly for the summands of all sums of a graph, which bounds the parsing time of
+/// short texts.
 const MOST_READ: usize = 16 << 20;
 
 /// The index of an enclosing sum, with its current value.
@@ -24,7 +24,7 @@ pub(super) struct Index {
     value: i64,
 }
 
-/// The value of the innermost index with this name.
+/// Returns the value of the innermost index with this name.
 pub(super) fn index(indices: &[Index], name: &str) -> Option<f64> {
     indices.iter().rev().find(|index| index.name == name).map(|index| index.value as f64)
 }
@@ -55,7 +55,7 @@ pub(super) fn element(input: &mut Input, start: usize, name: &str) -> Result<Rea
     }
 }
 
-/// The error for an unknown element of a vector.
+/// Returns the error for an unknown element of a vector.
 fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionError {
     let scope = input.state.scope;
     let elements = scope.vector(name).len();
@@ -81,7 +81,8 @@ fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionErro
     ExpressionError::new("index_out_of_range", start, message).expected(&expected)
 }
 
-/// Parses a sum, starting at the parenthesis after its name: of all elements of a vector, or of a term over indices.
+/// Parses a sum, starting at the parenthesis after its name: the sum of all elements of a vector, or of a term over
+/// indices.
 pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     blank(input)?;
     open(input)?;
@@ -108,7 +109,8 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     add_up(input, start, &nodes?)
 }
 
-/// The summands: parses the term of a sum for each value of its indices, which are declared from byte `binders` on.
+/// Parses the term of a sum for each value of its indices, which are declared from byte `binders` on; returns the
+/// summands.
 fn summands<'i>(
     input: &mut Input<'i, '_>,
     start: usize,
@@ -150,7 +152,7 @@ fn add_up(input: &mut Input, start: usize, nodes: &[Node]) -> Result<Read, Failu
     })
 }
 
-/// The elements of a vector, if the argument is the name of a vector alone.
+/// Returns the elements of a vector, if the argument is the name of a vector alone.
 fn whole_vector(input: &mut Input) -> Result<Option<Vec<Node>>, Failure> {
     let before = input.input;
     let name = opt(identifier).parse_next(input)?.unwrap_or_default();
@@ -163,7 +165,7 @@ fn whole_vector(input: &mut Input) -> Result<Option<Vec<Node>>, Failure> {
     Ok(None)
 }
 
-/// The byte offset after the keyword `for` of the innermost sum at the beginning of the text.
+/// Returns the byte offset after the keyword `for` of the innermost sum at the beginning of the text.
 fn behind_for(text: &str) -> Option<usize> {
     let mut depth = 0_usize;
     let mut after_word = false;
@@ -218,7 +220,7 @@ fn binders(input: &mut Input) -> Result<Vec<(String, i64, i64)>, Failure> {
     }
 }
 
-/// The integer value of an index term.
+/// Returns the integer value of an index term.
 fn whole(input: &mut Input, read: Read) -> Result<i64, Failure> {
     const MOST: f64 = 1e9;
     let graph = &mut *input.state.graph;

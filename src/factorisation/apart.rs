@@ -1,8 +1,8 @@
-//! Long computations that cannot be interrupted, because the library that makes them does not poll: each runs on its
-//! own thread, which is abandoned if nobody needs the result any more.
+//! Long computations that cannot be interrupted, because the library that makes them does not poll a stop condition:
+//! each runs on its own thread, which is abandoned if its result is no longer needed.
 //!
-//! An abandoned thread occupies its memory until it ends. The number of threads, abandoned ones included, is therefore
-//! limited; a computation waits while all are taken.
+//! An abandoned thread occupies its memory until it ends. The number of threads, abandoned ones included, is
+//! therefore limited; a computation waits until a thread is free.
 
 use std::num::NonZero;
 use std::sync::LazyLock;
@@ -14,7 +14,7 @@ use std::time::Duration;
 /// The time between two polls of the stop condition.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The threads of the process: one for each core for current work, and as many for abandoned work.
+/// The threads of the process: one for each core for current work, and one for each core for abandoned work.
 pub static THREADS: LazyLock<Threads> =
     LazyLock::new(|| Threads::new(2 * available_parallelism().map_or(1, NonZero::get)));
 
@@ -25,13 +25,13 @@ pub struct Threads {
 }
 
 impl Threads {
-    /// Allows at most `most` threads.
+    /// Creates a limit of at most `most` threads.
     pub const fn new(most: usize) -> Self {
         Self { most, taken: AtomicUsize::new(0) }
     }
 
-    /// Returns the result of `work`; `None` if `stop` returns true before it is done, which is polled several times a
-    /// second, or if the system has no thread left.
+    /// Returns the result of `work`; `None` if the system has no thread left, or if `stop`, which is polled several
+    /// times a second, returns true before `work` is done.
     pub fn compute<T: Send + 'static>(
         &'static self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -56,7 +56,7 @@ impl Threads {
         None
     }
 
-    /// Waits for a free thread; `None` once `stop` returns true.
+    /// Waits for a free thread; returns `None` once `stop` returns true.
     fn place(&'static self, stop: impl Fn() -> bool) -> Option<Taken> {
         let one_more = |taken| (taken < self.most).then_some(taken + 1);
         while self.taken.fetch_update(AcqRel, Relaxed, one_more).is_err() {
@@ -69,7 +69,7 @@ impl Threads {
     }
 }
 
-/// A place in the limit, released when its thread ends, also by a panic.
+/// A thread counted towards the limit, released when the thread ends, also by a panic.
 struct Taken(&'static Threads);
 
 impl Drop for Taken {

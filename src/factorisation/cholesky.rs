@@ -1,15 +1,15 @@
-//! `P A P^T = L L^T` for a sparse symmetric positive definite `A`, ordered by approximate minimum degree (Amestoy,
-//! Davis and Duff 1996).
+//! Cholesky factors `P A P^T = L L^T` of a sparse symmetric positive definite `A`, ordered by approximate minimum
+//! degree (Amestoy, Davis and Duff 1996).
 
 use super::SparseMatrix;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky};
 use faer::{Conj, MatMut, Par, Side};
 
-/// Largest number of nonzeros of a factor: 2 GiB.
+/// Largest number of nonzeros of a Cholesky factor: 2 GiB.
 const MOST_VALUES: usize = 1 << 28;
 
-/// A Cholesky factor for matrices of one pattern.
+/// A Cholesky factor for matrices of one sparsity pattern.
 pub struct Cholesky {
     analysis: SymbolicCholesky<usize>,
     values: Vec<f64>,
@@ -18,7 +18,8 @@ pub struct Cholesky {
 }
 
 impl Cholesky {
-    /// Analyses the pattern of a symmetric matrix with both triangles stored; `None` if memory does not suffice.
+    /// Analyses the pattern of a symmetric matrix with both triangles stored; returns `None` if memory does not
+    /// suffice.
     pub fn new(matrix: &SparseMatrix) -> Option<Self> {
         let pattern = matrix.symbolic();
         let analysis =
@@ -32,7 +33,7 @@ impl Cholesky {
         Some(Self { values: vec![0.0; analysis.len_val()], analysis, memory, is_regular: false })
     }
 
-    /// Factorises a matrix with the analysed pattern; false if it is not positive definite.
+    /// Factorises a matrix with the analysed pattern; returns false if it is not positive definite.
     pub fn factorise(&mut self, matrix: &SparseMatrix) -> bool {
         let stack = MemStack::new(&mut self.memory);
         self.is_regular = self
@@ -50,7 +51,7 @@ impl Cholesky {
         self.is_regular
     }
 
-    /// Solves in place; false if there is no factor, or the solution is not finite.
+    /// Solves in place of `right`; returns false if there is no factor, or the solution is not finite.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         if !self.is_regular {
             return false;

@@ -1,5 +1,5 @@
-//! `P A = L U` for a dense `A`, with partial pivoting: small matrices are eliminated in place, larger ones in blocks by
-//! faer (Golub and Van Loan 2013, section 3.4).
+//! LU factors `P A = L U` of a dense `A`, with partial pivoting: small matrices are eliminated in place, larger ones
+//! in blocks by faer (Golub and Van Loan 2013, section 3.4).
 //!
 //! Solves are optimised for many right-hand sides in turn: division by complex pivots would take as long as all other
 //! operations, and blocked kernels do not pay for a single right-hand side. The pivots are therefore inverted once, and
@@ -14,13 +14,13 @@ use std::fmt;
 
 use super::elimination::eliminate;
 
-/// A real or complex number.
+/// A real or complex number type of matrix entries.
 pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {
-    /// Largest number of rows of the unblocked elimination, measured with that of nalgebra against faer's; small complex
-    /// matrices are those of [`ComplexLu`](super::ComplexLu).
+    /// Largest number of rows for the unblocked elimination, as measured against faer's blocked elimination; zero for
+    /// complex numbers, whose small matrices are factorised by [`ComplexLu`](super::ComplexLu).
     const SMALL: usize;
 
-    /// Eliminates a matrix of at most as many rows.
+    /// Eliminates a matrix of at most `SMALL` rows in place.
     fn eliminate(entries: &mut [Self], permutation: &mut [usize], reciprocals: &mut [Self]);
 }
 
@@ -42,7 +42,7 @@ impl Number for Complex<f64> {
 pub struct DenseLu<T> {
     /// The matrix in column-major order; after [`DenseLu::factorise`] its factors.
     entries: Vec<T>,
-    /// The row of the matrix for each row of the factors.
+    /// For each row of the factors, the row of the matrix.
     permutation: Vec<usize>,
     /// The reciprocals of the pivots.
     reciprocals: Vec<T>,
@@ -79,12 +79,12 @@ impl<T: Number> DenseLu<T> {
         }
     }
 
-    /// The number `n` of rows.
+    /// Returns the number `n` of rows.
     pub fn dimension(&self) -> usize {
         self.permutation.len()
     }
 
-    /// The entries in column-major order, to be written before [`DenseLu::factorise`], which overwrites them.
+    /// Returns the entries in column-major order, to be written before [`DenseLu::factorise`], which overwrites them.
     pub fn entries(&mut self) -> &mut [T] {
         &mut self.entries
     }
@@ -105,7 +105,7 @@ impl<T: Number> DenseLu<T> {
         }
     }
 
-    /// Solves in place; false if the solution is not finite: the matrix is singular.
+    /// Solves in place of `right`; returns false if the solution is not finite, as the matrix is then singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
         of_size!(right.len(), |n| self.solve_of(n, right))
     }
@@ -127,12 +127,12 @@ impl<T: Number> DenseLu<T> {
             subtract(above, rest[0], &self.entries[k * n..k * n + k]);
         }
         right.copy_from_slice(x);
-        // Read all of them, so that the loop is vectorised.
+        // Read all entries without early exit, so that the loop is vectorised.
         x.iter().fold(true, |finite, x| finite & is_finite(x))
     }
 }
 
-/// `x -= factor column`, for the entries of `x`.
+/// Subtracts a multiple of a column, `x -= factor column`.
 #[inline(always)]
 fn subtract<T: Number>(x: &mut [T], factor: T, column: &[T]) {
     for (x, &entry) in x.iter_mut().zip(column) {

@@ -1,12 +1,12 @@
-//! `P A = L U` of small matrices, real and complex, with partial pivoting, in place and without allocation (Golub and
-//! Van Loan 2013, algorithm 3.4.1). A complex matrix is stored as its real and its imaginary part: the loops over a
-//! column are then loops over real numbers, which the compiler vectorises.
+//! LU factors `P A = L U` of small matrices, real and complex, with partial pivoting, in place and without allocation
+//! (Golub and Van Loan 2013, algorithm 3.4.1). A complex matrix is stored as its real and its imaginary part: the
+//! loops over a column are then loops over real numbers, which the compiler vectorises.
 //!
-//! Both write the row of the matrix for each row of the factors, and the reciprocals of the pivots, by which a
-//! substitution multiplies: a division would take as long as all of its other operations. The reciprocal of a zero
-//! pivot is not finite, which shows in every solution.
+//! The real and the complex elimination write, for each row of the factors, the row of the matrix, and the
+//! reciprocals of the pivots, by which a substitution multiplies: a division would take as long as all of its other
+//! operations. The reciprocal of a zero pivot is not finite, which shows in every solution.
 
-/// Eliminates an `n x n` matrix, column by column.
+/// Eliminates a real `n x n` matrix, column by column.
 pub(super) fn eliminate(matrix: &mut [f64], permutation: &mut [usize], reciprocals: &mut [f64]) {
     of_size!(permutation.len(), |n| eliminate_of(n, matrix, permutation, reciprocals));
 }
@@ -45,7 +45,7 @@ fn eliminate_of(n: usize, a: &mut [f64], permutation: &mut [usize], reciprocals:
     }
 }
 
-/// A vector of complex numbers, or a matrix of them column by column, as real and imaginary parts.
+/// A vector of complex numbers, or a complex matrix in column-major order, as real and imaginary parts.
 #[derive(Clone, Debug, Default)]
 struct Split {
     re: Vec<f64>,
@@ -69,7 +69,7 @@ pub struct ComplexLu {
 
 impl ComplexLu {
     /// Largest number of rows for which this elimination is used: on the ring modulator, with fifteen rows, steps are
-    /// rejected more often than with faer's blocked one.
+    /// rejected more often than with faer's blocked elimination.
     pub const MOST: usize = 10;
 
     /// Allocates for an `n x n` matrix.
@@ -78,7 +78,7 @@ impl ComplexLu {
         Self { entries: Split::new(n * n), permutation: vec![0; n], reciprocals: vector(), permuted: vector() }
     }
 
-    /// The real and the imaginary parts of the entries in column-major order, to be written before
+    /// Returns the real and the imaginary parts of the entries in column-major order, to be written before
     /// [`ComplexLu::factorise`], which overwrites them.
     pub fn entries(&mut self) -> (&mut [f64], &mut [f64]) {
         (&mut self.entries.re, &mut self.entries.im)
@@ -134,7 +134,8 @@ impl ComplexLu {
         }
     }
 
-    /// Solves in place, real and imaginary parts apart; false if the solution is not finite: the matrix is singular.
+    /// Solves in place of the real and imaginary parts; returns false if the solution is not finite, as the matrix is
+    /// then singular.
     pub fn solve(&mut self, right_re: &mut [f64], right_im: &mut [f64]) -> bool {
         of_size!(self.permutation.len(), |n| self.solve_of(n, right_re, right_im))
     }
@@ -162,12 +163,12 @@ impl ComplexLu {
         }
         right_re.copy_from_slice(x);
         right_im.copy_from_slice(y);
-        // Read all of them, so that the loop is vectorised.
+        // Read all entries without early exit, so that the loop is vectorised.
         x.iter().chain(&*y).fold(true, |finite, x| finite & x.is_finite())
     }
 }
 
-/// `x -= factor column` for complex numbers.
+/// Subtracts a multiple of a column, `x -= factor column`, for complex numbers.
 #[inline(always)]
 fn subtract(x: &mut [f64], y: &mut [f64], (p, q): (f64, f64), column_re: &[f64], column_im: &[f64]) {
     for ((x, y), (a, b)) in x.iter_mut().zip(y).zip(column_re.iter().zip(column_im)) {

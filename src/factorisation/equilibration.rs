@@ -1,4 +1,4 @@
-//! Scaling of small dense matrices whose rows and columns have units of their own, before their ranks are determined.
+//! Scaling of small dense matrices whose rows and columns have different units, before their ranks are determined.
 
 use nalgebra::DMatrix;
 
@@ -11,7 +11,7 @@ pub fn equilibrated(mut matrix: DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>, Vec<f6
     (matrix, of_rows, of_columns)
 }
 
-/// The factor that brings a size to one; one for zero.
+/// Returns the factor that scales a size to one; returns one for the size zero.
 pub fn scale_of(size: f64) -> f64 {
     if size > 0.0 { 1.0 / size } else { 1.0 }
 }

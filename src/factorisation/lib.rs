@@ -1,9 +1,9 @@
-//! Factorisations of dense and sparse matrices, large ones by faer: analysed once, computed many times. No
-//! factorisation is relied on to detect a singular matrix; a solution that is not finite shows it. Also the spectra on
-//! which ranks and verdicts rest.
+//! Factorisations of dense and sparse matrices, large ones by faer: the pattern is analysed once, factors are
+//! computed many times. No factorisation is relied on to detect a singular matrix; the solution is then not finite.
+//! Also singular values and eigenvalues, from which ranks and definiteness are determined.
 
-/// Evaluates an expression for a size, which is known to the compiler if it is small: loops over a few numbers are then
-/// unrolled, whose bookkeeping would take longer than their arithmetic.
+/// Evaluates an expression for a size, which is a compile-time constant if it is small: the compiler then unrolls
+/// loops over a few numbers, whose bookkeeping would take longer than their arithmetic.
 #[macro_export]
 macro_rules! of_size {
     ($size:expr, |$n:ident| $body:expr) => {
@@ -48,5 +48,5 @@ pub use pivoted::Pivoted;
 pub use sparse_lu::{Analysis, SparseLu};
 pub use spectrum::{Singular, least_eigenvalue};
 
-/// A sparse matrix in compressed columns.
+/// A sparse matrix in compressed column storage.
 pub type SparseMatrix<T = f64> = faer::sparse::SparseColMat<usize, T>;

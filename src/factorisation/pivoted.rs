@@ -1,9 +1,9 @@
-//! The rank and the inverse of Moore and Penrose of small square matrices.
+//! The rank and the Moore-Penrose inverse of small square matrices.
 
 use nalgebra::{DMatrix, Dyn, FullPivLU};
 
-/// A square matrix `P A Q = L D U`, factorised with complete pivoting, which shows its rank and bounds the entries of `L` and
-/// `U` by one.
+/// A square matrix factorised as `P A Q = L D U` with complete pivoting, which reveals its rank and bounds the
+/// entries of `L` and `U` by one.
 pub struct Pivoted {
     factors: FullPivLU<f64, Dyn, Dyn>,
 }
@@ -14,30 +14,30 @@ impl Pivoted {
         Self { factors: matrix.full_piv_lu() }
     }
 
-    /// The number of pivots above this fraction of the largest.
+    /// Returns the number of pivots above this fraction of the largest pivot.
     pub fn rank(&self, fraction: f64) -> usize {
         let pivots = self.factors.u().diagonal().abs();
         pivots.iter().filter(|pivot| **pivot > fraction * pivots.max()).count()
     }
 
-    /// The inverse of a regular matrix; `None` if a pivot is zero.
+    /// Returns the inverse of a regular matrix; `None` if a pivot is zero.
     pub fn inverse(&self) -> Option<DMatrix<f64>> {
         self.factors.try_inverse()
     }
 
-    /// The solutions of a regular system; `None` if a pivot is zero.
+    /// Returns the solutions of a regular system; `None` if a pivot is zero.
     pub fn solve(&self, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         self.factors.solve(right)
     }
 
-    /// The inverse of Moore and Penrose of a matrix of this rank, by factors of full rank (Ben-Israel and Greville 2003,
-    /// *Generalized Inverses*, section 1.6), with as many columns of `L` and rows of `U`:
+    /// Returns the Moore-Penrose inverse of a matrix of the given rank, by factors of full rank (Ben-Israel and
+    /// Greville 2003, *Generalized Inverses*, section 1.6), with `rank` columns of `L` and rows of `U`:
     ///
     /// ```text
     /// A^+ = Q U^T (U U^T)^-1 D^-1 (L^T L)^-1 L^T P
     /// ```
     ///
-    /// `None` if an entry is not finite.
+    /// Returns `None` if an entry is not finite.
     pub fn pseudo_inverse(&self, rank: usize) -> Option<DMatrix<f64>> {
         let (l, u) = (self.factors.l().columns(0, rank).into_owned(), self.factors.u());
         let d = u.diagonal().rows(0, rank).into_owned();
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn the_pseudo_inverse_of_a_corner_obeys_its_four_laws() {
-        // A body that a floor and a wall hold, each by its normal and its friction: rank two of four, in the metric of loads.
+        // A body held by a floor and a wall, each by its normal and its friction: rank two of four, scaled by loads.
         let scale = DMatrix::from_diagonal(&DVector::from_vec(
             [4.216970718184588, 6.113228723590284, 0.2 * 4.216970718184588, 0.3 * 6.113228723590284]
                 .map(f64::sqrt)

@@ -1,5 +1,5 @@
-//! `P A Q = L U` for a sparse square `A`, with partial pivoting by rows and columns ordered by approximate minimum
-//! degree (Davis, Gilbert, Larimore and Ng 2004, COLAMD).
+//! LU factors `P A Q = L U` of a sparse square `A`, with partial pivoting by rows and columns ordered by approximate
+//! minimum degree (Davis, Gilbert, Larimore and Ng 2004, COLAMD).
 
 use super::SparseMatrix;
 use super::apart::THREADS;
@@ -11,8 +11,8 @@ use faer::traits::math_utils::is_finite;
 use faer::{Conj, MatMut, Par};
 use std::sync::Arc;
 
-/// Number of nonzeros from which factors, and their analysis, may take more than a second: in three dimensions they
-/// grow with the square of the number of rows.
+/// Number of nonzeros from which a factorisation and its analysis may take more than a second: for grids in three
+/// dimensions their cost grows with the square of the number of rows.
 const LARGE: usize = 200_000;
 
 /// The ordering and elimination tree of a pattern, for real and complex matrices alike.
@@ -20,12 +20,13 @@ const LARGE: usize = 200_000;
 pub struct Analysis(Arc<SymbolicLu<usize>>);
 
 impl Analysis {
-    /// Analyses a square pattern; `None` if memory does not suffice.
+    /// Analyses a square sparsity pattern; returns `None` if memory does not suffice.
     pub fn new(pattern: SymbolicSparseColMatRef<'_, usize>) -> Option<Self> {
         factorize_symbolic_lu(pattern, Default::default()).ok().map(|analysis| Self(Arc::new(analysis)))
     }
 
-    /// Analyses a square pattern unless `stop` returns true: the ordering of a large pattern takes seconds.
+    /// Analyses a square sparsity pattern; returns `None` once `stop` returns true, as the ordering of a large
+    /// pattern takes seconds, or if memory does not suffice.
     pub fn new_unless(pattern: SymbolicSparseColMatRef<'_, usize>, stop: impl Fn() -> bool) -> Option<Self> {
         if pattern.compute_nnz() < LARGE {
             return Self::new(pattern);
@@ -35,18 +36,18 @@ impl Analysis {
     }
 }
 
-/// LU factors for matrices of one pattern.
+/// LU factors for matrices of one sparsity pattern.
 pub struct SparseLu<T> {
     analysis: Analysis,
     factors: NumericLu<usize, T>,
     memory: MemBuffer,
     is_factored: bool,
-    /// Whether an abandoned thread owns the workspace.
+    /// Whether the workspace is owned by an abandoned thread.
     is_given_up: bool,
 }
 
 impl<T: ComplexField> SparseLu<T> {
-    /// Allocates for the analysed pattern; `None` if memory does not suffice.
+    /// Allocates for the analysed pattern; returns `None` if memory does not suffice.
     pub fn new(analysis: &Analysis) -> Option<Self> {
         let factor = analysis.0.factorize_numeric_lu_scratch::<T>(Par::Seq, Default::default());
         let solve = analysis.0.solve_in_place_scratch::<T>(1, Par::Seq);
@@ -60,8 +61,8 @@ impl<T: ComplexField> SparseLu<T> {
         })
     }
 
-    /// Factorises a matrix with the analysed pattern; false if it is structurally singular, not finite, or too large,
-    /// or if these factors were given up.
+    /// Factorises a matrix with the analysed pattern; returns false if it is structurally singular, not finite, or
+    /// too large, or if a former factorisation was abandoned.
     pub fn factorise(&mut self, matrix: &SparseMatrix<T>) -> bool {
         if self.is_given_up {
             return false;
@@ -75,8 +76,8 @@ impl<T: ComplexField> SparseLu<T> {
         self.is_factored
     }
 
-    /// Factorises unless `stop` returns true, which is polled several times a second: the factors of a large matrix can
-    /// take minutes. After that these factors are unusable.
+    /// Factorises unless `stop` returns true, which is polled several times a second: the factors of a large matrix
+    /// can take minutes. After a stop the factors are unusable.
     pub fn factorise_unless(&mut self, matrix: &SparseMatrix<T>, stop: impl Fn() -> bool) -> bool
     where
         T: Send + Sync + 'static,
@@ -103,7 +104,8 @@ impl<T: ComplexField> SparseLu<T> {
         self.is_factored
     }
 
-    /// Solves in place; false if there are no factors, or the solution is not finite: the matrix is singular.
+    /// Solves in place of `right`; returns false if there are no factors, or the solution is not finite, as the
+    /// matrix is then singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
         if !self.is_factored {
             return false;

@@ -1,25 +1,26 @@
-//! Singular values and eigenvalues of small dense matrices with any finite entries: scaled first, so that no square
-//! overflows, and with bounded work. Singular values are by faer: the decomposition of nalgebra 0.35 is not one, by 1e-4 and
-//! more, of one in fifteen matrices with two nearly equal singular values and zeros.
+//! Singular values and eigenvalues of small dense matrices with any finite entries: matrices are scaled first, so
+//! that no square overflows, and the work is bounded. Singular values are computed by faer: for one in fifteen
+//! matrices with two nearly equal singular values and zeros, the factors of nalgebra 0.35 miss the matrix by 1e-4 and
+//! more.
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Iteration limit, far above the need of any matrix; sweeps converge cubically.
+/// Iteration limit, far above the need of any matrix; the sweeps converge cubically.
 const ITERATIONS: usize = 10_000;
 
-/// `A = U S V^T`, the singular values descending.
+/// A singular value decomposition `A = U S V^T`, the singular values descending.
 pub struct Singular {
-    /// `U`, its columns in the order of the values.
+    /// The matrix `U` of left singular vectors, one column per singular value.
     pub u: DMatrix<f64>,
-    /// The diagonal of `S`.
+    /// The singular values, the diagonal of `S`.
     pub values: Vec<f64>,
-    /// `V^T`, its rows in the order of the values.
+    /// The matrix `V^T` of right singular vectors, one row per singular value.
     pub v_t: DMatrix<f64>,
 }
 
 impl Singular {
-    /// Computes the decomposition; `None` if an entry is not finite.
+    /// Computes the singular value decomposition; returns `None` if an entry is not finite.
     pub fn of(matrix: &DMatrix<f64>) -> Option<Self> {
         if matrix.is_empty() {
             let (rows, columns) = matrix.shape();
@@ -37,7 +38,8 @@ impl Singular {
         })
     }
 
-    /// The least solution of `A x = b` in the sense of least squares, with singular values up to `least` as zeros.
+    /// Returns the least-squares solution of `A x = b` of least norm, with singular values up to `least` treated as
+    /// zero.
     pub fn solve(&self, right: &DVector<f64>, least: f64) -> DVector<f64> {
         let mut along = self.u.tr_mul(right);
         let inverse = |value: f64| if value > least { value.recip() } else { 0.0 };
@@ -45,21 +47,22 @@ impl Singular {
         self.v_t.tr_mul(&along)
     }
 
-    /// The number of singular values above this fraction of the largest.
+    /// Returns the number of singular values above this fraction of the largest.
     pub fn rank(&self, fraction: f64) -> usize {
         let largest = self.values.first().copied().unwrap_or(0.0);
         self.values.iter().take_while(|&&value| value > 0.0 && value > fraction * largest).count()
     }
 }
 
-/// The least eigenvalue of a symmetric matrix; `None` if it is empty or an entry is not finite.
+/// Returns the least eigenvalue of a symmetric matrix; `None` if it is empty or an entry is not finite.
 pub fn least_eigenvalue(symmetric: &DMatrix<f64>) -> Option<f64> {
     let size = size(symmetric)?;
     let eigen = SymmetricEigen::try_new(symmetric / size, f64::EPSILON, ITERATIONS)?;
     Some(size * eigen.eigenvalues.min())
 }
 
-/// The largest absolute entry, or one if all are zero.
+/// Returns the largest absolute entry, or one if all are zero; `None` if the matrix is empty or an entry is not
+/// finite.
 fn size(matrix: &DMatrix<f64>) -> Option<f64> {
     let size = matrix.amax();
     let is_finite = !matrix.is_empty() && matrix.iter().all(|entry| entry.is_finite());
@@ -72,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_matrix_at_the_limits_of_doubles_is_decomposed() {
-        // [[3, 0], [4, 5]] has the singular values 3 sqrt 5 and sqrt 5.
+        // The matrix [[3, 0], [4, 5]] has the singular values 3 sqrt 5 and sqrt 5.
         for size in [1e-307, 1.0, 1e307] {
             let matrix = DMatrix::from_row_slice(2, 2, &[3.0 * size, 0.0, 4.0 * size, 5.0 * size]);
             let found = Singular::of(&matrix).expect("finite");
@@ -84,7 +87,8 @@ mod tests {
         }
     }
 
-    /// A body that a floor and a wall hold, each by its normal and its friction, in a metric of their loads: rank two of four.
+    /// Returns the matrix of a body held by a floor and a wall, each by its normal and its friction, in the metric of
+    /// their loads: rank two of four.
     fn corner(a: f64, b: f64) -> DMatrix<f64> {
         let scale = DMatrix::from_diagonal(&DVector::from_vec([a, b, 0.2 * a, 0.3 * b].map(f64::sqrt).to_vec()));
         let rows = DMatrix::from_row_slice(4, 2, &[0.0, 1.0, -1.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
@@ -127,7 +131,7 @@ mod tests {
 
     #[test]
     fn the_least_eigenvalue_of_the_second_difference() {
-        // tridiag(-1, 2, -1) of order 5: 2 - 2 cos(pi / 6).
+        // The matrix tridiag(-1, 2, -1) of order 5 has the least eigenvalue 2 - 2 cos(pi / 6).
         let matrix = DMatrix::from_fn(5, 5, |i, j| match i.abs_diff(j) {
             0 => 2e300,
             1 => -1e300,

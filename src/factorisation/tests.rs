@@ -1,10 +1,10 @@
-//! Each factorisation against nalgebra's, on matrices with entries off the diagonal that force pivoting.
+//! Comparison of each factorisation with nalgebra's, on matrices with off-diagonal entries that force pivoting.
 
 use super::{Analysis, Cholesky, DenseLu, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use nalgebra::{Complex, DMatrix, DVector};
 
-/// A matrix with a zero diagonal entry and entries on five diagonals.
+/// Returns a matrix with a zero diagonal entry and entries on five diagonals.
 fn band(n: usize) -> Vec<(usize, usize, f64)> {
     let mut entries = Vec::new();
     for i in 0..n {
@@ -87,7 +87,7 @@ fn dense_factors_solve_what_needs_pivoting() {
         assert!(lu.solve(&mut right));
         assert!((DVector::from_vec(right) - &exact).amax() < 1e-8 * exact.amax(), "n = {n}");
 
-        // (1 + 2i) A x = (1 + 2i) b
+        // The system (1 + 2i) A x = (1 + 2i) b has the real solution of A x = b.
         let shift = Complex::new(1.0, 2.0);
         let mut lu = DenseLu::new(n);
         lu.entries().iter_mut().zip(&matrix).for_each(|(entry, &value)| *entry = shift * value);
@@ -123,7 +123,7 @@ fn cholesky_solves_a_positive_definite_system() {
 #[test]
 fn an_analysis_and_factors_that_take_long_can_be_given_up() {
     let n = 200_000;
-    // With a dominant diagonal, for solutions to many digits whatever the size.
+    // A dominant diagonal gives solutions to many digits whatever the size.
     let dominant = |(i, j, value)| (i, j, if i == j { 40.0 } else { value });
     let entries: Vec<_> = band(n).into_iter().map(dominant).collect();
     let matrix = sparse(n, &entries);
@@ -134,7 +134,7 @@ fn an_analysis_and_factors_that_take_long_can_be_given_up() {
     let mut right = vec![0.0; n];
     entries.iter().for_each(|&(i, _, value)| right[i] += value);
     assert!(lu.solve(&mut right) && right.iter().all(|x| (x - 1.0).abs() < 1e-12));
-    // The factors are unusable from now on.
+    // After a stopped factorisation the factors are unusable.
     assert!(!lu.factorise_unless(&matrix, || true) && !lu.solve(&mut right));
     assert!(!lu.factorise_unless(&matrix, || false));
 }

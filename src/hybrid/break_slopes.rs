@@ -2,22 +2,23 @@
 
 use numerics::CENTRAL_DIFFERENCE;
 
-/// A parameter by which a problem is differentiated: the size of its shift, and the values at the breakpoint of what runs evenly
-/// through it, with the parameter above and below.
+/// Shift of a parameter for a central difference: the size of the shift, and the values, at the breakpoint, of the
+/// functions that are continuous there, with the parameter increased and decreased by that size.
 pub type Shift = (f64, [Vec<f64>; 2]);
 
 /// Why the time of a breakpoint has no derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoSlope {
-    /// A function touches zero.
+    /// A function touches zero at the breakpoint: its rate of change in time vanishes.
     Grazing,
-    /// Several breakpoints coincide and move apart.
+    /// Several breakpoints coincide, and move apart when a parameter changes.
     Several,
 }
 
-/// The derivatives of the time of a breakpoint, with the floating-point numbers on both sides of it, by parameters; `None` if no
-/// function changes sign there. Parameters that the problem does not depend on are `None`; `at` gives the values at a time of the
-/// functions that change sign, and of what runs evenly through these changes.
+/// Returns the derivative, with respect to each parameter, of the time of a breakpoint that lies between the
+/// floating-point numbers `before` and `after`; `None` if no function changes sign between them. A parameter on which
+/// the problem does not depend has no shift, and the derivative zero. `at` returns the values at a time of the
+/// functions that change sign, and of the functions that are continuous through these sign changes.
 ///
 /// # Errors
 /// If the time is not differentiable: see [`NoSlope`].
@@ -36,7 +37,8 @@ pub fn break_slopes(
     let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
     let ends = [before - by, after + by];
     let [[_, first], [_, last]] = ends.map(&mut at);
-    // What jumps here does so where something else runs evenly: that decides the time.
+    // A function that jumps at the breakpoint does so because a continuous function changes sign: only the latter
+    // determines the time.
     let is_even = |k: &&usize| (right[**k] - left[**k]).abs() <= 0.5 * (last[**k] - first[**k]).abs();
     let mut slopes: Option<Vec<f64>> = None;
     for &k in changed.iter().filter(is_even) {
@@ -60,7 +62,8 @@ pub fn break_slopes(
 mod tests {
     use super::*;
 
-    /// The slope of the time at which the parity of `floor(a)` changes, by the parameter `p`, for `a(t, p)`.
+    /// Returns the derivative, with respect to the parameter `p`, of the time at which the parity of `floor(a(t, p))`
+    /// changes.
     fn slope(a: fn(f64, f64) -> f64, p: f64, t: f64) -> Option<Result<Vec<f64>, NoSlope>> {
         let parity = |a: f64| if a.floor().rem_euclid(2.0) == 0.0 { 1.0 } else { -1.0 };
         let by = 1e-6;
@@ -74,7 +77,7 @@ mod tests {
             let found = found.unwrap().unwrap();
             assert!((found[0] - exact).abs() < 1e-8, "{found:?} {exact}");
         };
-        // t - p = 2 and t/p = 2 at p = 0.5.
+        // At p = 0.5 the argument t - p of floor reaches 2 at t = 2.5, and the argument t/p reaches 2 at t = 1.
         is(slope(|t, p| t - p, 0.5, 2.5), 1.0);
         is(slope(|t, p| t / p, 0.5, 1.0), 2.0);
         assert_eq!(slope(|t, p| t - p, 0.5, 2.2), None);

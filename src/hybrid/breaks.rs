@@ -11,8 +11,9 @@
 use numerics::Interval;
 use problem::{Dvi, Mechanical};
 
-/// Maximum number of subintervals of a step that are enclosed. Locating a breakpoint takes two for each binary digit of
-/// a double; more stay undecided where a function touches zero, since enclosures prove little there.
+/// Maximum number of subintervals of a step over which functions of time are enclosed. Locating a breakpoint takes
+/// two for each binary digit of a double; more stay undecided where a function touches zero, since enclosures prove
+/// little there.
 const MOST_PARTS: usize = 400;
 /// Number of samples of a step if enclosures leave sign changes undecided. The step is then no longer than twice the
 /// time between the last two breakpoints, or twice the time since the last one, whichever is longer: periodic forcing
@@ -27,15 +28,17 @@ const ONE: f64 = 1e3;
 /// much larger one would move breakpoints.
 const AT_END: f64 = 8.0;
 
-/// Number of breakpoints over which their mean distance is taken: a burst of fewer says nothing of what follows.
+/// Number of breakpoints over which their mean distance in time is taken: the distances in a shorter burst do not
+/// predict later ones.
 const WINDOW: u32 = 10_000;
 
-/// What changes its form at breakpoints.
+/// Equations that change their form at breakpoints.
 pub trait Breaking {
     /// Functions of time, evaluated at `t`, at whose sign changes the breakpoints are. Their number is constant.
     fn breaks(&mut self, t: f64) -> &[f64];
 
-    /// Encloses these functions over an interval of time; empty if they cannot be enclosed.
+    /// Encloses the functions of time at whose sign changes the breakpoints are over an interval of time; returns an
+    /// empty slice if they cannot be enclosed.
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval];
 }
 
@@ -71,16 +74,18 @@ struct Unbroken {
 /// State of the search for breakpoints.
 #[derive(Clone, Debug)]
 pub struct Breaks {
-    /// Breakpoints passed since the beginning of the window, and that time.
+    /// Number of breakpoints passed since the beginning of the window for their mean distance, and the time of that
+    /// beginning.
     window: (u32, f64),
-    /// Signs of the functions at the beginning of the step; 0 where one is zero.
+    /// Signs, at the beginning of the step, of the functions that change sign at breakpoints; 0 for a function that
+    /// is zero.
     signs: Vec<f64>,
-    /// Subintervals still to be enclosed, as a stack: the earliest is last.
+    /// Subintervals of the step still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
     /// The interval that was enclosed last: a step that is repeated with another size, and a probe of its beginning, need
     /// no enclosures of their own.
     unbroken: Option<Unbroken>,
-    /// Time of the last breakpoint, or of the start, and the time between it and the breakpoint before it.
+    /// Time of the last breakpoint (or the start of the run), and the time between the last two breakpoints.
     last: f64,
     gap: f64,
     /// Last floating-point number before the breakpoint that was found last.
@@ -107,12 +112,14 @@ impl Breaks {
         }
     }
 
-    /// The first floating-point number after the breakpoint before which the present step ends, if it ends at one.
+    /// Returns the first floating-point number after the breakpoint before which the present step ends, if the step
+    /// ends at one.
     pub fn after(&self) -> Option<f64> {
         self.after
     }
 
-    /// The time of the breakpoint that was found last, which is that of its zero if there is a floating-point number at it.
+    /// Returns the time of the breakpoint that was found last: a zero of its function, or the first floating-point
+    /// number after it.
     pub fn at(&self) -> f64 {
         self.at
     }
@@ -126,7 +133,7 @@ impl Breaks {
         if is_behind_break && h <= noise {
             return h;
         }
-        // The last breakpoint may still show within rounding: search behind it.
+        // Rounding may place the sign change of the last breakpoint slightly later: search behind it.
         let begin = if is_behind_break { t + noise } else { t };
         self.signs.clear();
         self.signs.extend(problem.breaks(begin).iter().map(|value| if *value == 0.0 { 0.0 } else { value.signum() }));
@@ -145,14 +152,15 @@ impl Breaks {
         }
     }
 
-    /// The part of a length `h` from `t` on before the next breakpoint; all of it if the breakpoint is at `t`.
+    /// Returns the part of the length `h`, from time `t` on, that lies before the next breakpoint; all of the length
+    /// if the breakpoint is at `t`.
     pub fn part_before(mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
         let part = self.up_to_break(problem, t, h);
         if part > 0.0 { part } else { h }
     }
 
-    /// The size of a step from `t` to `end`; if `end` is at the last breakpoint, or where the run continued behind it, of one
-    /// to before it.
+    /// Returns the size of a step from `t` to `end`. If `end` lies between the last breakpoint and the time at which
+    /// the run continued behind it, the step ends before that breakpoint.
     pub fn size_up_to(&self, t: f64, end: f64) -> f64 {
         let is_at_break = self.before < end && end <= self.last;
         if is_at_break && t < self.before { length(t, self.before) } else { end - t }
@@ -169,7 +177,7 @@ impl Breaks {
         self.window.0 += 1;
     }
 
-    /// The mean distance of the last breakpoints, once for each window of them that is full.
+    /// Returns the mean distance in time of the last breakpoints, once for each full window of breakpoints.
     pub fn mean_distance(&mut self) -> Option<f64> {
         let (count, begin) = self.window;
         if count < WINDOW {
@@ -185,8 +193,9 @@ impl Breaks {
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
     }
 
-    /// The numbers before and at the first sign change, `Some(None)` if no sign changes, and `None` if enclosures leave it
-    /// undecided; what the last enclosures prove is not enclosed again.
+    /// Returns the floating-point numbers before and at the first sign change of a function, `Some(None)` if no sign
+    /// changes, and `None` if enclosures leave it undecided. Does not repeat what the
+    /// last enclosures prove.
     fn first_proven(
         &mut self,
         problem: &mut (impl Breaking + ?Sized),
@@ -269,7 +278,7 @@ impl Breaks {
         (before, after)
     }
 
-    /// The numbers before and at the first sign change that samples detect.
+    /// Returns the floating-point numbers before and at the first sign change of a function that samples detect.
     fn first_sampled(
         &self,
         problem: &mut (impl Breaking + ?Sized),
@@ -295,7 +304,8 @@ impl Breaks {
         None
     }
 
-    /// Whether a function has reached or passed a zero; one that is zero at the beginning only if it falls.
+    /// Whether a function has reached or passed zero by time `t`; a function that is zero at the beginning of the
+    /// step counts only if it has become negative.
     fn has_broken(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> bool {
         let is_broken = |(value, sign): (&f64, &f64)| match *sign {
             sign if sign < 0.0 => *value >= 0.0,
@@ -305,7 +315,8 @@ impl Breaks {
         problem.breaks(t).iter().zip(&self.signs).any(is_broken)
     }
 
-    /// The first number from `t` on at which no function is at its zero, within a few units of rounding.
+    /// Returns the first floating-point number from `t` on, within a few units of rounding, at which no function is
+    /// zero; `t` if there is none.
     fn behind(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> f64 {
         let mut after = t;
         for _ in 0..AT_END as u32 {
@@ -319,7 +330,8 @@ impl Breaks {
     }
 }
 
-/// The size of a step whose last stage, at the sum of `t` and the size, does not round to a number behind `end`.
+/// Returns the size of a step from `t` to `end`, reduced until the time of its last stage, `t` plus the step size,
+/// does not round to a number beyond `end`.
 fn length(t: f64, end: f64) -> f64 {
     let mut length = end - t;
     while length > 0.0 && t + length > end {

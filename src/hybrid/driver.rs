@@ -4,16 +4,16 @@
 //! mode -> smooth equations -> monitors -> event -> transition -> mode
 //! ```
 //!
-//! A step is proposed, solved on the present mode, screened for an event, and cut where the first event is located; it
-//! is judged by its error, accepted, and followed by the transition at its end. An engine says what each of these means
-//! for its modes: faces of `K`, contact modes, faces of a problem with a memory kernel, active sets of obstacles. What
-//! it remembers of its attempts at one step is its own too.
+//! A step is proposed, solved on the present mode, screened for an event, and cut where the first event is located;
+//! it is judged by its error, accepted, and followed by the transition at its end. Each engine (an implementation of
+//! [`Automaton`]) defines these operations for its modes: faces of `K`, contact modes, faces of a problem with a
+//! memory kernel, active sets of obstacles. It also defines the data that it keeps over its attempts at one step.
 
-/// An engine that follows a hybrid automaton.
+/// An engine: an integrator that follows a hybrid automaton.
 pub trait Automaton {
-    /// The data of the attempts at one step, which end with it.
+    /// Data kept over the attempts at one step, and dropped when a step is accepted.
     type Attempts: Default;
-    /// A step that is solved, and not yet accepted.
+    /// A step whose equations are solved, and that is not yet accepted.
     type Step;
     /// A violation of a monitor within a step.
     type Violation;
@@ -55,8 +55,8 @@ pub trait Automaton {
         attempts: &mut Self::Attempts,
     ) -> Result<Located<Self::Step, Self::Event>, Self::Error>;
 
-    /// Makes a step without the mode: its equations cannot be followed, or its end cannot be located. Without a way to
-    /// do so, the attempt is rejected.
+    /// Makes a step without the equations of the mode, after these could not be solved or the event at the end of the
+    /// mode could not be located. An automaton without such a step rejects the attempt.
     ///
     /// # Errors
     /// If no step can follow.
@@ -64,7 +64,7 @@ pub trait Automaton {
         Ok(Solved::Rejected)
     }
 
-    /// Judges a step by its error. If it is rejected, the next proposal is smaller.
+    /// Judges a step by its error; if the step is rejected, the next proposal is a smaller step.
     ///
     /// # Errors
     /// If no smaller step is left to try.
@@ -87,25 +87,25 @@ pub trait Automaton {
     ) -> Result<(), Self::Error>;
 }
 
-/// The next attempt.
+/// The next attempt at a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Proposal {
-    /// A step of this size.
+    /// Attempt a step of this size.
     Step(f64),
-    /// None: the run has moved on by itself, over a breakpoint of time, and proposes anew.
+    /// No attempt: the run has passed a breakpoint without a step, and proposes anew.
     Again,
 }
 
 /// Result of solving the equations of a mode over a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solved<S> {
-    /// The step.
+    /// The step, whose equations are solved.
     Step(S),
-    /// The equations have changed their form: the same size is tried again.
+    /// The equations have changed their form: the same step size is tried again.
     Again,
-    /// The mode cannot be followed.
+    /// The equations of the mode cannot be solved over the step.
     Lost,
-    /// The attempt is rejected, and the next proposal smaller.
+    /// The attempt is rejected, and the next proposal is a smaller step.
     Rejected,
     /// The run has moved on without a step of the method.
     Passed,
@@ -114,9 +114,9 @@ pub enum Solved<S> {
 /// Result of the screening of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened<V> {
-    /// The mode goes on.
+    /// No monitor is violated: the mode continues to the end of the step.
     Clear,
-    /// The mode is known to go on in a step of this size only, which is solved next.
+    /// The mode is known to continue only over a step of this size, which is solved next.
     Shorter(f64),
     /// A monitor is violated.
     Violated(V),
@@ -125,16 +125,16 @@ pub enum Screened<V> {
 /// Result of the location of an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Located<S, E> {
-    /// The step ends at the event, or before it without one.
+    /// The step ends at the event, or before the event and then without one.
     Ends(S, Option<E>),
-    /// The step has been cut, perhaps at an event, and is screened again.
+    /// The step has been cut, perhaps at an event, and the shorter step is screened again.
     Cut(S, Option<E>),
     /// A step of this size is solved next: the event was at the beginning, where the mode has changed, or it is sought
     /// in a shorter step.
     Retry(f64),
-    /// The event is not found.
+    /// The event was not found, and the step has to be made without the mode.
     Nowhere,
-    /// The attempt is over, and another one is proposed.
+    /// The attempt at the step is over, and another one is proposed.
     Rejected,
 }
 
@@ -157,12 +157,12 @@ pub fn advance<A: Automaton>(automaton: &mut A) -> Result<(), A::Error> {
     }
 }
 
-/// Result of one attempt.
+/// Result of one attempt at a step.
 enum Reached<S, E> {
     Step(S, Option<E>),
-    /// The attempt was rejected.
+    /// The attempt at the step was rejected.
     Nothing,
-    /// The run has moved on without a step.
+    /// The run has moved on without a step of the method.
     Passed,
 }
 

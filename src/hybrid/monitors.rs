@@ -6,17 +6,18 @@
 
 use numerics::Interval;
 
-/// Maximum number of subintervals of a step that are enclosed. Locating a sign change takes two for each binary digit
-/// of a double; more stay undecided where a monitor touches zero, since enclosures prove little there.
+/// Maximum number of subintervals of a step over which monitors are enclosed. Locating a sign change takes two for
+/// each binary digit of a double; more stay undecided where a monitor touches zero, since enclosures prove little
+/// there.
 const MOST_PARTS: usize = 400;
-/// Number of samples of a step without enclosures.
+/// Number of samples of the monitors over a step without enclosures.
 const SAMPLES: f64 = 32.0;
 /// Time resolution of the sign changes of one monitor, relative to the step: rounding splits one sign change into
-/// several. Two within this distance cancel if both lie in one subinterval; behind a located sign change, the next is
-/// ignored.
+/// several. Two sign changes within this distance cancel if both lie in one subinterval; a sign change within this
+/// distance behind a located one is ignored.
 const ONE: f64 = 1e-9;
-/// Bound on a monitor at rest over a subinterval, in units of its enclosure at the end, which contains zero: roundings differ
-/// along the way.
+/// Bound on a monitor that rests at zero over a subinterval, in units of its enclosure at the end of the subinterval,
+/// which contains zero: rounding errors differ along the way.
 const RESTING: f64 = 8.0;
 /// Tolerance on an event time, in units of rounding: the times of a step are sums that err by a unit or two each.
 const FOUND: f64 = 4.0;
@@ -26,11 +27,12 @@ pub trait Followed {
     /// Writes the values of the monitors at time `t` within the step to `out`.
     fn monitors(&mut self, t: f64, out: &mut [f64]);
 
-    /// Writes enclosures of the monitors over `[from, to]` within the step to `out`; returns false if there are none.
+    /// Writes enclosures of the monitors over `[from, to]` within the step to `out`; returns false if there are no
+    /// enclosures.
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool;
 
-    /// Writes enclosures of the monitors at time `t`, at which they were evaluated last, to `out`: where one jumps, on the side of
-    /// its value. Returns false if there are none.
+    /// Writes enclosures of the monitors at time `t`, at which they were evaluated last, to `out`; a monitor that
+    /// jumps at `t` is enclosed on the side of its value. Returns false if there are no enclosures.
     fn enclose_at(&mut self, t: f64, out: &mut [Interval]) -> bool {
         self.enclose(t, t, out)
     }
@@ -39,14 +41,14 @@ pub trait Followed {
 /// A sign change of a monitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// First floating-point time at which the new sign is seen.
+    /// First floating-point time at which the new sign of the monitor is seen.
     pub t: f64,
     /// Index of the monitor.
     pub monitor: usize,
     /// Whether the monitor rises: from below zero to zero or above, or from a rest at zero.
     pub is_rising: bool,
-    /// Whether the monitor came to zero, where its enclosure could not be told from it, and leaves to the side from which it
-    /// came.
+    /// Whether the monitor leaves zero (a value whose enclosure contains zero) to the side from which it reached
+    /// zero.
     pub returns: bool,
 }
 
@@ -54,40 +56,41 @@ pub struct Crossing {
 #[derive(Clone, Debug)]
 pub struct Monitors {
     signs: Vec<Sign>,
-    /// Whether the signs at the start of a run are still to be found.
+    /// Whether the signs of the monitors at the start of a run are still to be found.
     is_new: bool,
     values: Vec<f64>,
-    /// The enclosures over a subinterval, and at one time.
+    /// Enclosures of the monitors over a subinterval, and at one time.
     ranges: Vec<Interval>,
     points: Vec<Interval>,
     /// Subintervals of a step still to be examined, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
-    /// Number of steps that are not proven to show all sign changes.
+    /// Number of steps whose sign changes are not proven to be found completely.
     pub open: u64,
 }
 
 /// The sign of a monitor at the time up to which it has been followed.
 #[derive(Clone, Copy, Debug)]
 struct Sign {
-    /// 1, -1, or 0 for a value that is zero or cannot be told from zero by its enclosure.
+    /// Present sign: 1, -1, or 0 for a value that is zero or cannot be told from zero by its enclosure.
     now: f64,
-    /// The last sign that was not 0; 0 if there has been none.
+    /// Last nonzero sign of the monitor; 0 if there has been none.
     last: f64,
-    /// Whether the monitor has been zero over an interval since the start.
+    /// Whether the monitor has been zero over an interval since the start of the run.
     rested: bool,
-    /// Time up to which sign changes belong to the last event.
+    /// Time up to which sign changes of the monitor belong to its last event.
     quiet: f64,
 }
 
 impl Sign {
-    /// Whether enclosures over a subinterval exclude another sign.
+    /// Whether the enclosure `range` of the monitor over a subinterval excludes a change of its sign.
     fn stays(&self, range: Interval) -> bool {
         if self.now == 0.0 { is_zero(range) } else { sign_within(range) == self.now }
     }
 
-    /// Follows the monitor to another sign; returns whether that is an event. Zero is reached once, from either side;
-    /// leaving it to the other side completes that event, and returning is another. A monitor that is zero at the
-    /// start has an event only if it has rested there.
+    /// Updates the sign of the monitor to `to`; returns whether the change is an event. Reaching zero from either
+    /// side is an event; leaving zero to the other side completes that event, and leaving zero to the side from which
+    /// it was reached is another event. A monitor that is zero at the start of the run has an event when it leaves
+    /// zero only if it has rested there.
     fn pass(&mut self, to: f64) -> bool {
         let is_event = self.now != 0.0 || self.last == to || self.last == 0.0 && self.rested;
         self.now = to;
@@ -97,7 +100,7 @@ impl Sign {
         is_event
     }
 
-    /// Follows, within the time of the last event, a monitor that leaves zero to the other side.
+    /// Updates the sign of a monitor that leaves zero to the other side within the time of its last event.
     fn complete(&mut self, to: f64) {
         if self.now == 0.0 && to != 0.0 && to != self.last {
             self.now = to;
@@ -107,7 +110,7 @@ impl Sign {
 }
 
 impl Monitors {
-    /// Begins to follow so many monitors, at the start of a run.
+    /// Creates the search for the sign changes of `count` monitors, at the start of a run.
     pub fn new(count: usize) -> Self {
         Self {
             signs: vec![Sign { now: 0.0, last: 0.0, rested: false, quiet: f64::NEG_INFINITY }; count],
@@ -120,7 +123,7 @@ impl Monitors {
         }
     }
 
-    /// The first sign change in `[from, to]` within a step.
+    /// Returns the first sign change of a monitor in `[from, to]` within a step.
     pub fn next(&mut self, step: &mut impl Followed, from: f64, to: f64) -> Option<Crossing> {
         if self.signs.is_empty() {
             return None;
@@ -170,7 +173,8 @@ impl Monitors {
         crossing
     }
 
-    /// Takes the signs at the start, where the monitors were evaluated. What leaves zero at once has not changed its sign.
+    /// Sets the signs of the monitors at the start of a run, where they were evaluated. A monitor that leaves zero at
+    /// once has not changed its sign.
     fn begin(&mut self, from: f64, h: f64) {
         for k in 0..self.signs.len() {
             if let Some(now) = self.sign_there(k) {
@@ -182,7 +186,7 @@ impl Monitors {
         }
     }
 
-    /// Whether the enclosures of a subinterval that ends at `b` exclude a sign change.
+    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change.
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
         for (sign, range) in self.signs.iter_mut().zip(&self.ranges) {
@@ -196,7 +200,8 @@ impl Monitors {
         are_clear
     }
 
-    /// The same, where monitors that cannot be told from zero at `b`, and are hardly larger before it, stay at zero.
+    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change, if a monitor
+    /// at zero stays there as long as its enclosure is hardly larger than the enclosure at `b`.
     fn are_clear_or_rest(&self, b: f64) -> bool {
         self.signs.iter().zip(&self.ranges).zip(&self.points).all(|((sign, range), point)| {
             let rests = sign.now == 0.0 && range.size() <= RESTING * point.size();
@@ -212,15 +217,16 @@ impl Monitors {
         }
     }
 
-    /// The sign of a monitor where it was evaluated: zero if the enclosure contains zero; `None` for a NaN.
+    /// Returns the sign of monitor `k` at the time of its last evaluation: zero if the enclosure contains zero;
+    /// `None` for a NaN.
     fn sign_there(&self, k: usize) -> Option<f64> {
         let (value, point) = (self.values[k], self.points[k]);
         let is_open = point.width().is_finite() && point.lo <= 0.0 && point.hi >= 0.0;
         (!value.is_nan()).then(|| if is_open { 0.0 } else { sign_of(value) })
     }
 
-    /// The first monitor (of lowest index) whose sign at `t`, where it was evaluated, differs from its last one, with the new
-    /// sign; a NaN leaves the sign as it is.
+    /// Returns the monitor of lowest index whose sign at `t`, where the monitors were evaluated, differs from its
+    /// recorded sign, with the new sign; a NaN leaves the sign unchanged.
     fn changed(&self, t: f64) -> Option<(usize, f64)> {
         self.signs.iter().enumerate().find_map(|(k, Sign { now, quiet, .. })| {
             let there = self.sign_there(k).filter(|there| t > *quiet && there != now)?;
@@ -228,7 +234,7 @@ impl Monitors {
         })
     }
 
-    /// Passes the sign changes at `t`, where the monitors were evaluated, up to the first that is an event.
+    /// Updates the signs at `t`, where the monitors were evaluated, up to the first sign change that is an event.
     fn pass(&mut self, t: f64, h: f64) -> Option<Crossing> {
         while let Some((monitor, to)) = self.changed(t) {
             let sign = &mut self.signs[monitor];
@@ -242,8 +248,8 @@ impl Monitors {
         None
     }
 
-    /// Follows monitors that leave zero within the time of their last event, at the end of a finished subinterval, where they were
-    /// evaluated.
+    /// Updates the signs of monitors that leave zero within the time of their last event, at the end of an examined
+    /// subinterval, where the monitors were evaluated.
     fn complete(&mut self) {
         for k in 0..self.signs.len() {
             if let Some(there) = self.sign_there(k) {
@@ -257,7 +263,7 @@ fn is_zero(range: Interval) -> bool {
     range.defined && range.lo == 0.0 && range.hi == 0.0
 }
 
-/// The sign that an enclosure proves; zero if it proves none.
+/// Returns the sign of a monitor that its enclosure proves; zero if it proves none.
 fn sign_within(range: Interval) -> f64 {
     f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0))
 }
@@ -277,7 +283,7 @@ mod tests {
     use super::{Crossing, Followed, Monitors};
     use numerics::Interval;
 
-    /// `(t - root)` for each root, multiplied.
+    /// The polynomial `prod (t - root)` with given roots.
     struct Polynomial(&'static [f64]);
 
     impl Followed for Polynomial {
@@ -341,7 +347,7 @@ mod tests {
         assert!((found.t - 0.5).abs() < 1e-15 && found.is_rising);
     }
 
-    /// A function of time that has constant values between its jumps.
+    /// A piecewise constant function of time, given by the times of its jumps and the values behind them.
     struct Steps<'a>(&'a [(f64, f64)]);
 
     impl Steps<'_> {
@@ -364,7 +370,8 @@ mod tests {
         }
     }
 
-    /// The events of a monitor in steps with these ends.
+    /// Returns the times of the events of a monitor in steps that end at `ends`, and whether the monitor rises at
+    /// each.
     fn events(step: &mut impl Followed, ends: &[f64]) -> Vec<(f64, bool)> {
         let mut monitors = Monitors::new(1);
         let (mut from, mut found) = (0.0, Vec::new());
@@ -406,7 +413,7 @@ mod tests {
 
     #[test]
     fn rounding_around_zero_is_no_event() {
-        /// `t - 1/2` up to rounding until it is held at zero, as far as rounding goes.
+        /// The monitor `max(1/2 - t, 0)` with noise of the size of a rounding error.
         struct Held;
 
         impl Followed for Held {

@@ -1,8 +1,8 @@
-//! One-step methods, as the automaton sees them: a method advances the smooth equations of a mode, and can be read, cut
-//! and repeated within its last step.
+//! One-step methods, as the hybrid automaton uses them: a method advances the smooth equations of a mode; its last
+//! step can be evaluated at times within it, cut and repeated.
 //!
-//! The equations belong to the method that was built for them. What ends a mode, and what follows, does not: it is the
-//! [automaton](super::Automaton) that cuts a step where its mode ends.
+//! The equations belong to the method that was built for them. The events that end a mode, and the transition to the
+//! next mode, belong to the [automaton](super::Automaton), which cuts a step where its mode ends.
 
 use numerics::Interval;
 
@@ -10,22 +10,22 @@ use numerics::Interval;
 pub trait OneStep {
     /// The reason why no step is made.
     type Error;
-    /// All that the steps to come depend on.
+    /// State of a run on which later steps depend.
     type Saved;
 
-    /// The order of the values at the ends of steps.
+    /// Returns the order of convergence of the values at the ends of steps.
     fn order(&self) -> usize;
 
-    /// The time reached.
+    /// Returns the time that the run has reached.
     fn t(&self) -> f64;
 
-    /// The unknowns at the time reached.
+    /// Returns the unknowns at the time that the run has reached.
     fn y(&self) -> &[f64];
 
     /// Whether the end of the run is reached.
     fn is_done(&self) -> bool;
 
-    /// The size of the next step, as far as it is known.
+    /// Returns the size of the next step, as far as it is known.
     fn next_step(&self) -> f64;
 
     /// Makes one step whose error is within the tolerance, of a size that the method chooses.
@@ -34,28 +34,29 @@ pub trait OneStep {
     /// If no step is small enough.
     fn step(&mut self) -> Result<(), Self::Error>;
 
-    /// The time at which the last step began.
+    /// Returns the time at which the last step began.
     fn begin(&self) -> f64;
 
     /// Evaluates the unknowns at time `t` within the last step into `out`.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// The slopes of the states at time `t` within the last step.
+    /// Returns the time derivatives of the states at time `t` within the last step.
     fn slopes_at(&self, t: f64) -> Vec<f64>;
 
-    /// Enclosures of the states over `[from, to]` within the last step.
+    /// Returns enclosures of the states over `[from, to]` within the last step.
     fn ranges(&self, from: f64, to: f64) -> Vec<Interval>;
 
     /// Repeats the last step from its beginning to the time `end` within it, with tolerances that are `tighter` times
-    /// those of the run. If that succeeds, the run is at `end`, and the repeated step replaces the last one; otherwise
-    /// nothing has changed. So the size of the step is the unknown in the location of an event, whose time has the
-    /// order of the method.
+    /// those of the run. If that succeeds, the run is at `end`, and the repeated step replaces the last one;
+    /// otherwise the run is unchanged. An event can thus be located with the step size as the unknown, so that its
+    /// time has the order of the method.
     fn cut_at(&mut self, end: f64, tighter: f64) -> bool;
 
-    /// A copy of what the steps to come depend on. Derivatives and factors are not kept: the steps behind a saved point
-    /// evaluate them anew, whether the run goes on or is restored, and are the same to the last bit.
+    /// Returns a copy of the state on which later steps depend. Derivatives and factors are not kept: the steps
+    /// behind a saved point evaluate them anew, whether the run goes on or is restored, and are the same to the last
+    /// bit.
     fn save(&mut self) -> Self::Saved;
 
-    /// Continues from a saved point of the same run.
+    /// Continues the run from one of its saved points.
     fn restore(&mut self, saved: &Self::Saved);
 }

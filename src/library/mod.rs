@@ -1,4 +1,5 @@
-//! Problems of programs in Rust: a [`Problem`] in text or as functions, [`Settings`] with defaults, and what is [`Refused`].
+//! Interface for programs in Rust: a [`Problem`] in text or as functions, [`Settings`] with defaults, and the errors
+//! of a [`Refused`] problem.
 
 mod problem;
 mod refused;

@@ -1,4 +1,4 @@
-//! A problem, in text or as functions.
+//! Builder of a problem, given as JSON text or as Rust functions.
 
 use super::{Refused, Settings};
 use ::models::{DerivativeFunction, RowFunction};
@@ -10,35 +10,35 @@ use serde_json::{Value, json};
 use std::fmt;
 use std::sync::Arc;
 
-/// A factor of the set `K` for some variables.
+/// A factor of the convex set `K`, for some of the variables of the variational inequality.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Set {
-    /// The whole space: `G = 0`.
+    /// The whole space: the inequality becomes the equation `G = 0`.
     Free,
-    /// `z >= 0`, with `G >= 0` and `z G = 0`.
+    /// Complementarity: variables `z >= 0`, with `G >= 0` and `z G = 0`.
     Nonnegative,
-    /// `z <= 0`, with `G <= 0` and `z G = 0`.
+    /// Complementarity with reversed signs: variables `z <= 0`, with `G <= 0` and `z G = 0`.
     Nonpositive,
-    /// Every variable between the same bounds, each of which may be infinite.
+    /// A box: every variable lies between the same two bounds, each of which may be infinite.
     Box {
-        /// The lower bound.
+        /// Lower bound of every variable in the box.
         lower: f64,
-        /// The upper bound.
+        /// Upper bound of every variable in the box.
         upper: f64,
     },
-    /// A Euclidean ball of all these variables.
+    /// A Euclidean ball for the vector of the variables.
     Ball {
-        /// Its radius.
+        /// Radius of the ball.
         radius: f64,
     },
-    /// The first variable is at least the Euclidean norm of the others.
+    /// The second-order cone: the first variable is at least the Euclidean norm of the others.
     SecondOrderCone,
-    /// All nonnegative, with sum one.
+    /// The unit simplex: all variables nonnegative, with sum one.
     Simplex,
 }
 
 impl Set {
-    /// As a specification writes it.
+    /// Returns the set, for the variables named in `of`, in the JSON notation of a specification.
     fn written(&self, of: &[String]) -> Value {
         // An infinite bound on its own side is written as null; a bound that is NaN, or infinite on the other side, is refused.
         let bound = |end: f64, none: f64| match end {
@@ -60,13 +60,13 @@ impl Set {
     }
 }
 
-/// A problem, to be solved any number of times.
+/// A differential variational inequality, to be solved any number of times.
 ///
 /// ```text
 /// M x' = F(t,x,z) = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 /// ```
 ///
-/// In text it is what stands below `"problem"` in a specification, of any type:
+/// A problem in text is the value of `"problem"` in a specification, of any problem type:
 ///
 /// ```
 /// let decay = dvi::Problem::text(r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}"#);
@@ -75,8 +75,9 @@ impl Set {
 /// # Ok::<(), dvi::Refused>(())
 /// ```
 ///
-/// As functions, it has states, variables in sets, and equations that write `F` (one value a state) and `G` (one a variable), in the
-/// order in which these were added. `F` must be affine in `z`. A mass of 1 on a spring and a belt, with dry friction:
+/// A problem given as functions has states, variables in sets, and equations. The equations write `F` (one value per
+/// state) and `G` (one value per variable), in the order in which states and variables were added. `F` must be affine
+/// in `z`. A mass of 1 on a spring and a belt, with dry friction:
 ///
 /// ```
 /// use dvi::{Problem, Set, Settings};
@@ -95,17 +96,18 @@ impl Set {
 /// # Ok::<(), dvi::Refused>(())
 /// ```
 ///
-/// Of functions only values are known, so that the verdict says what it cannot prove: uniqueness, and that nothing happens between the
-/// points examined. Derivatives are central differences, accurate to ten digits, unless [`Problem::derivatives`] gives them; the
-/// Jacobian is full. Text has none of these limits.
+/// Functions are known by their values only. The verdict therefore says what it cannot prove: uniqueness of the
+/// solution, and the absence of events between the points examined. Derivatives are central differences, accurate to
+/// ten digits, unless [`Problem::derivatives`] supplies them; the Jacobian is dense. Problems in text have none of
+/// these limits.
 #[derive(Clone, Debug, Default)]
 pub struct Problem {
-    /// What stands below `"problem"`; `None` for functions.
+    /// Value of `"problem"` in a specification, as JSON text; `None` for a problem given as functions.
     text: Option<String>,
     functions: Functions,
 }
 
-/// The names of a problem and its functions.
+/// Names, initial values, sets, mass matrix and functions of a problem given as functions.
 #[derive(Clone, Default)]
 struct Functions {
     states: Vec<(String, f64)>,
@@ -124,12 +126,13 @@ impl fmt::Debug for Functions {
 }
 
 impl Problem {
-    /// A problem of any type, as it stands below `"problem"` in a specification. Its errors are told by [`Problem::solve`].
+    /// Creates a problem of any type from the value of `"problem"` in a specification. Errors in the text are
+    /// reported by [`Problem::solve`].
     pub fn text(problem: &str) -> Self {
         Self { text: Some(problem.to_owned()), ..Self::default() }
     }
 
-    /// A problem of functions, without states so far.
+    /// Creates a problem to be given as functions, without states and variables.
     pub fn new() -> Self {
         Self::default()
     }
@@ -141,21 +144,21 @@ impl Problem {
         self
     }
 
-    /// Adds variables in a set.
+    /// Adds variables, constrained to a set.
     #[must_use]
     pub fn variables(mut self, names: &[&str], set: Set) -> Self {
         self.functions.variables.push((names.iter().copied().map(str::to_owned).collect(), set));
         self
     }
 
-    /// Sets the constant mass matrix, by rows; it may be singular. Default: the identity.
+    /// Sets the constant mass matrix `M`, by rows; it may be singular. Default: the identity.
     #[must_use]
     pub fn mass(mut self, rows: &[&[f64]]) -> Self {
         self.functions.mass = Some(rows.iter().map(|row| row.to_vec()).collect());
         self
     }
 
-    /// Sets the equations: a function of `(t, x, z)` that writes `F` and `G`.
+    /// Sets the equations: a function of `(t, x, z)` that writes the rates `F` and the inequality `G`.
     #[must_use]
     pub fn equations(
         mut self,
@@ -165,7 +168,8 @@ impl Problem {
         self
     }
 
-    /// Sets the derivatives: a function of `(t, x, z)` that writes those of `F`, then `G`, with respect to `x`, then `z`, row by row.
+    /// Sets the derivatives: a function of `(t, x, z)` that writes the Jacobian of `(F, G)` with respect to `(x, z)`,
+    /// row by row.
     #[must_use]
     pub fn derivatives(
         mut self,
@@ -175,7 +179,8 @@ impl Problem {
         self
     }
 
-    /// Solves up to the time `end`. A solve that fails on its way is a [`Solution`] with the trajectory so far, whose status says so.
+    /// Solves up to the time `end`. A solve that fails before `end` returns a [`Solution`] with the trajectory so
+    /// far, whose status reports the failure.
     ///
     /// # Errors
     /// Every error in the problem and its settings.
@@ -193,7 +198,7 @@ impl Problem {
         Ok(::study::solve(&self.specification(end, settings)?, control))
     }
 
-    /// The checked specification, for what [`Settings`] do not say.
+    /// Returns the checked specification, for uses that [`Settings`] do not cover.
     ///
     /// # Errors
     /// Every error in the problem and its settings.
@@ -218,7 +223,7 @@ impl Problem {
             let error = SpecificationError::new("/problem", "conflict", "a problem in text has no functions beside it");
             return Err(refused(error.expected("`Problem::new()`, or all of it in text")));
         }
-        // A text that ends early would take in what follows.
+        // Text with missing or surplus brackets could absorb the keys written after it, so it is parsed alone first.
         serde_json::from_str::<&RawValue>(text)
             .map_err(|error| refused(SpecificationError::new("/problem", "syntax", error.to_string())))?;
         read(text)
@@ -226,9 +231,10 @@ impl Problem {
 }
 
 impl Functions {
-    /// As a specification writes the problem, in order, with placeholders for its equations.
+    /// Returns the problem in the JSON notation of a specification, in the order of definition, with placeholders for
+    /// its equations.
     fn written(&self) -> String {
-        // A state that does not move, and a variable of index 1.
+        // Placeholders: a constant state, and a variable of index 1.
         let states = self
             .states
             .iter()

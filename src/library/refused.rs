@@ -1,10 +1,10 @@
-//! Why a problem is refused.
+//! Errors for which a problem is refused.
 
 use ::specification::SpecificationError;
 use std::error::Error;
 use std::fmt;
 
-/// Every error of a problem and its settings, each with its place, a code, and what to write instead.
+/// Every error of a problem and its settings, each with its JSON pointer, a code, and what to write instead.
 #[derive(Clone, Debug)]
 pub struct Refused(pub Vec<SpecificationError>);
 

@@ -1,21 +1,21 @@
-//! How a problem is solved.
+//! Settings of a solve: method, tolerances and output.
 
 use serde_json::{Map, Value, json};
 
 /// The absolute tolerances of the states, each in the unit of its state. They should be below the smallest value of interest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum AbsoluteTolerance {
-    /// A thousandth of the relative tolerance.
+    /// A thousandth of the relative tolerance, for every state.
     #[default]
     ThousandthOfRelative,
-    /// The same for every state.
+    /// One tolerance for all states.
     Uniform(f64),
-    /// By the name of the state; what is not named has the default.
+    /// One tolerance per state, by name; states that are not named have the default.
     PerState(Vec<(String, f64)>),
 }
 
-/// How a problem is solved and what is kept. The defaults are those of a specification; so is the meaning of each field, with the unit
-/// of time for times and steps, and the unit of a state for its tolerance.
+/// Settings of a solve: method, tolerances and output. The defaults and the meanings of the fields are those of a
+/// specification. Times and step sizes are in the unit of time, an absolute tolerance is in the unit of its state.
 ///
 /// ```
 /// let settings = dvi::Settings { rtol: 1e-9, ..dvi::Settings::default() };
@@ -27,10 +27,10 @@ pub struct Settings {
     pub start: f64,
     /// The relative tolerance of the local error, from 1e-14 to 0.1.
     pub rtol: f64,
-    /// The absolute tolerances.
+    /// The absolute tolerances of the states.
     pub atol: AbsoluteTolerance,
-    /// The number of stages of Radau IIA, of order `2s - 1`: odd, or any from 1 to 9 with a fixed `step`; `None` to choose between 3,
-    /// 5 and 7 as the run goes.
+    /// The number of stages of Radau IIA, of order `2s - 1`: odd, or any from 1 to 9 with a fixed `step`; `None` to
+    /// choose between 3, 5 and 7 during the run.
     pub stages: Option<usize>,
     /// A fixed step size; `None` for steps that follow from the error estimate.
     pub step: Option<f64>,
@@ -38,15 +38,15 @@ pub struct Settings {
     pub first_step: Option<f64>,
     /// The largest step size.
     pub max_step: Option<f64>,
-    /// The smallest step size before the run fails.
+    /// The smallest step size; a run that needs a smaller step fails.
     pub min_step: Option<f64>,
     /// The output times, increasing; `None` for the end of every step.
     pub times: Option<Vec<f64>>,
     /// The names of the columns to keep; `None` for all.
     pub fields: Option<Vec<String>>,
-    /// Whether to estimate the error at the end, by a second and more accurate run.
+    /// Whether to estimate the global error at the end, by a second and more accurate run.
     pub global_error: bool,
-    /// The longest time that the solve may take, in seconds.
+    /// The longest wall-clock time that the solve may take, in seconds.
     pub seconds: Option<f64>,
 }
 
@@ -70,7 +70,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The parts of a specification beside its problem, up to the time `end`, as JSON.
+    /// Returns the keys of a specification other than `problem`, for a run up to the time `end`, as JSON.
     pub(crate) fn written(&self, end: f64) -> Map<String, Value> {
         let atol = match &self.atol {
             AbsoluteTolerance::ThousandthOfRelative => None,
@@ -102,7 +102,7 @@ impl Settings {
     }
 }
 
-/// An object of the values that are given.
+/// Returns a JSON object of the entries that have a value.
 fn object<const N: usize>(entries: [(&str, Option<Value>); N]) -> Map<String, Value> {
     entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
 }

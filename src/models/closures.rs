@@ -1,29 +1,31 @@
-//! Equations given as functions of Rust. Nothing is known of them but their values: they have no enclosures, and derivatives that
-//! are not given are central differences.
+//! Equations of a differential variational inequality given as Rust functions. Only their values are available: the
+//! equations have no interval enclosures, and derivatives that the user does not supply are central differences.
 
 use expression::cube_root;
 use problem::{Dvi, Structure};
 use std::fmt;
 use std::sync::Arc;
 
-/// Writes `F` (n) and `G` (m) at `(t, x, z)`: `(t, x, z, F, G)`.
+/// A function that writes `F` (`n` rates) and `G` (`m` inequalities) at `(t, x, z)`; arguments `(t, x, z, F, G)`.
 pub type RowFunction = dyn Fn(f64, &[f64], &[f64], &mut [f64], &mut [f64]) + Send + Sync;
 
-/// Writes the derivatives of `F`, then `G`, with respect to `x`, then `z`, row by row: `(t, x, z, derivatives)`.
+/// A function that writes the derivatives of `F`, then `G`, with respect to `x`, then `z`, row by row; arguments `(t,
+/// x, z, derivatives)`.
 pub type DerivativeFunction = dyn Fn(f64, &[f64], &[f64], &mut [f64]) + Send + Sync;
 
-/// Equations as functions, with a workspace.
+/// The equations of a differential variational inequality as Rust functions, with a workspace.
 #[derive(Clone)]
 pub struct Closures {
     structure: Structure,
     rows: Arc<RowFunction>,
     derivatives: Option<Arc<DerivativeFunction>>,
-    /// The time from the start to the end, which sizes differences in time.
+    /// The length of the time interval, which scales the increment of differences in time.
     span: f64,
-    /// The largest magnitude of each unknown so far, which sizes differences where it is zero.
+    /// The largest magnitude of each unknown so far, which scales the increment of a difference where the unknown is
+    /// zero.
     met: Vec<f64>,
     y: Vec<f64>,
-    /// The rows at both ends of a difference.
+    /// The values of the rows at both ends of a central difference.
     ends: [Vec<f64>; 2],
 }
 
@@ -33,15 +35,15 @@ impl fmt::Debug for Closures {
     }
 }
 
-/// The change that balances truncation and rounding of a central difference, relative to the size of what is changed: the cube
-/// root of the rounding unit.
+/// Returns the increment of a central difference relative to the size of the unknown, at which truncation and
+/// rounding errors balance: the cube root of the rounding unit.
 fn change() -> f64 {
     cube_root(f64::EPSILON)
 }
 
 impl Closures {
-    /// Equations of the given structure, whose bounds are constant and whose pattern is replaced by a full one, over a time of
-    /// length `span`.
+    /// Creates equations of the given structure over a time interval of length `span`. The bounds of the structure
+    /// must be constant; its sparsity pattern is replaced by a full one.
     pub fn new(
         mut structure: Structure,
         rows: Arc<RowFunction>,
@@ -59,15 +61,17 @@ impl Closures {
         &mut self.structure
     }
 
-    /// The rows at `(t, y)`, for `y` in the workspace, at one of the ends.
+    /// Evaluates the rows at time `t` and the unknowns `y` in the workspace, into the storage of one end of the
+    /// difference.
     fn at_end(&mut self, end: usize, t: f64) {
         let n = self.structure.states;
         let (rates, inequality) = self.ends[end].split_at_mut(n);
         (self.rows)(t, &self.y[..n], &self.y[n..], rates, inequality);
     }
 
-    /// The size of an unknown, for differences. Where it passes zero, a small part of the largest that it has had, so that
-    /// rounding takes half of the digits at most; where it has always been zero, the largest of all.
+    /// Returns the scale of unknown `j` for differences: its magnitude, but at least a small fraction of the largest
+    /// magnitude it has had, so that near a zero crossing rounding costs at most half of the digits; for an unknown
+    /// that has always been zero, the largest magnitude of all unknowns.
     fn size(&self, j: usize, value: f64) -> f64 {
         let own = value.abs().max(change() * self.met[j]);
         let largest = self.met.iter().copied().fold(0.0, f64::max);
@@ -131,7 +135,7 @@ mod tests {
     use super::*;
     use problem::{ConvexSet, Mass};
 
-    /// Difference quotients of a function whose derivatives are known, in units far from one, and at zero.
+    /// Compares difference quotients with the known derivatives of a function, in units far from one, and at zero.
     #[test]
     fn differences_have_two_thirds_of_the_digits() {
         let structure = Structure {
@@ -155,7 +159,7 @@ mod tests {
         let mut derivatives = [0.0; 9];
         closures.jacobian(0.3, &y, &mut derivatives);
         let exact = [0.0, 2.0, 0.0, -(1.0_f64.cos()) * 1e9, 0.0, 1.0, 1.0, 0.0, 3.0];
-        // Rounding of the terms of a row, over the change of an unknown.
+        // Rounding error of the terms of a row, divided by the increment of an unknown.
         let rounding = [1e6 * 1e-16 / 6e-9, 0.0, 0.0];
         for (k, (found, exact)) in derivatives.iter().zip(exact).enumerate() {
             let allowed = 1e-9 * f64::abs(exact) + rounding[k % 3];

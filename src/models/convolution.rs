@@ -11,12 +11,12 @@ use analysis::{Analysis, analyse_memory};
 use convolution::Kernel;
 use nalgebra::DMatrix;
 
-/// A convolution inequality (a problem with memory) and its output names.
+/// A convolution inequality (a problem with memory) with the names of its outputs.
 #[derive(Clone, Debug)]
 pub struct ConvolutionModel {
-    /// `q` and `K`, as a problem without states whose inequality function is `q(t)`.
+    /// The forcing `q` and the set `K`, as a problem without states whose inequality function is `q(t)`.
     pub forcing: DviModel,
-    /// The kernel `m`.
+    /// The kernel `m` of the convolution.
     pub kernel: Kernel,
     /// The exponent `a` in `m(t) ~ t^(a-1)` at zero, with `0 < a <= 2`.
     pub index: f64,
@@ -42,12 +42,12 @@ impl ConvolutionModel {
         Self { forcing, kernel, index, at_zero, output_names }
     }
 
-    /// The number of variables.
+    /// Returns the number of variables `z`.
     pub fn variables(&self) -> usize {
         self.forcing.variable_names.len()
     }
 
-    /// Existence and uniqueness according to the theory of convolution inequalities.
+    /// Analyses existence and uniqueness according to the theory of convolution inequalities.
     pub fn analyse(&self) -> Analysis {
         analyse_memory(self.index, &self.at_zero)
     }

@@ -8,46 +8,46 @@ use problem::{Dvi, Structure};
 /// The equations of a differential variational inequality.
 #[derive(Clone, Debug)]
 pub enum Equations {
-    /// Rates and inequality as expressions.
+    /// Rates and inequality functions as symbolic expressions.
     Symbolic(Box<Symbolic>),
     /// Constant matrices and a forcing that depends on time.
     Linear(Box<Linear>),
-    /// Functions of Rust: nothing but their values is known.
+    /// Rust functions, of which only values are available.
     Closures(Box<Closures>),
 }
 
-/// Advice for the user when steps chatter across a kink.
+/// Advice for the user when time steps chatter across a kink of the rates.
 #[derive(Clone, Debug, Default)]
 pub struct KinkAdvice {
     /// Descriptions of the kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
     pub names: Vec<String>,
-    /// The same problem as JSON, with each kink replaced by a variable in a convex set.
+    /// The problem as JSON, with each kink replaced by a variable in a convex set.
     pub as_set: Option<String>,
 }
 
 /// A differential variational inequality with its names, its initial values and its warnings.
 #[derive(Clone, Debug)]
 pub struct DviModel {
-    /// The names of the `n` states.
+    /// The names of the `n` states of the problem.
     pub state_names: Vec<String>,
-    /// The names of the `m` variables.
+    /// The names of the `m` variables of the problem.
     pub variable_names: Vec<String>,
     /// The outputs besides states and variables.
     pub outputs: Outputs,
     /// The initial states, `n` finite values.
     pub initial: Vec<f64>,
-    /// The equations.
+    /// The compiled equations.
     pub equations: Equations,
     /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
-    /// Advice for the user when steps chatter across a kink.
+    /// Advice for the user when time steps chatter across a kink of the rates.
     pub kinks: KinkAdvice,
-    /// The parameters; `None` if the problem has none or if they were folded into constants.
+    /// The parameters of the problem; `None` if it has none or if they were folded into constants.
     pub parameters: Option<Parameters>,
 }
 
 impl Equations {
-    /// Sizes, convex set and sparsity pattern.
+    /// Returns the sizes, the convex set and the sparsity pattern of the equations.
     pub fn structure(&self) -> &Structure {
         match self {
             Self::Symbolic(equations) => equations.structure(),
@@ -74,7 +74,7 @@ impl Equations {
 }
 
 impl DviModel {
-    /// A new evaluator with its own workspace.
+    /// Returns a new evaluator of the equations with its own workspace.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {
             Equations::Symbolic(equations) => equations.clone(),
@@ -83,28 +83,28 @@ impl DviModel {
         }
     }
 
-    /// Whether only values of the equations are known.
+    /// Returns whether the equations are Rust functions, of which only values are available.
     pub fn is_opaque(&self) -> bool {
         matches!(self.equations, Equations::Closures(_))
     }
 
-    /// Whether a rate has a kink in a state; `warnings` then contains `kink_in_rate`.
+    /// Returns whether a rate has a kink in a state; `warnings` then contains `kink_in_rate`.
     pub fn has_kinks(&self) -> bool {
         self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
 
-    /// The names of all columns: states, variables, outputs.
+    /// Returns the names of all columns of the solution: states, variables, outputs.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }
 
-    /// Sizes, convex set and sparsity pattern.
+    /// Returns the sizes, the convex set and the sparsity pattern of the problem.
     pub fn structure(&self) -> &Structure {
         self.equations.structure()
     }
 
-    /// Index, existence and uniqueness at time `t` and the initial states. Each variable is set to the projection of
-    /// zero onto its constant bounds.
+    /// Analyses index, existence and uniqueness at time `t` and the initial states. Each variable is set to the
+    /// projection of zero onto its constant bounds.
     pub fn analyse(&self, t: f64) -> Analysis {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));

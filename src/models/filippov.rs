@@ -1,14 +1,14 @@
 //! Filippov systems: `x' = f_i(t,x)` in region `i`, and a convex combination of the adjacent `f_i` on the boundaries.
 //!
-//! Two regions on either side of a surface `h = 0` (Filippov 1988, *Differential Equations with Discontinuous Righthand
-//! Sides*, section 4):
+//! A system with two regions on either side of a surface `h = 0` (Filippov 1988, *Differential Equations with
+//! Discontinuous Righthand Sides*, section 4):
 //!
 //! ```text
 //! x' = (1 - z) f+ + z f-,    z in [0, 1],    0 <= h (z~ - z)  for all z~ in [0, 1]
 //! ```
 //!
-//! Many regions, where region `i` is the set of points at which its indicator `g_i` is the smallest (Stewart 1990, A
-//! high accuracy method for solving ODEs with discontinuous right-hand side):
+//! A system with many regions, where region `i` is the set of points at which its indicator `g_i` is the smallest
+//! (Stewart 1990, A high accuracy method for solving ODEs with discontinuous right-hand side):
 //!
 //! ```text
 //! x' = sum_i z_i f_i,    z in the simplex,    0 <= <g, z~ - z>  for all z~ in the simplex
@@ -18,16 +18,17 @@ use super::Rows;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, Shape};
 
-/// A region of a Filippov system, in nodes whose inputs are `t`, then `x`.
+/// A region of a Filippov system, as expression nodes whose inputs are `t`, then `x`.
 #[derive(Clone, Debug)]
 pub struct Region {
     /// The indicator `g_i`, smallest of all indicators inside region `i`.
     pub indicator: Node,
-    /// The rates `f_i`, one per state.
+    /// The rates `f_i` inside region `i`, one per state.
     pub rates: Vec<Node>,
 }
 
-/// Rows of a system with two regions: rates `plus` where `surface` is positive, `minus` where it is negative.
+/// Returns the rows of a Filippov system with two regions: rates `plus` where `surface` is positive, `minus` where it
+/// is negative.
 pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Node]) -> Rows {
     let z = graph.input(1 + plus.len());
     let mut rate = |(&plus, &minus)| {
@@ -41,8 +42,9 @@ pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Nod
     Rows { mass: Mass::Identity, rates, inequality: vec![surface], set, moving: Vec::new() }
 }
 
-/// The difference of two rates. Summands that both have in common cancel in its expression, and not only in its value:
-/// rates that are linear on either side with the same slopes then are linear on the surface too.
+/// Returns the difference of two rates. Summands that occur in both rates cancel symbolically and not only
+/// numerically: rates that are affine on either side of the surface with equal slopes then are affine on the surface
+/// too.
 fn difference(graph: &mut Graph, minus: Node, plus: Node) -> Node {
     let difference = graph.subtract(minus, plus);
     let mut sum = graph.constant(0.0);
@@ -53,7 +55,7 @@ fn difference(graph: &mut Graph, minus: Node, plus: Node) -> Node {
     if graph.inputs(sum).len() < graph.inputs(difference).len() { sum } else { difference }
 }
 
-/// Rows of a system with at least one region and `n` states (Stewart's formulation).
+/// Returns the rows of a Filippov system with at least one region and `n` states (Stewart's formulation).
 pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     let mut rates = vec![graph.constant(0.0); n];
     for (i, region) in regions.iter().enumerate() {
@@ -69,23 +71,22 @@ pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     Rows { mass: Mass::Identity, rates, inequality, set, moving: Vec::new() }
 }
 
-/// Regions that a solution may enter immediately from a given point: the regions adjacent to the point whose own rate
-/// makes every other adjacent indicator grow faster than their own. If there are two or more, the boundary is repulsive
-/// and solutions are not unique.
+/// Regions that a solution may enter immediately from a given point: the regions adjacent to the point whose rate
+/// makes every other adjacent indicator grow faster than the region's own. If there are two or more, the boundary is
+/// repulsive and solutions are not unique.
 #[derive(Clone, Debug)]
 pub struct Departures {
     t: f64,
-    /// For each region the indicator and its derivatives; then the rates of all regions.
+    /// The compiled program of each region's indicator and its derivatives, followed by the rates of all regions.
     tape: Tape,
-    /// For each indicator, the inputs with respect to which it is differentiated.
+    /// For each region, the inputs with respect to which its indicator is differentiated.
     inputs: Vec<Vec<usize>>,
 }
 
 impl Departures {
     /// Compiles the indicators, their gradients and the rates, for evaluation at time `t`.
     ///
-    /// # Errors
-    /// If the derivative of an indicator exceeds the size limits of `graph`.
+    /// # Errors If the derivative of an indicator exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, regions: &[Region], t: f64) -> Result<Self, ExpressionError> {
         let mut nodes: Vec<Node> = Vec::new();
         let mut inputs = Vec::new();
@@ -99,17 +100,17 @@ impl Departures {
         Ok(Self { t, tape: Tape::compile(graph, &nodes), inputs })
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled program.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
     }
 
-    /// Whether the boundary at `x` is repulsive: solutions can enter two or more regions.
+    /// Returns whether the boundary at `x` is repulsive: whether solutions can enter two or more regions.
     pub fn repel(&mut self, x: &[f64]) -> bool {
         self.from(x).len() > 1
     }
 
-    /// The regions that a solution may enter from `x`.
+    /// Returns the regions that a solution may enter from `x`.
     pub fn from(&mut self, x: &[f64]) -> Vec<usize> {
         let regions = self.inputs.len();
         let mut point = vec![self.t];
@@ -129,7 +130,7 @@ impl Departures {
             normals.push(normal);
             rest = after;
         }
-        // The time derivative of an indicator along the rate of region i.
+        // The time derivative of an indicator along the rate of region `i`.
         let along = |i: usize, normal: &[f64]| {
             let rates = &rest[i * x.len()..(i + 1) * x.len()];
             normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
@@ -152,7 +153,8 @@ mod tests {
     use super::*;
     use expression::Scope;
 
-    /// The number of regions that can be entered from `x`, with rates `plus` for `x > 0` and `minus` for `x < 0`.
+    /// Returns the number of regions that a solution can enter from `x`, with rates `plus` for `x > 0` and `minus`
+    /// for `x < 0`.
     fn departures_from(x: f64, plus: &str, minus: &str) -> usize {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         let input = graph.input(1);

@@ -1,27 +1,28 @@
-//! Time derivatives of the forcing as sums of shared terms. A term that occurs in several rows is stored once, so that
-//! it cancels in linear combinations of the rows before interval enclosure.
+//! Time derivatives of the forcing as sums of terms that the rows share. A term that occurs in several rows is stored
+//! once, so that it cancels in linear combinations of the rows before interval enclosure.
 
 use expression::{Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
 use problem::{ForcingSlopes, Sums};
 use rustc_hash::FxHashMap;
 
-/// Time derivatives of the forcing, with the compiled programs of terms and factors.
+/// The time derivatives of the forcing, with the compiled programs of their terms and factors.
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
     pub sums: ForcingSlopes,
     terms: Tape,
     over_box: IntervalWorkspace,
-    /// The program of all factors in the order of the sums, with a buffer for their values; `None` if no factor depends
-    /// on parameters.
+    /// The program of the factors of all terms in the order of the sums, with a buffer for their values; `None` if no
+    /// factor depends on parameters.
     factors: Option<(Tape, Vec<f64>)>,
 }
 
-/// Sums of `(term index, factor)` with factors as graph nodes.
+/// Sums of pairs `(term index, factor)`, one sum per row, with factors as graph nodes.
 type Symbolic = Vec<Vec<(usize, Node)>>;
 
 impl Slopes {
-    /// Splits `dF/dt`, `dG/dt` and `d^2G/dt^2` (functions of time and parameters) into shared terms.
+    /// Splits the time derivatives `dF/dt`, `dG/dt` and `d^2G/dt^2` (functions of time and parameters) into terms
+    /// that the rows share.
     pub fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
         let mut terms: Vec<Node> = Vec::new();
         let mut places = FxHashMap::default();
@@ -51,7 +52,7 @@ impl Slopes {
         }
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled programs, and updates the factors of the terms.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.terms.bind(parameters);
         self.over_box.bind(&self.terms);
@@ -63,7 +64,7 @@ impl Slopes {
         factors.zip(values).for_each(|(factor, value)| *factor = *value);
     }
 
-    /// Encloses all terms over an interval of `t`.
+    /// Encloses all terms of the time derivatives over an interval of `t`.
     pub fn enclose(&mut self, t: Interval, terms: &mut [Interval]) {
         self.terms.enclose(t, &[], &mut self.over_box, terms);
     }

@@ -1,4 +1,4 @@
-//! Lowered problems: compiled equations (cheap to clone) with output names.
+//! Models: compiled equations of a problem (cheap to clone) with the names of its outputs.
 //!
 //! Parameters are inputs of the compiled equations: new values can be bound without recompilation
 //! ([`DviModel::with_parameters`], [`MechanicalModel::with_parameters`]), and derivatives with respect to parameters

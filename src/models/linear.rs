@@ -4,8 +4,8 @@
 //! M x' = A x + B z + a(t),    z in K(t,x),    G = C x + D z + g(t)
 //! ```
 //!
-//! The matrices are stored as one sparse matrix `[A B; C D]`, which is also the Jacobian. The forcing `(a, g)` and the
-//! moving bounds of `K`, if any, are expressions.
+//! The matrices are stored as one sparse matrix `[A B; C D]`, which is also the Jacobian. The forcing `(a, g)` and
+//! the moving bounds of `K`, if any, are symbolic expressions.
 
 use super::ParametricTerms;
 use super::forcing_slopes::Slopes;
@@ -13,27 +13,27 @@ use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, MOST_LANES, 
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 
-/// The parts of a linear system with `n` states and `m` variables.
+/// The matrices, forcing and convex set of a linear complementarity system with `n` states and `m` variables.
 #[derive(Clone, Debug)]
 pub struct LinearRows {
-    /// `M`.
+    /// The mass matrix `M`.
     pub mass: Mass,
-    /// `[A B; C D]` as `(row, column, value)` in any order, without duplicate entries.
+    /// The matrix `[A B; C D]` as triplets `(row, column, value)` in any order, without duplicate entries.
     pub matrix: Vec<(usize, usize, f64)>,
-    /// The matrix entries that depend on parameters, as `(row, column, node)` in any order.
+    /// The entries of `[A B; C D]` that depend on parameters, as triplets `(row, column, node)` in any order.
     pub parametric: Vec<(usize, usize, Node)>,
-    /// `a` (n), functions of `t` alone.
+    /// The forcing `a` of the `n` states, functions of `t` alone.
     pub state_forcing: Vec<Node>,
-    /// `g` (m), functions of `t` alone.
+    /// The forcing `g` of the `m` inequalities, functions of `t` alone.
     pub inequality_forcing: Vec<Node>,
-    /// `K` with its constant bounds.
+    /// The convex set `K` with its constant bounds.
     pub set: ConvexSet,
-    /// The bounds that vary with `(t, x)`.
+    /// The bounds of `K` that vary with `(t, x)`.
     pub moving: Vec<(MovingBound, Node)>,
 }
 
 impl LinearRows {
-    /// Rows and coefficients that may depend on parameters.
+    /// Returns the rows and matrix entries that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.state_forcing.iter().chain(&self.inequality_forcing).chain(bounds).copied().collect();
@@ -41,43 +41,44 @@ impl LinearRows {
     }
 }
 
-/// A linear complementarity system with its own workspace.
+/// A compiled linear complementarity system with its own workspace.
 #[derive(Clone, Debug)]
 pub struct Linear {
     structure: Structure,
-    /// The values of the matrix entries, which come first in the pattern; derivatives of moving bounds follow.
+    /// The values of the matrix entries, which come first in the sparsity pattern, before the derivatives of moving
+    /// bounds.
     coefficients: Vec<f64>,
-    /// Indices into `coefficients` of the entries that depend on parameters.
+    /// Indices into `coefficients` of the matrix entries that depend on parameters.
     parametric: Vec<u32>,
-    /// The program of the `parametric` entries, with a buffer for their values.
+    /// The program of the matrix entries that depend on parameters, with a buffer for their values.
     decided: (Tape, Vec<f64>),
-    /// The columns of `coefficients`, as `u32` because every evaluation reads them.
+    /// The column of each matrix entry in `coefficients`, as `u32` to save memory bandwidth, since every evaluation
+    /// reads them.
     columns: Vec<u32>,
     /// The end of each matrix row in `coefficients`.
     row_ends: Vec<usize>,
-    /// `a`, `g` and the moving bounds.
+    /// The program of the forcing `a`, `g` and of the moving bounds.
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
-    /// The time derivatives of `a` and `g`, and the second ones of `g`; `None` if one exceeds the size limits of the
-    /// graph.
+    /// The time derivatives of `a` and `g`, and the second time derivatives of `g`; `None` if one exceeds the size
+    /// limits of the graph.
     slopes: Option<Slopes>,
     breaks: Breaks,
     pace: Pace,
-    /// Interval workspaces of `forcing`, `bound_derivatives` and `time_derivatives`.
+    /// Interval workspaces of `forcing`, `bound_derivatives` and `time_derivatives`, in this order.
     boxes: [IntervalWorkspace; 3],
-    /// The midpoint and the radius of each unknown over a box.
+    /// The midpoint and the radius of the enclosure of each unknown.
     balls: Vec<(f64, f64)>,
-    /// The values of each unknown at several points, side by side.
+    /// The values of each unknown at several points, side by side for vectorisation.
     lanes: Vec<f64>,
 }
 
 impl Linear {
-    /// Compiles the forcing and sorts the matrix by rows.
+    /// Compiles the forcing and sorts the matrix entries by rows.
     ///
-    /// # Errors
-    /// The index of the first moving bound or component of `g` (counted after the moving bounds) whose derivative
-    /// exceeds the size limits of `graph`.
+    /// # Errors The index of the first moving bound or component of `g` (counted after the moving bounds) whose
+    /// derivative exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: LinearRows) -> Result<Self, (usize, ExpressionError)> {
         let (n, m) = (rows.state_forcing.len(), rows.inequality_forcing.len());
         let mut matrix = rows.matrix;
@@ -153,7 +154,7 @@ impl Linear {
 }
 
 impl Linear {
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled programs, and updates the matrix entries that depend on parameters.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let (tape, values) = &mut self.decided;
         tape.bind(parameters);
@@ -175,7 +176,7 @@ impl Linear {
         self.pace.bind(parameters);
     }
 
-    /// Adds the product of the matrix with `y` to `values`, for at most `L` points at once.
+    /// Adds the product of the matrix `[A B; C D]` with `y` to `values`, for at most `L` points at once.
     fn add_products<const L: usize>(&mut self, ys: &[f64], values: &mut [f64]) {
         let (unknowns, rows) = (self.structure.unknowns(), self.structure.rows());
         self.lanes.resize(L * unknowns, 0.0);
@@ -295,11 +296,11 @@ impl Dvi for Linear {
     }
 }
 
-/// The number of independent partial sums per row, for instruction-level parallelism.
+/// The number of independent partial sums per row of a sparse product, for instruction-level parallelism.
 const PARTS: usize = 4;
 
-/// The products of a sparse row with the unknowns at `L` points, where `y[j]` is unknown `j` at all points. Products
-/// are bitwise equal for all `L`.
+/// Returns the products of a sparse row with the unknowns at `L` points, where `y[j]` holds unknown `j` at all
+/// points. The product at a point is bitwise equal for all `L`.
 #[inline(always)]
 fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]]) -> [f64; L] {
     let add = |sums: &mut [f64; L], column: u32, coefficient: f64| {
@@ -323,8 +324,8 @@ fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]
 }
 
 /// Encloses the product of a sparse row with unknowns given as `(midpoint, radius)`: the product with the midpoints,
-/// plus or minus the product of the absolute values with the radii and the rounding error of both (Rump 1999, *Fast and
-/// parallel interval arithmetic*).
+/// plus or minus the sum of the product of absolute values with the radii and the rounding errors (Rump 1999, *Fast
+/// and parallel interval arithmetic*).
 fn range_of_product(columns: &[u32], coefficients: &[f64], balls: &[(f64, f64)]) -> Interval {
     let (mut middle, mut radius, mut size) = (0.0_f64, 0.0_f64, 0.0_f64);
     for (&column, coefficient) in columns.iter().zip(coefficients) {
@@ -334,8 +335,8 @@ fn range_of_product(columns: &[u32], coefficients: &[f64], balls: &[(f64, f64)])
         size += term.abs();
         radius += coefficient.abs() * of_radius;
     }
-    // The rounding error of a sum of `k` products is at most `k` units relative to the sum of absolute values; further
-    // units cover the rounding of `middle - half` and `middle + half`.
+    // The rounding error of a sum of `k` products is at most `k` rounding units relative to the sum of absolute
+    // values; two further units cover the rounding of `middle - half` and `middle + half`.
     let rounding = (columns.len() + 2) as f64 * f64::EPSILON * (size + radius);
     let half = (radius + rounding).next_up();
     if half.is_finite() && middle.is_finite() { Interval::new(middle - half, middle + half) } else { Interval::LINE }

@@ -1,12 +1,12 @@
-//! Mechanical systems in expressions. With `T = v^T M v / 2`, a potential `V` and forces `Q`, Lagrange's equations
-//! `d/dt dT/dv - dT/dq = Q - dV/dq` are
+//! Mechanical systems given by symbolic expressions. With the kinetic energy `T = v^T M v / 2`, a potential `V` and
+//! forces `Q`, Lagrange's equations `d/dt dT/dv - dT/dq = Q - dV/dq` are
 //!
 //! ```text
 //! M v' = f = Q - dV/dq + dT/dq - (d(M v)/dq) v - (dM/dt) v
 //! ```
 //!
 //! All derivatives are exact. For joints and contact normals, `J` and `b` in `u = J v + b` are derivatives of
-//! constraints and gaps; for slips, they are the coefficients of expressions that are affine in `v`.
+//! constraints and gaps; for slip directions, they are the coefficients of expressions that are affine in `v`.
 
 mod coefficient;
 
@@ -21,43 +21,45 @@ use problem::{
     SensitivityRange,
 };
 
-/// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
+/// The expressions of a mechanical system with `n` coordinates, as nodes of a [`Graph`] whose inputs are `t`, then
+/// `q` (`n`), then `v` (`n`).
 #[derive(Clone, Debug)]
 pub struct MechanicalRows {
-    /// The symmetric mass matrix `M` by rows, `n n` nodes.
+    /// The symmetric mass matrix `M` by rows, `n * n` nodes.
     pub mass: Vec<Node>,
-    /// The potential energy `V`.
+    /// The potential energy `V` of the system.
     pub potential: Node,
-    /// The generalised forces `Q`.
+    /// The generalised forces `Q`, one per coordinate.
     pub forces: Vec<Node>,
-    /// The joint constraints `phi(t, q) = 0`.
+    /// The functions `phi` of the joint constraints `phi(t, q) = 0`.
     pub joints: Vec<Node>,
-    /// The gaps, functions of `t` and `q`.
+    /// The gap functions of the contacts, of `t` and `q`.
     pub gaps: Vec<Node>,
     /// The slip velocities of all contacts, affine in `v`.
     pub slips: Vec<Node>,
-    /// The contacts.
+    /// The contact laws, one per contact.
     pub contacts: Vec<ContactData>,
-    /// The coefficient of friction of each contact where it varies, in the further input [`slip_speed_input`].
+    /// The coefficient of friction of each contact whose coefficient varies, with the slip speed as additional input
+    /// [`slip_speed_input`]; `None` for constant coefficients.
     pub coefficients: Vec<Option<Node>>,
 }
 
-/// A row that could not be differentiated.
+/// The part of a mechanical system whose derivative exceeds the size limits of the graph.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DifferentiationError {
-    /// `M`, `V` or `Q`.
+    /// The mass matrix `M`, the potential `V` or the forces `Q`.
     Dynamics(ExpressionError),
-    /// A joint.
+    /// The joint constraint with this index.
     Joint(usize, ExpressionError),
-    /// A gap.
+    /// The gap of the contact with this index.
     Gap(usize, ExpressionError),
-    /// A slip.
+    /// The slip velocity with this index.
     Slip(usize, ExpressionError),
-    /// The coefficient of friction of a contact.
+    /// The coefficient of friction of the contact with this index.
     Coefficient(usize, ExpressionError),
 }
 
-/// A mechanical system in expressions, with its own workspace.
+/// A mechanical system compiled from symbolic expressions, with its own workspace.
 #[derive(Clone, Debug)]
 pub struct SymbolicMechanics {
     structure: MechanicalStructure,
@@ -70,23 +72,26 @@ pub struct SymbolicMechanics {
     rows: Sparse,
     energies: Tape,
     bias: Tape,
-    /// Derivatives of force balance, constraint acceleration and constraint velocity, stacked in this order.
+    /// The derivatives with respect to `(q, v)` of the force balance, constraint accelerations and constraint
+    /// velocities, stacked in this order.
     sensitivity: Sparse,
-    /// The derivatives of the same rows with respect to time, in one column.
+    /// The derivatives of force balance, constraint accelerations and constraint velocities with respect to time, in
+    /// one column.
     in_time: Sparse,
-    /// Force balance, constraint acceleration, constraint velocity, and values of joints and gaps, as nodes of the graph.
+    /// Force balance, constraint accelerations, constraint velocities, and values of joint constraints and gaps, as
+    /// nodes of the graph.
     terms: Vec<Node>,
-    /// The coefficients of friction that vary, by contact.
+    /// For each contact, the compiled coefficient of friction if it varies.
     coefficients: Vec<Option<Coefficient>>,
     breaks: Breaks,
     jumps: Jumps,
     knots: Knots,
-    /// The inputs after `t`: `q`, `v`, `a`, `lambda`.
+    /// The inputs of the compiled programs after `t`: `q`, `v`, `a`, `lambda`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
 }
 
-/// Interval workspaces for the parts of a system.
+/// Interval workspaces for the compiled programs of a mechanical system.
 #[derive(Clone, Debug)]
 struct Enclosures {
     values: IntervalWorkspace,
@@ -96,12 +101,12 @@ struct Enclosures {
     bias: IntervalWorkspace,
     mass: IntervalWorkspace,
     sensitivity: IntervalWorkspace,
-    /// The inputs after `t`.
+    /// The intervals of the inputs after `t`.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
 }
 
-/// The structural nonzeros of a matrix, and the program for their values.
+/// The structural nonzeros of a matrix, and the compiled program for their values.
 #[derive(Clone, Debug)]
 struct Sparse {
     places: Vec<(usize, usize)>,
@@ -116,7 +121,8 @@ impl Sparse {
     }
 }
 
-/// Indices of the graph inputs `t`, `q`, `v`, `a`, `lambda`.
+/// The indices of the graph inputs: time `t`, coordinates `q`, velocities `v`, accelerations `a` and multipliers
+/// `lambda`.
 struct Inputs {
     n: usize,
 }
@@ -139,7 +145,7 @@ impl Inputs {
     }
 }
 
-/// `d node / d input` for every input below `count`, zeros included.
+/// Returns the derivatives of `node` with respect to every input below `count`, zeros included.
 fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>, ExpressionError> {
     let zero = graph.constant(0.0);
     let mut all = vec![zero; count];
@@ -151,7 +157,7 @@ fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>,
     Ok(all)
 }
 
-/// The total time derivative of a node, with `t' = 1` and `q' = v`.
+/// Returns the total time derivative of a node from its partial derivatives, with `t' = 1` and `q' = v`.
 fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
     let mut sum = derivatives[0];
     for i in 0..n {
@@ -163,10 +169,9 @@ fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
 }
 
 impl SymbolicMechanics {
-    /// Differentiates and compiles.
+    /// Differentiates and compiles a mechanical system.
     ///
-    /// # Errors
-    /// The first part whose derivative exceeds the size limits of `graph`.
+    /// # Errors The first part of the system whose derivative exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, DifferentiationError> {
         let n = rows.forces.len();
         let inputs = Inputs { n };
@@ -179,7 +184,7 @@ impl SymbolicMechanics {
             stiffness.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
         }
 
-        // u = J v + b, row by row.
+        // Build the constraint velocities `u = J v + b`, row by row.
         let (mut velocities, mut drift, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
         let holonomic = rows.joints.iter().map(|&node| (node, true)).chain(rows.gaps.iter().map(|&node| (node, false)));
         for (row, (node, is_joint)) in holonomic.enumerate() {
@@ -326,7 +331,7 @@ impl SymbolicMechanics {
         })
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled programs.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let Enclosures { values, drift, rows, forces, bias, mass, sensitivity, .. } = &mut self.enclosures;
         let enclosed = [
@@ -351,14 +356,15 @@ impl SymbolicMechanics {
         self.knots.bind(parameters);
     }
 
-    /// The rows whose derivatives with respect to parameters give those of motion: the balance `M a - f - J^T lambda`
-    /// (n), the constraint accelerations `u' = J a + gamma` and velocities `u` (one per row of `J` each), and the values
-    /// of joints and gaps; nodes of the graph that the system was compiled from, with inputs `t`, `q`, `v`, `a`, `lambda`.
+    /// Returns the expressions whose derivatives with respect to parameters give those of the motion: the force
+    /// balance `M a - f - J^T lambda` (`n`), the constraint accelerations `u' = J a + gamma` and velocities `u` (one
+    /// per row of `J` each), and the values of joint constraints and gaps. They are nodes of the graph from which the
+    /// system was compiled, with inputs `t`, `q`, `v`, `a`, `lambda`.
     pub fn terms(&self) -> &[Node] {
         &self.terms
     }
 
-    /// The contacts, for setting their coefficients.
+    /// Returns the contact laws, for setting their coefficients.
     pub(super) fn contacts_mut(&mut self) -> &mut [ContactData] {
         &mut self.structure.contacts
     }
@@ -369,7 +375,8 @@ impl SymbolicMechanics {
         self.inputs[n..2 * n].copy_from_slice(v);
     }
 
-    /// Sets the inputs to `q` and zero velocities, for programs that do not depend on velocities.
+    /// Sets the inputs of the compiled programs to `q` and zero velocities, for programs that do not depend on
+    /// velocities.
     fn place_at_rest(&mut self, q: &[f64]) {
         let n = self.structure.coordinates;
         self.inputs[..n].copy_from_slice(q);
@@ -377,7 +384,7 @@ impl SymbolicMechanics {
     }
 }
 
-/// The momenta `p = M v`.
+/// Returns the momenta `p = M v` as nodes.
 fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
     (0..n)
         .map(|i| {
@@ -390,7 +397,7 @@ fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
         .collect()
 }
 
-/// Kinetic energy `T`, potential energy `V` and power `Q^T v`.
+/// Returns the kinetic energy `T`, the potential energy `V` and the power `Q^T v` as nodes.
 fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node; 3] {
     let n = momenta.len();
     let mut products = [momenta, &rows.forces].map(|factors| {
@@ -405,7 +412,7 @@ fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node
     [products[0], rows.potential, products[1]]
 }
 
-/// The right-hand side `f` of Lagrange's equations.
+/// Returns the right-hand side `f` of Lagrange's equations `M v' = f` as nodes.
 fn lagrange(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> Result<Vec<Node>, ExpressionError> {
     let n = momenta.len();
     let [kinetic, potential, _] = energies(graph, rows, momenta);
@@ -428,7 +435,8 @@ impl Mechanical for SymbolicMechanics {
 
     fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
         self.place_at_rest(q);
-        // The nodes are in row order and the matrix in column order, which is the same for a symmetric matrix.
+        // The nodes of `M` are in row order and the matrix in column order, which does not matter since `M` is
+        // symmetric.
         self.mass.evaluate(t, &self.inputs, mass.as_mut_slice());
     }
 

@@ -1,4 +1,4 @@
-//! A mechanical system with its names and initial values.
+//! The model of a mechanical system: compiled equations with names and initial values.
 
 use super::{Parameters, Slopes, SymbolicMechanics, Unbindable};
 use analysis::{Analysis, Uniqueness};
@@ -9,21 +9,23 @@ use problem::{Mechanical, MechanicalStructure};
 /// A mechanical system with its names and initial values. It can be solved any number of times.
 #[derive(Clone, Debug)]
 pub struct MechanicalModel {
-    /// The names of the coordinates.
+    /// The names of the generalised coordinates.
     pub coordinates: Vec<String>,
-    /// The names of the contacts.
+    /// The names of the contacts of the system.
     pub contacts: Vec<String>,
-    /// The names of coordinates and velocities.
+    /// The names of the states: coordinates, then velocities.
     pub state_names: Vec<String>,
     /// The names of all outputs: states, then gap and accumulated impulses of each contact, then energies.
     pub output_names: Vec<String>,
-    /// The initial `q` and `v`.
+    /// The initial coordinates `q`, then the initial velocities `v`.
     pub initial: Vec<f64>,
     /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
-    /// Whether forces, masses, gaps, joints or slips have kinks or jumps in coordinates or velocities.
+    /// Whether forces, masses, gaps, joint constraints or slip velocities have kinks or jumps in coordinates or
+    /// velocities.
     pub has_kinks: bool,
-    /// Whether the initial state was moved to an admissible one, so that it is not a function of the parameters.
+    /// Whether the initial state was projected onto an admissible one, so that it is not a function of the
+    /// parameters.
     pub is_start_moved: bool,
     /// The parameters, with the contact coefficients that depend on them; `None` if the problem has no parameters or if
     /// they were folded into constants.
@@ -31,16 +33,16 @@ pub struct MechanicalModel {
     system: SymbolicMechanics,
 }
 
-/// A coefficient of a contact, with the index of the contact.
+/// A coefficient of a contact law that depends on parameters, with the index of the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactCoefficient {
-    /// The coefficient of friction.
+    /// The coefficient of friction of the contact with this index.
     Friction(usize),
-    /// The coefficient of restitution.
+    /// The coefficient of restitution of the contact with this index.
     Restitution(usize),
 }
 
-/// The names of the energy outputs, in order.
+/// The names of the energy outputs, in the order in which they are written.
 pub const ENERGIES: [&str; 6] = [
     "kinetic_energy",
     "potential_energy",
@@ -85,12 +87,11 @@ impl MechanicalModel {
         }
     }
 
-    /// Returns a copy with new parameter values, in the order of [`Parameters::names`]. Programs are shared: nothing is
-    /// parsed, differentiated or compiled.
+    /// Returns a copy of the model with new parameter values, in the order of [`Parameters::names`]. Compiled
+    /// programs are shared: nothing is parsed, differentiated or compiled.
     ///
-    /// # Errors
-    /// For a wrong number of values, values that are not finite or out of range, and values that would change the
-    /// structure: the problem must then be compiled anew.
+    /// # Errors For a wrong number of values, values that are not finite or out of range, and values that would
+    /// change the structure of the problem, which must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
         let Some((parameters, coefficients)) = &mut bound.parameters else { return Err(Unbindable::Folded) };
@@ -114,30 +115,31 @@ impl MechanicalModel {
         Ok(bound)
     }
 
-    /// See [`SymbolicMechanics::terms`].
+    /// Returns the terms of motion that depend on parameters, see [`SymbolicMechanics::terms`].
     pub fn terms(&self) -> &[Node] {
         self.system.terms()
     }
 
-    /// The derivatives of the terms of motion with respect to the parameters; `None` if there are none.
+    /// Returns the derivatives of the terms of motion with respect to the parameters; `None` if the model has no
+    /// parameters.
     ///
-    /// # Errors
-    /// If a derivative exceeds the size limits of the graph.
+    /// # Errors If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
         self.parameters.as_ref().map(|(parameters, _)| parameters.slopes()).transpose()
     }
 
-    /// A new evaluator with its own workspace.
+    /// Returns a new evaluator of the mechanical system with its own workspace.
     pub fn problem(&self) -> Box<dyn Mechanical> {
         Box::new(self.system.clone())
     }
 
-    /// Sizes and contacts.
+    /// Returns the sizes of the mechanical system and its contact laws.
     pub fn structure(&self) -> &MechanicalStructure {
         self.system.structure()
     }
 
-    /// Index, existence and uniqueness according to the theory of mechanical systems with contacts and joints.
+    /// Analyses index, existence and uniqueness according to the theory of mechanical systems with contacts and
+    /// joints.
     pub fn analyse(&self) -> Analysis {
         let structure = self.structure();
         let rows = structure.rows();
@@ -169,12 +171,12 @@ impl MechanicalModel {
     }
 }
 
-/// The name of the velocity of a coordinate: `q_dot` of `q`, `q_dot[3]` of `q[3]`.
+/// Returns the name of the velocity of a coordinate: `q_dot` for `q`, `q_dot[3]` for `q[3]`.
 pub fn velocity_name(coordinate: &str) -> String {
     quantity_name(coordinate, "dot")
 }
 
-/// Appends the name of a quantity to a name, before the index if there is one: `gap` of `c[2]` is `c_gap[2]`.
+/// Appends the name of a quantity to a name, before its index if there is one: the `gap` of `c[2]` is `c_gap[2]`.
 fn quantity_name(of: &str, quantity: &str) -> String {
     match of.split_once('[') {
         Some((vector, index)) => format!("{vector}_{quantity}[{index}"),

@@ -1,33 +1,34 @@
-//! Outputs that are neither states nor variables but functions of them, `w(t, x, z)`.
+//! Outputs that are functions `w(t, x, z)` of states and variables.
 
 use super::elastic::EnergyForm;
 use expression::{Graph, Node, Tape};
 
-/// Outputs besides states and variables; empty by default.
+/// The outputs of a model besides its states and variables; empty by default.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs {
-    /// The names of the outputs.
+    /// The names of the outputs, energies last.
     pub names: Vec<String>,
     values: Tape,
-    /// The length of `(x, z)`.
+    /// The length of the vector `(x, z)` of states and variables.
     unknowns: usize,
-    /// The energies, whose names come last; `None` if the problem defines no energies.
+    /// The energies, whose names are the last of `names`; `None` if the problem defines no energies.
     energy: Option<EnergyForm>,
-    /// Whether only these outputs are recorded, without the unknowns, unless the user selects columns. Set for problems
-    /// with many unknowns.
+    /// Whether a solution contains only these outputs, without states and variables, unless the user selects columns.
+    /// Set for problems with many unknowns.
     pub stand_for_unknowns: bool,
 }
 
-/// The names of the energies.
+/// The names of the energy outputs.
 const ENERGIES: [&str; 2] = ["kinetic_energy", "potential_energy"];
 
 impl Outputs {
-    /// Compiles one node per name, with inputs `t`, `x`, `z`; `unknowns` is the length of `(x, z)`.
+    /// Compiles one expression node per name, with inputs `t`, `x`, `z`; `unknowns` is the length of `(x, z)`.
     pub fn new(graph: &Graph, names: Vec<String>, nodes: &[Node], unknowns: usize) -> Self {
         Self { names, values: Tape::compile(graph, nodes), unknowns, energy: None, stand_for_unknowns: false }
     }
 
-    /// Appends the energies, and lets the outputs replace the unknowns unless the user selects columns.
+    /// Appends the energies to the outputs, and omits states and variables from solutions unless the user selects
+    /// columns.
     pub fn with_energy(mut self, energy: EnergyForm) -> Self {
         self.names.extend(ENERGIES.map(String::from));
         self.energy = Some(energy);
@@ -35,17 +36,17 @@ impl Outputs {
         self
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled program.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.values.bind(parameters);
     }
 
-    /// The energies, if the problem defines them.
+    /// Returns the energies, if the problem defines them.
     pub fn energy(&self) -> Option<&EnergyForm> {
         self.energy.as_ref()
     }
 
-    /// Writes the output values behind `(x, z)` in `y`.
+    /// Writes the output values into `y`, after the states and variables `(x, z)` at its beginning.
     pub fn append(&mut self, t: f64, y: &mut [f64]) {
         if self.names.is_empty() {
             return;

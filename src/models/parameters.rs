@@ -1,9 +1,9 @@
-//! Parameters of a problem. Compiled equations keep them as inputs. Constants that depend on parameters (initial
-//! states, entries of the mass matrix, constant bounds, contact coefficients) are evaluated by a short program of their
-//! own. New values are bound without parsing, differentiation or compilation.
+//! Parameters of a problem. Compiled equations keep parameters as inputs. Constants that depend on parameters
+//! (initial states, entries of the mass matrix, constant bounds, contact coefficients) are evaluated by a separate
+//! short program. New values are bound without parsing, differentiation or compilation.
 //!
-//! The structure of the problem (sparsity, equal bounds, ..) is that of the values at compilation. Values that would
-//! change it are rejected: the problem must then be compiled anew.
+//! The structure of the problem (sparsity, equal bounds, ..) is that of the parameter values at compilation. Values
+//! that would change the structure are rejected: the problem must then be compiled anew.
 
 use super::DviModel;
 use super::circuit::{CircuitParameters, Refused};
@@ -14,24 +14,25 @@ use expression::{Assumption, Assumptions, Broken, ExpressionError, Graph, Node, 
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::sync::Arc;
 
-/// The parts of a problem that may depend on its parameters, as nodes of the graph of its rows.
+/// The parts of a problem that may depend on its parameters, as nodes of the graph of its equations.
 #[derive(Clone, Debug, Default)]
 pub struct ParametricTerms {
-    /// The parameters by name.
+    /// The names of the parameters.
     pub names: Vec<String>,
-    /// The values at compilation.
+    /// The parameter values at compilation.
     pub values: Vec<f64>,
-    /// The initial states.
+    /// The initial values of the states.
     pub initial: Vec<Node>,
-    /// The entries of the mass matrix that depend on parameters, as `(row, column, node)`.
+    /// The entries of the mass matrix that depend on parameters, as triplets `(row, column, node)`.
     pub mass: Vec<(usize, usize, Node)>,
     /// The constant bounds that depend on parameters.
     pub bounds: Vec<(MovingBound, Node)>,
-    /// `F`, `G` and the moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
+    /// The rows of the problem: `F`, `G` and the moving bounds, or the [terms](super::SymbolicMechanics::terms) of a
+    /// mechanical system.
     pub rows: Vec<Node>,
     /// The contact coefficients that depend on parameters.
     pub contacts: Vec<Node>,
-    /// The coefficients of a circuit, which are graph inputs numbered after the parameters.
+    /// The coefficients of a circuit, which are graph inputs numbered after the user's parameters.
     pub circuit: Option<CircuitParameters>,
     /// Coefficients of unknowns that depend on parameters and are not part of `rows`, as `(row, column, node)`.
     pub coefficients: Vec<(usize, usize, Node)>,
@@ -41,25 +42,26 @@ pub struct ParametricTerms {
 #[derive(Clone, Debug)]
 pub struct Parameters {
     values: Vec<f64>,
-    /// The program of initial states, entries of the mass matrix, bounds and contact coefficients, in this order.
+    /// The program of initial states, entries of the mass matrix, bounds and contact coefficients that depend on
+    /// parameters, in this order.
     constants: Tape,
     assumptions: Assumptions,
     departures: Option<Departures>,
     source: Arc<Source>,
 }
 
-/// Data shared by all copies of a model; the terms are differentiated on demand, for [`DviModel::slopes`].
+/// Data shared by all copies of a model; the terms are differentiated when [`DviModel::slopes`] is called.
 #[derive(Debug)]
 pub(super) struct Source {
     pub(super) graph: Graph,
     pub(super) terms: ParametricTerms,
-    /// The positions of the parametric entries in the entry list of the mass matrix.
+    /// The positions of the entries that depend on parameters in the list of entries of the mass matrix.
     mass: Vec<usize>,
 }
 
 impl Parameters {
-    /// The parameters of compiled rows. `graph` contains the assumptions about parameters made during compilation;
-    /// `mass` is the mass matrix of the compiled rows, with sorted entries.
+    /// Collects the parameters of compiled rows. `graph` contains the assumptions about parameters made during
+    /// compilation; `mass` is the mass matrix of the compiled rows, with sorted entries.
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
@@ -80,23 +82,24 @@ impl Parameters {
         }
     }
 
-    /// Adds the departures that decided at compilation whether a boundary is repulsive at the initial states.
+    /// Adds the analysis of repulsive boundaries ([`Departures`]): whether a boundary of a Filippov system is
+    /// repulsive at the initial states was decided at compilation, and new parameter values must not change it.
     #[must_use]
     pub fn with_departures(self, departures: Option<Departures>) -> Self {
         Self { departures, ..self }
     }
 
-    /// The parameter names.
+    /// Returns the parameter names.
     pub fn names(&self) -> &[String] {
         &self.source.terms.names
     }
 
-    /// The bound values.
+    /// Returns the current parameter values.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Programs for derivatives with respect to the parameters, bound to the current values.
+    /// Returns programs for derivatives with respect to the parameters, bound to the current values.
     pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
         let mut slopes = Slopes::new(&self.source)?;
         slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
@@ -106,7 +109,7 @@ impl Parameters {
         Ok(slopes)
     }
 
-    /// The parameter values, followed by the circuit coefficients that depend on them.
+    /// Returns the parameter values, followed by the circuit coefficients that depend on them.
     fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
         let terms = &self.source.terms;
         let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
@@ -127,18 +130,19 @@ impl Parameters {
         })
     }
 
-    /// All parameters with the given values, as text for messages.
+    /// Returns all parameters with the given values as text for messages.
     pub(super) fn told(&self, values: &[f64]) -> String {
         let all: Vec<usize> = (0..values.len()).collect();
         listed(&all, self.names(), values)
     }
 
-    /// Stores the bound values.
+    /// Stores new parameter values as the current ones.
     pub(super) fn keep(&mut self, values: &[f64]) {
         self.values.copy_from_slice(values);
     }
 
-    /// Checks new values. Returns the extended values (see `extended`) and the constants at them.
+    /// Checks new parameter values. Returns the values followed by the circuit coefficients that depend on them (see
+    /// `extended`), and the constants that depend on parameters.
     pub(super) fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
         let terms = &self.source.terms;
         if values.len() != terms.names.len() {
@@ -173,7 +177,7 @@ impl Parameters {
         terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
     }
 
-    /// The node of constant `k`, in the order of `constants`, if there is one.
+    /// Returns the node of constant `k`, in the order of the program `constants`, or `None` beyond the last.
     fn node(&self, k: usize) -> Option<Node> {
         let terms = &self.source.terms;
         let mass = terms.mass.iter().map(|&(.., node)| node);
@@ -206,27 +210,25 @@ impl Source {
 }
 
 impl DviModel {
-    /// Returns a copy with new parameter values, in the order of [`Parameters::names`]. Programs are shared: nothing is
-    /// parsed, differentiated or compiled.
+    /// Returns a copy of the model with new parameter values, in the order of [`Parameters::names`]. Compiled
+    /// programs are shared: nothing is parsed, differentiated or compiled.
     ///
-    /// # Errors
-    /// For a wrong number of values, values that are not finite or out of range, and values that would change the
-    /// structure: the problem must then be compiled anew.
+    /// # Errors For a wrong number of values, values that are not finite or out of range, and values that would
+    /// change the structure of the problem, which must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
         bound.bind(values)?;
         Ok(bound)
     }
 
-    /// The derivatives of the problem with respect to its parameters; `None` if it has no parameters.
+    /// Returns the derivatives of the problem with respect to its parameters; `None` if it has no parameters.
     ///
-    /// # Errors
-    /// If a derivative exceeds the size limits of the graph.
+    /// # Errors If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
         self.parameters.as_ref().map(Parameters::slopes).transpose()
     }
 
-    /// Binds new values; on error the old values stay bound.
+    /// Binds new parameter values; on error the old values stay bound.
     fn bind(&mut self, values: &[f64]) -> Result<(), Unbindable> {
         let Some(parameters) = &mut self.parameters else { return Err(Unbindable::Folded) };
         let (all, constants) = parameters.checked(values)?;
@@ -273,14 +275,14 @@ impl DviModel {
                 }
             }
         }
-        // The JSON text contains the old parameter values.
+        // The JSON text of the advice contains the old parameter values, so it is dropped.
         self.kinks.as_set = None;
         Ok(())
     }
 }
 
-/// Checks a bound in the new set: the set must be nonempty, and bounds must be equal exactly if they were in the old
-/// set.
+/// Checks a bound that depends on parameters in the new convex set: the set must be nonempty, and the two bounds of a
+/// variable must be equal exactly if they were equal in the old set.
 fn placed(
     bound: MovingBound,
     value: f64,
@@ -310,7 +312,7 @@ fn placed(
     Ok(())
 }
 
-/// Describes a broken assumption.
+/// Describes the assumption about parameters that new values violate.
 fn changed(broken: &Broken) -> String {
     let Broken { given, found, .. } = broken;
     match broken.assumption {
@@ -321,7 +323,8 @@ fn changed(broken: &Broken) -> String {
     }
 }
 
-/// Lists parameters with their values; lists all parameters if an index is beyond them (a circuit coefficient).
+/// Lists parameters with their values for messages; lists all parameters if an index is beyond them, as that of a
+/// circuit coefficient.
 fn listed(parameters: &[usize], names: &[String], values: &[f64]) -> String {
     const SHOWN: usize = 4;
     let every: Vec<usize> = (0..names.len()).collect();

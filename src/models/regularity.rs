@@ -1,6 +1,6 @@
-//! Restricts certificates of uniqueness for equations that are not Lipschitz everywhere. A solution is unique until it
-//! reaches a point where the equations are not Lipschitz (Picard and Lindelof). At a jump a solution need not exist; at
-//! an infinite slope a solution exists (Peano), but others may branch off.
+//! Restriction of certificates of uniqueness for equations that are not Lipschitz everywhere. A solution is unique
+//! until it reaches a point where the equations are not Lipschitz (Picard and Lindelof). At a jump of the equations a
+//! solution need not exist; at an infinite slope a solution exists (Peano), but others may branch off.
 
 use super::{DviModel, Equations};
 use analysis::{Analysis, Uniqueness};
@@ -8,18 +8,21 @@ use expression::{Irregularities, Irregularity};
 use numerics::Interval;
 
 impl DviModel {
-    /// The points where the equations are not locally Lipschitz; `None` if they are locally Lipschitz on their domain.
+    /// Returns the points where the equations are not locally Lipschitz; `None` if they are locally Lipschitz on
+    /// their domain.
     pub fn irregularities(&self) -> Option<Irregularities> {
         match &self.equations {
             Equations::Symbolic(equations) => {
                 Some(equations.irregularities()).filter(|found| !found.is_empty()).cloned()
             }
-            // The forcing depends on time alone.
+            // Linear equations are Lipschitz, since their forcing depends on time alone; nothing is known of Rust
+            // functions.
             Equations::Linear(_) | Equations::Closures(_) => None,
         }
     }
 
-    /// Restricts an analysis that assumes Lipschitz equations to a start from `x` at time `t`.
+    /// Restricts the certificate of an analysis that assumes Lipschitz equations, for a solution that starts from `x`
+    /// at time `t`.
     pub(super) fn restricted(&self, analysis: Analysis, t: f64, x: &[f64]) -> Analysis {
         if !analysis.uniqueness.is_certified() {
             return analysis;
@@ -55,7 +58,8 @@ impl DviModel {
         Analysis { because: format!("{}; its rates are locally Lipschitz in the states", analysis.because), ..analysis }
     }
 
-    /// The analysis without its certificate of uniqueness, for a solution that meets an irregularity at time `t`.
+    /// Returns the analysis without its certificate of uniqueness, for a solution that reaches a point at time `t`
+    /// where the equations are not Lipschitz.
     pub fn uncertified(&self, analysis: Analysis, met: &Irregularity, t: f64) -> Analysis {
         let behaviour = self.behaviour(met);
         let (uniqueness, because) = if met.jumps {
@@ -74,8 +78,8 @@ impl DviModel {
         Analysis { uniqueness, because, ..analysis }
     }
 
-    /// Describes an irregularity: the function, its behaviour (pole, jump, infinite slope), and its states and
-    /// variables.
+    /// Describes a point where the equations are not Lipschitz: the function, its behaviour (pole, jump, infinite
+    /// slope), and the states and variables in its argument.
     fn behaviour(&self, met: &Irregularity) -> String {
         const SHOWN: usize = 4;
         let names: Vec<&String> = self.state_names.iter().chain(&self.variable_names).collect();

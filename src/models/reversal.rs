@@ -1,10 +1,11 @@
-//! Questions about signs that look reversed, with the names of the variables and states concerned.
+//! Questions to the user about signs that look reversed, with the names of the variables and states concerned.
 
 use super::DviModel;
 use analysis::{Analysis, Reversal};
 
 impl DviModel {
-    /// Appends a question about the sign that looks reversed, if the analysis found one.
+    /// Appends a question to the reason of the analysis about the sign that looks reversed, if the analysis found
+    /// one.
     pub(super) fn questioned(&self, analysis: Analysis) -> Analysis {
         let Some(reversed) = analysis.reversed else { return analysis };
         const SHOWN: usize = 3;
@@ -30,7 +31,7 @@ impl DviModel {
     }
 }
 
-/// The first `shown` names of a list, followed by an ellipsis if there are more.
+/// Returns the first `shown` names of a list as text, followed by an ellipsis if there are more.
 fn list(places: &[usize], names: &[String], shown: usize) -> String {
     let mut list: Vec<String> = places.iter().take(shown).map(|&place| format!("`{}`", names[place])).collect();
     if places.len() > shown {

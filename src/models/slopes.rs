@@ -1,15 +1,15 @@
-//! Derivatives of a differential variational inequality with respect to its parameters: of `F`, `G` and moving bounds
-//! at `(t, y)`, and of the constants (initial states, mass matrix, constant bounds). They are exact (reverse-mode
-//! differentiation), as those with respect to the unknowns.
+//! Derivatives of a differential variational inequality with respect to its parameters: those of `F`, `G` and moving
+//! bounds at `(t, y)`, and those of the constants (initial states, mass matrix, constant bounds). The derivatives are
+//! exact (reverse-mode differentiation).
 
 use super::parameters::Source;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::MovingBound;
 
-/// Programs for the derivatives with respect to parameters, with their own workspace.
+/// Compiled programs for the derivatives of a problem with respect to its parameters, with their own workspace.
 #[derive(Clone, Debug)]
 pub struct Slopes {
-    /// The structural nonzeros of the derivatives of the rows, as `(row, parameter)`.
+    /// The structural nonzeros of the derivatives of the rows, as pairs `(row, parameter)`.
     pattern: Vec<(usize, usize)>,
     rows: Tape,
     /// The chain rule for inputs that are functions of the parameters (circuit coefficients).
@@ -17,19 +17,23 @@ pub struct Slopes {
     initial: Constants<usize>,
     mass: Constants<(usize, usize)>,
     bounds: Constants<MovingBound>,
-    /// The contact coefficients, by their place among [`ParametricTerms::contacts`](super::ParametricTerms::contacts).
+    /// The derivatives of the contact coefficients, by their index in
+    /// [`ParametricTerms::contacts`](super::ParametricTerms::contacts).
     contacts: Constants<usize>,
 }
 
-/// Chain rule: maps derivatives with respect to the program's inputs to derivatives with respect to parameters.
+/// The chain rule for circuit coefficients: maps derivatives with respect to the inputs of the compiled program
+/// (parameters and circuit coefficients) to derivatives with respect to parameters.
 #[derive(Clone, Debug)]
 struct Chain {
-    /// For each derivative with respect to an input, the pattern entries it contributes to, with factors.
+    /// For each derivative with respect to an input, the entries of the pattern to which it contributes, with
+    /// factors.
     shares: Vec<Vec<(usize, f64)>>,
     values: Vec<f64>,
 }
 
-/// The derivatives of constants, each with the position `P` of the constant and the parameter.
+/// The derivatives of constants that depend on parameters, each with the position `P` of the constant and the index
+/// of the parameter.
 #[derive(Clone, Debug)]
 struct Constants<P> {
     places: Vec<(P, usize)>,
@@ -62,8 +66,8 @@ impl Slopes {
         })
     }
 
-    /// Adds the chain rule for inputs that are functions of the parameters: `slopes[parameter][input]`, where inputs
-    /// are counted after the parameters.
+    /// Adds the chain rule for inputs that are functions of the parameters, with their derivatives
+    /// `slopes[parameter][input]`; these inputs are numbered after the parameters.
     pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
         let parameters = slopes.len();
         let shares_of = |input: usize| -> Vec<(usize, f64)> {
@@ -95,13 +99,14 @@ impl Slopes {
         self.contacts.bind(parameters);
     }
 
-    /// The structural nonzeros of the derivatives as `(row, parameter)`, sorted by row; rows are `F` (n), `G` (m),
-    /// moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
+    /// Returns the structural nonzeros of the derivatives as `(row, parameter)`, sorted by row; rows are `F` (`n`),
+    /// `G` (`m`), then moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
     pub fn pattern(&self) -> &[(usize, usize)] {
         &self.pattern
     }
 
-    /// Writes the derivatives of the rows at `(t, y)`, one per entry of the pattern.
+    /// Writes the derivatives of the rows with respect to the parameters at `(t, y)`, one per structural nonzero of
+    /// the derivatives.
     pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         let Some(Chain { shares, values: raw }) = &mut self.chain else { return self.rows.evaluate(t, y, values) };
         self.rows.evaluate(t, y, raw);
@@ -111,22 +116,23 @@ impl Slopes {
         }
     }
 
-    /// The derivatives of the initial states, as `(state, parameter, value)`.
+    /// Returns the derivatives of the initial states, as `(state, parameter, value)`.
     pub fn initial(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.initial.iter()
     }
 
-    /// The derivatives of the mass matrix, as `((row, column), parameter, value)`.
+    /// Returns the derivatives of the mass matrix, as `((row, column), parameter, value)`.
     pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
         self.mass.iter()
     }
 
-    /// The derivatives of the contact coefficients that depend on parameters, as `(coefficient, parameter, value)`.
+    /// Returns the derivatives of the contact coefficients that depend on parameters, as `(coefficient, parameter,
+    /// value)`.
     pub fn contacts(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.contacts.iter()
     }
 
-    /// The derivatives of the constant bounds, as `(bound, parameter, value)`.
+    /// Returns the derivatives of the constant bounds, as `(bound, parameter, value)`.
     pub fn bounds(&self) -> impl Iterator<Item = (MovingBound, usize, f64)> {
         self.bounds.iter()
     }
@@ -148,10 +154,11 @@ impl<P: Copy> Constants<P> {
     }
 }
 
-/// For each derivative the position of its term and the parameter; then the derivatives themselves.
+/// The positions of differentiated terms with the parameter of each derivative, and the derivatives as graph nodes,
+/// in the same order.
 type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
 
-/// Differentiates terms, given with their positions, with respect to all parameters.
+/// Differentiates terms, each given with its position, with respect to all parameters.
 fn derivatives<P: Copy>(
     graph: &mut Graph,
     terms: impl Iterator<Item = (P, Node)>,

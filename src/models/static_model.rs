@@ -1,36 +1,35 @@
-//! A static variational inequality, `z in K`, `<G(z), z~ - z> >= 0` for all `z~ in K`: the equations of a differential one
-//! without states, and the point where a search for its solution begins.
+//! A static variational inequality, `z in K`, `<G(z), z~ - z> >= 0` for all `z~ in K`: the equations of a
+//! differential variational inequality without states, and the initial guess of the iteration.
 
 use super::{DviModel, Unbindable};
 use problem::{ConvexSet, Dvi};
 use vi::SparseVi;
 
-/// A static problem with its names.
+/// A static variational inequality with the names of its variables.
 #[derive(Clone, Debug)]
 pub struct StaticModel {
-    /// The equations, without states.
+    /// The equations, a differential variational inequality without states.
     pub equations: DviModel,
-    /// The variables where a search begins.
+    /// The initial guess of the variables.
     pub start: Vec<f64>,
 }
 
 impl StaticModel {
-    /// The same problem with other values of its parameters; the start stays.
+    /// Returns a copy of the model with new parameter values and the old initial guess.
     ///
-    /// # Errors
-    /// As of [`DviModel::with_parameters`].
+    /// # Errors See [`DviModel::with_parameters`].
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         Ok(Self { equations: self.equations.with_parameters(values)?, start: self.start.clone() })
     }
 
-    /// An evaluator with registers of its own.
+    /// Returns a new evaluator of the inequality with its own workspace.
     pub fn inequality(&self) -> Inequality {
         Inequality { equations: self.equations.problem(), grid: grid(&self.equations.variable_names) }
     }
 }
 
-/// The shape of the grid whose nodes have these names, `z[1,1]`, `z[1,2]`, .. with the last index fastest, if they have
-/// several indices and are those of one grid.
+/// Returns the shape of the grid if the names are those of the nodes of one grid with several indices, `z[1,1]`,
+/// `z[1,2]`, .., last index fastest; otherwise `None`.
 fn grid(names: &[String]) -> Option<Vec<usize>> {
     let read = |name: &str| -> Option<(String, Vec<i64>)> {
         let (base, inside) = name.strip_suffix(']')?.split_once('[')?;
@@ -61,9 +60,9 @@ fn grid(names: &[String]) -> Option<Vec<usize>> {
     names.iter().enumerate().all(is_node).then_some(shape)
 }
 
-/// `G` and its derivative.
+/// An evaluator of `G` and its derivative.
 pub struct Inequality {
-    /// The equations, without states.
+    /// The equations, a differential variational inequality without states.
     pub equations: Box<dyn Dvi>,
     grid: Option<Vec<usize>>,
 }

@@ -1,10 +1,11 @@
-//! The general form, in expressions:
+//! A general differential variational inequality in symbolic expressions:
 //!
 //! ```text
 //! M x' = F(t,x,z),    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
 //! ```
 //!
-//! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
+//! with `F` affine in `z`. Values, Jacobian and time derivatives are compiled to one [`Tape`] each; derivatives are
+//! exact.
 
 use super::{Equations, Linear, LinearRows, ParametricTerms};
 use expression::{
@@ -14,23 +15,24 @@ use expression::{
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
 
-/// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
+/// The rows of a differential variational inequality as nodes of a [`Graph`] whose inputs are `t`, then `x` (`n`),
+/// then `z` (`m`).
 #[derive(Clone, Debug)]
 pub struct Rows {
-    /// `M`.
+    /// The mass matrix `M`.
     pub mass: Mass,
-    /// `F`, one node per state.
+    /// The rates `F`, one node per state.
     pub rates: Vec<Node>,
-    /// `G`, one node per variable.
+    /// The inequality functions `G`, one node per variable.
     pub inequality: Vec<Node>,
-    /// `K` with its constant bounds.
+    /// The convex set `K` with its constant bounds.
     pub set: ConvexSet,
-    /// The bounds that vary with `(t, x)`.
+    /// The bounds of `K` that vary with `(t, x)`.
     pub moving: Vec<(MovingBound, Node)>,
 }
 
 impl Rows {
-    /// The rows that may depend on parameters.
+    /// Returns the rows that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.rates.iter().chain(&self.inequality).chain(bounds).copied().collect();
@@ -38,28 +40,28 @@ impl Rows {
     }
 }
 
-/// Why rows cannot be lowered to a differential variational inequality.
+/// Why rows cannot be compiled to a differential variational inequality.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoweringError {
-    /// A rate is not affine in the variables.
+    /// A rate of `F` is not affine in the variables `z`.
     #[error("rate {rate} is not affine in variable {variable}")]
     NotAffine {
-        /// The row of `F`.
+        /// The index of the rate in `F`.
         rate: usize,
-        /// The index of the variable.
+        /// The index of the variable in `z`.
         variable: usize,
     },
-    /// A row could not be differentiated.
+    /// The derivative of a row exceeds the size limits of the graph.
     #[error("row {row}: {error}")]
     Derivative {
-        /// The row, counted through `F`, `G` and the moving bounds.
+        /// The index of the row, counted through `F`, `G` and the moving bounds.
         row: usize,
-        /// The limit that was exceeded.
+        /// The size limit that the derivative exceeds.
         error: ExpressionError,
     },
 }
 
-/// A problem in expressions, with its own workspace.
+/// A compiled differential variational inequality in symbolic expressions, with its own workspace.
 #[derive(Clone, Debug)]
 pub struct Symbolic {
     structure: Structure,
@@ -72,22 +74,22 @@ pub struct Symbolic {
     jumps: Jumps,
     knots: Knots,
     kinks: Kinks,
-    /// Interval workspaces of `values`, `derivatives` and `time_derivatives`.
+    /// Interval workspaces of `values`, `derivatives` and `time_derivatives`, in this order.
     boxes: [IntervalWorkspace; 3],
     irregularities: Irregularities,
 }
 
-/// The derivatives of rows.
+/// The derivatives of the rows of a differential variational inequality, as graph nodes.
 struct Gradients {
-    /// `F`, `G` and the moving bounds.
+    /// The rows `F`, `G` and the moving bounds.
     outputs: Vec<Node>,
     /// The structural nonzeros of the Jacobian with respect to `y`, as `(row, column)`.
     pattern: Vec<(usize, usize)>,
-    /// The derivatives at the entries of `pattern`.
+    /// The derivatives of the rows at the entries of `pattern`.
     by_unknowns: Vec<Node>,
-    /// The time derivatives of `G`.
+    /// The time derivatives of the inequality functions `G`, one per variable.
     by_time: Vec<Node>,
-    /// Terms that are not differentiable in `y`.
+    /// The terms of the rows that are not differentiable in `y`.
     kinks: Kinks,
 }
 
@@ -131,7 +133,7 @@ impl Gradients {
         Ok(Self { outputs, pattern, by_unknowns, by_time, kinks })
     }
 
-    /// The rows as matrices and a forcing; `None` if a row is not affine in `y` with constant coefficients.
+    /// Returns the rows as matrices and a forcing; `None` if a row is not affine in `y` with constant coefficients.
     fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
         let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
         self.by_unknowns.iter().for_each(|&node| graph.assume(node, Assumption::Finite));
@@ -168,11 +170,11 @@ impl Gradients {
 }
 
 impl Equations {
-    /// Differentiates and compiles rows, as [`Linear`] if all are affine in `y` with constant coefficients.
+    /// Differentiates and compiles rows; the result is [`Linear`] if all rows are affine in `y` with constant
+    /// coefficients.
     ///
-    /// # Errors
-    /// Every rate that is not affine in the variables, and every row whose derivative exceeds the size limits of
-    /// `graph`.
+    /// # Errors Every rate that is not affine in the variables, and every row whose derivative exceeds the size
+    /// limits of `graph`.
     pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<LoweringError>> {
         let gradients = Gradients::new(graph, &rows)?;
         if let Some(affine) = gradients.affine(graph, &rows)
@@ -218,7 +220,7 @@ impl Symbolic {
         }
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled programs.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         for (tape, range) in
             [&mut self.values, &mut self.derivatives, &mut self.time_derivatives].into_iter().zip(&mut self.boxes)
@@ -238,12 +240,12 @@ impl Symbolic {
         &mut self.structure
     }
 
-    /// Kinks and jumps that depend on `y`, in the order of [`Dvi::kinks`].
+    /// Returns the kinks and jumps of the rows that depend on `y`, in the order of [`Dvi::kinks`].
     pub fn kinks(&self) -> &[Kink] {
         self.kinks.kinks()
     }
 
-    /// The points where the rows are not locally Lipschitz in states and variables.
+    /// Returns the points where the rows are not locally Lipschitz in states and variables.
     pub fn irregularities(&self) -> &Irregularities {
         &self.irregularities
     }

@@ -1,4 +1,4 @@
-//! Evaluation of rows at several points at once is bitwise equal to single evaluations.
+//! Tests that evaluation of a problem at several points at once is bitwise equal to single evaluations.
 
 use super::{Equations, Rows};
 use expression::{Graph, Scope};
@@ -7,7 +7,7 @@ use problem::{ConvexSet, Dvi, Mass, MovingBound, Side};
 const STATES: usize = 9;
 const VARIABLES: usize = 2;
 
-/// A problem in `x1` to `x9`, `z1`, `z2` and `t`; `%` in an expression is replaced by the row number.
+/// Builds a problem in `x1` to `x9`, `z1`, `z2` and `t`; `%` in an expression is replaced by the row number.
 fn problem(rate: &str, inequality: &str, bound: &str) -> Equations {
     let (mut graph, mut scope) = (Graph::new(), Scope::new());
     scope.bind("t", graph.input(0)).unwrap();

@@ -1,6 +1,6 @@
 //! Errors of binding new parameter values to a compiled problem.
 
-/// Why parameter values cannot be bound.
+/// Why new parameter values cannot be bound to a compiled problem.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unbindable {
     /// The parameters of the problem were folded into constants.
@@ -9,41 +9,41 @@ pub enum Unbindable {
     /// The number of values differs from the number of parameters.
     #[error("{found} values for {expected} parameters")]
     Count {
-        /// The number of parameters.
+        /// The number of parameters of the problem.
         expected: usize,
-        /// The number of values.
+        /// The number of values that were given.
         found: usize,
     },
     /// A parameter, or a constant that depends on parameters, is not finite.
     #[error("with {parameters} {what} is {value}, which is not finite")]
     NotFinite {
-        /// The parameters that the quantity depends on, with their values.
+        /// The parameters on which the quantity depends, with their values.
         parameters: String,
-        /// The name of the quantity.
+        /// The name of the quantity that is not finite.
         what: String,
-        /// The value of the quantity.
+        /// The value of the quantity that is not finite.
         value: f64,
     },
-    /// A quantity is out of range.
+    /// A quantity that depends on parameters is out of its admissible range.
     #[error("with {parameters} {what}")]
     OutOfRange {
-        /// The parameters that the quantity depends on, with their values.
+        /// The parameters on which the quantity depends, with their values.
         parameters: String,
-        /// The quantity and its value, as a clause.
+        /// The quantity that is out of range and its value, as a clause.
         what: String,
     },
-    /// The convex set is empty.
+    /// The convex set `K` is empty with the new values.
     #[error("with {parameters} the set is empty: {what}")]
     EmptySet {
-        /// The parameters that the bounds depend on, with their values.
+        /// The parameters on which the bounds depend, with their values.
         parameters: String,
-        /// The contradictory bounds.
+        /// The contradictory bounds, as a clause.
         what: String,
     },
-    /// The structure would change.
+    /// The new values would change the structure of the problem, such as its sparsity.
     #[error("{parameters} changes the structure: {what}")]
     Structure {
-        /// The parameters that decide the structure, with their values.
+        /// The parameters that determine the structure, with their values.
         parameters: String,
         /// The structural property that would change.
         what: String,

@@ -1,18 +1,19 @@
-//! Polynomials on `[0, 1]` in the Bernstein basis, given by their coefficients. The range of the coefficients encloses
-//! that of the polynomial, and bisection by de Casteljau's algorithm makes the two converge quadratically (Farouki
-//! 2012, *The Bernstein polynomial basis: a centennial retrospective*).
+//! Polynomials on `[0, 1]` in the Bernstein basis, given by their coefficients. The range of the coefficients
+//! encloses the range of the polynomial, and under bisection by de Casteljau's algorithm both ranges converge
+//! quadratically (Farouki 2012, *The Bernstein polynomial basis: a centennial retrospective*).
 
 use crate::Interval;
 
-/// Bound on the rounding error of a coefficient, a sum of a few terms, relative to the largest of the terms.
+/// Bound on the rounding error of a Bernstein coefficient, a sum of a few terms, relative to the largest of the
+/// terms.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// Enclosure of the polynomial on `[0, 1]`, widened by the rounding errors of its coefficients.
+/// Encloses the polynomial on `[0, 1]`, widened by the rounding errors of its coefficients.
 pub fn range(coefficients: &[f64]) -> Interval {
     of_ends(coefficients.iter().copied())
 }
 
-/// Enclosure of the derivative of the polynomial on `[0, 1]`.
+/// Encloses the derivative of the polynomial on `[0, 1]`.
 pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     let degree = coefficients.len().saturating_sub(1) as f64;
     let size = coefficients.iter().fold(0.0_f64, |size, c| size.max(c.abs()));
@@ -21,13 +22,13 @@ pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     Interval::new(rate.lo - noise, rate.hi + noise)
 }
 
-/// Bound on the rounding error of the derivative of a polynomial with `count` coefficients, each a sum of terms of
+/// Bounds the rounding error of the derivative of a polynomial with `count` coefficients, each a sum of terms of
 /// magnitude `size`.
 pub fn rounding_of_rate(count: usize, size: f64) -> f64 {
     ROUNDING * count.saturating_sub(1) as f64 * size
 }
 
-/// Value of the polynomial at `theta`.
+/// Returns the value of the polynomial at `theta`.
 pub fn value(coefficients: &[f64], theta: f64) -> f64 {
     // Horner's scheme for the Bernstein basis, with binomials and powers accumulated in the loop.
     let degree = coefficients.len().saturating_sub(1);
@@ -40,8 +41,8 @@ pub fn value(coefficients: &[f64], theta: f64) -> f64 {
     sum
 }
 
-/// Subdivides the interval at 1/2: replaces the coefficients in `first` by those on the first half, and writes those on
-/// the second half to `second`.
+/// Subdivides the interval at 1/2: replaces the coefficients in `first` by those on the first half, and writes those
+/// on the second half to `second`.
 pub fn halve(first: &mut [f64], second: &mut [f64]) {
     let count = first.len();
     second.copy_from_slice(first);
@@ -71,7 +72,7 @@ fn of_ends(values: impl Iterator<Item = f64>) -> Interval {
 mod tests {
     use super::*;
 
-    /// `(u - 1/4) (u - 3/4)`
+    /// The polynomial `(u - 1/4) (u - 3/4)`.
     const PARABOLA: [f64; 3] = [3.0 / 16.0, -5.0 / 16.0, 3.0 / 16.0];
 
     #[test]

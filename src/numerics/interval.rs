@@ -1,35 +1,35 @@
 //! Interval arithmetic with outward rounding (Moore, Kearfott, Cloud 2009, *Introduction to Interval Analysis*): the
-//! interval of a result contains the results at all points of the operands, both the exact ones and those computed in
-//! doubles.
+//! interval of a result contains the results at all points of the operands, both the exact results and those computed
+//! in doubles.
 //!
 //! Like the decorations of IEEE 1788, each interval records whether its term is defined at every point of the box on
-//! which it was computed. Overflow does not make a term undefined: the interval becomes unbounded.
+//! which the interval was computed. Overflow does not make a term undefined: the interval becomes unbounded.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// The numbers from `lo` to `hi`; empty if `lo > hi`.
+/// An interval: the numbers from `lo` to `hi`; empty if `lo > hi`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// The lower end, which may be minus infinity.
+    /// The lower end of the interval, which may be minus infinity.
     pub lo: f64,
-    /// The upper end, which may be infinity.
+    /// The upper end of the interval, which may be infinity.
     pub hi: f64,
-    /// Whether the term has a value at every point of the box.
+    /// Whether the term that the interval encloses has a value at every point of the box.
     pub defined: bool,
 }
 
 impl Interval {
-    /// The whole line.
+    /// The whole real line.
     pub const LINE: Self = Self { lo: f64::NEG_INFINITY, hi: f64::INFINITY, defined: true };
     /// The empty interval: the term is defined nowhere on the box.
     pub const EMPTY: Self = Self { lo: f64::INFINITY, hi: f64::NEG_INFINITY, defined: false };
 
-    /// The numbers from `lo` to `hi`.
+    /// Creates the interval of the numbers from `lo` to `hi`.
     pub const fn new(lo: f64, hi: f64) -> Self {
         Self { lo, hi, defined: true }
     }
 
-    /// The interval of a single number; empty for NaN.
+    /// Creates the interval of a single number; empty for NaN.
     pub const fn point(value: f64) -> Self {
         if value.is_nan() { Self::EMPTY } else { Self::new(value, value) }
     }
@@ -45,19 +45,19 @@ impl Interval {
         self.lo <= value && value <= self.hi
     }
 
-    /// The smallest interval that contains both intervals.
+    /// Returns the smallest interval that contains both intervals.
     #[must_use]
     pub fn hull(self, other: Self) -> Self {
         Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi), defined: self.defined && other.defined }
     }
 
-    /// A copy of the interval that counts as defined everywhere only if `condition` holds as well.
+    /// Returns a copy of the interval that counts as defined everywhere only if `condition` holds as well.
     #[must_use]
     pub fn defined_if(self, condition: bool) -> Self {
         Self { defined: self.defined && condition, ..self }
     }
 
-    /// `x^2`
+    /// Encloses the square `x^2`.
     #[must_use]
     #[inline]
     pub fn square(self) -> Self {
@@ -68,7 +68,7 @@ impl Interval {
         Self { lo: product_down(near, near), hi: product_up(far, far), defined: self.defined }
     }
 
-    /// The square root of the nonnegative part of the interval.
+    /// Encloses the square root of the nonnegative part of the interval.
     #[must_use]
     pub fn sqrt(self) -> Self {
         if self.is_empty() || self.hi < 0.0 {
@@ -80,7 +80,7 @@ impl Interval {
         Self { lo: if lo > 0.0 { lo.next_down() } else { 0.0 }, hi: if hi > 0.0 { hi.next_up() } else { 0.0 }, defined }
     }
 
-    /// `|x|`
+    /// Encloses the absolute value `|x|`.
     #[must_use]
     pub fn abs(self) -> Self {
         if self.is_empty() {
@@ -90,8 +90,8 @@ impl Interval {
         Self { lo, hi, ..self }
     }
 
-    /// Midpoint and radius of a ball that contains the interval; the radius is infinite if an end is infinite or the
-    /// interval is empty.
+    /// Returns midpoint and radius of a ball that contains the interval; the radius is infinite if an end is infinite
+    /// or the interval is empty.
     #[inline]
     pub fn ball(self) -> (f64, f64) {
         if self.lo == self.hi {
@@ -102,29 +102,30 @@ impl Interval {
         if radius >= 0.0 && middle.is_finite() { (middle, radius) } else { (0.0, f64::INFINITY) }
     }
 
-    /// The width `hi - lo`.
+    /// Returns the width `hi - lo` of the interval.
     pub fn width(self) -> f64 {
         self.hi - self.lo
     }
 
-    /// The least and the largest absolute value in the interval.
+    /// Returns the least and the largest absolute value in the interval.
     pub fn magnitudes(self) -> (f64, f64) {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };
         (near, self.lo.abs().max(self.hi.abs()))
     }
 
-    /// Largest absolute value of the term; infinite if the term is not defined on the whole box.
+    /// Returns the largest absolute value of the term; infinite if the term is not defined on the whole box.
     pub fn size(self) -> f64 {
         if self.defined { self.magnitudes().1 } else { f64::INFINITY }
     }
 
-    /// Lower bound of the term: its lower end, or minus infinity if the term is not defined on the whole box.
+    /// Returns a lower bound of the term: its lower end, or minus infinity if the term is not defined on the whole
+    /// box.
     pub fn least(self) -> f64 {
         if self.defined { self.lo } else { f64::NEG_INFINITY }
     }
 }
 
-/// The interval between two computed ends; the whole line, marked as not defined, if an end is NaN.
+/// Returns the interval between two computed ends; the whole line, marked as not defined, if an end is NaN.
 #[inline]
 pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
     if lo.is_nan() || hi.is_nan() {
@@ -198,8 +199,7 @@ impl Div for Interval {
         if other.lo < 0.0 || other.hi == 0.0 {
             return Self { defined, ..Self::LINE };
         }
-        // The divisor is nonnegative from here on, and the sign of its zero is removed: the quotient is unbounded
-        // there.
+        // The divisor is nonnegative from here on. Remove the sign of its zero, at which the quotient is unbounded.
         let other = Self { lo: other.lo.abs(), ..other };
         let (below, above) =
             (if self.lo >= 0.0 { other.hi } else { other.lo }, if self.hi >= 0.0 { other.lo } else { other.hi });
@@ -209,7 +209,8 @@ impl Div for Interval {
     }
 }
 
-/// Lower bound of `a + b`; the sum itself if it is exact. The rounding error of a sum is itself a double (Knuth).
+/// Returns a lower bound of `a + b`; the sum itself if it is exact. The rounding error of a sum is itself a double
+/// (Knuth).
 fn sum_down(a: f64, b: f64) -> f64 {
     let sum = a + b;
     let part = sum - a;
@@ -217,12 +218,13 @@ fn sum_down(a: f64, b: f64) -> f64 {
     if error >= 0.0 { sum } else { sum.next_down() }
 }
 
-/// Lower bound of `a b`, with zero times infinity equal to zero: infinite ends do not belong to the interval.
+/// Returns a lower bound of `a b`, with zero times infinity equal to zero: infinite ends do not belong to the
+/// interval.
 fn product_down(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_down() }
 }
 
-/// Upper bound of `a b`, with zero times infinity equal to zero.
+/// Returns an upper bound of `a b`, with zero times infinity equal to zero.
 fn product_up(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_up() }
 }

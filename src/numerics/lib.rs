@@ -8,8 +8,8 @@ mod quadrature;
 mod root;
 mod shown;
 
-/// Step of a central difference, relative to the size of its argument: the cube root of the rounding of doubles, at
-/// which the errors of truncation and of rounding balance.
+/// Step of a central difference, relative to the size of its argument: the cube root of the rounding error of
+/// doubles, at which truncation and rounding errors balance.
 pub const CENTRAL_DIFFERENCE: f64 = 6e-6;
 
 pub use components::components;

@@ -1,5 +1,5 @@
-//! Gauss-Kronrod quadrature with 7 and 15 points (Piessens and others 1983, *QUADPACK*): exact for polynomials up to
-//! degree 22, with a second value from the same points, that of the Gauss rule, exact up to degree 13.
+//! Gauss-Kronrod quadrature with 7 and 15 points (Piessens and others 1983, *QUADPACK*): the Kronrod rule is exact
+//! for polynomials up to degree 22, the Gauss rule on seven of its points up to degree 13.
 
 /// A point of the Kronrod rule on `[-1, 1]` with its weights in both rules.
 struct Point {
@@ -12,7 +12,7 @@ const fn point(at: f64, kronrod: f64, gauss: f64) -> Point {
     Point { at, kronrod, gauss }
 }
 
-/// The points from the middle to the right end of `[-1, 1]`; the others are their mirror images.
+/// The Kronrod points from the middle to the right end of `[-1, 1]`; the others are their mirror images.
 const HALF: [Point; 8] = [
     point(0.0, 0.209_482_141_084_727_83, 0.417_959_183_673_469_4),
     point(0.207_784_955_007_898_47, 0.204_432_940_075_298_9, 0.0),
@@ -24,8 +24,8 @@ const HALF: [Point; 8] = [
     point(0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
 ];
 
-/// The points in `[from, to]`, in increasing order, each with its Kronrod weight and the difference between its Kronrod
-/// and its Gauss weight.
+/// Returns the Kronrod points in `[from, to]`, in increasing order, each with its Kronrod weight and the difference
+/// between its Kronrod and its Gauss weight.
 pub fn kronrod(from: f64, to: f64) -> impl Iterator<Item = (f64, f64, f64)> {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let before = HALF.iter().skip(1).rev().map(|point| (-point.at, point));
@@ -34,16 +34,17 @@ pub fn kronrod(from: f64, to: f64) -> impl Iterator<Item = (f64, f64, f64)> {
         .map(move |(at, point)| (middle + half * at, half * point.kronrod, half * (point.kronrod - point.gauss)))
 }
 
-/// The part of an interval between its last Kronrod point and its end.
+/// The distance from the last Kronrod point of an interval to its end, relative to the interval.
 pub const KRONROD_GAP: f64 = 0.5 * (1.0 - HALF[7].at);
 
-/// The weights of the values at the points of [`kronrod`], in their order, in the polynomial through them at the beginning and
-/// at the end of the interval. A kink between the last point and the end shows in no rule, but in the value at the end.
+/// Returns, for each point of [`kronrod`] in order, the weights of its value in the extrapolation by the
+/// interpolating polynomial to the beginning and to the end of the interval. A kink between the last point and the
+/// end shows in no quadrature rule, but in the value at the end.
 pub fn kronrod_ends() -> impl Iterator<Item = [f64; 2]> {
     (0..TO_END.len()).map(|i| [TO_END[TO_END.len() - 1 - i], TO_END[i]])
 }
 
-/// Lagrange's polynomials of the points, in increasing order, at 1.
+/// The Lagrange polynomials of the Kronrod points, in increasing order of the points, evaluated at 1.
 const TO_END: [f64; 15] = {
     let mut at = [0.0; 15];
     let mut i = 0;

@@ -1,22 +1,22 @@
-//! Roots of a function of time by the Illinois modification of false position (Dowell and Jarratt 1971): the value at
-//! an end that is kept twice is halved, so that both ends converge to the root, with order 1.44.
+//! Roots of a function of time by the Illinois modification of false position (Dowell and Jarratt 1971): the function
+//! value at an end that is kept twice is halved, so that both ends converge to the root, with order 1.44.
 
-/// A bracket of a root: a point where the function is positive, a later one where it is not, and the values there as
-/// weighted for the next guess.
+/// A bracket of a root: a point where the function is positive, a later point where it is not, and the function
+/// values, weighted for the next guess.
 #[derive(Clone, Copy, Debug)]
 pub struct Bracket {
-    /// Point where the function is positive, and its value there.
+    /// The point where the function is positive, and the function value, which may have been halved.
     pub before: (f64, f64),
-    /// Later point where the function is not positive, and its value there.
+    /// The later point where the function is not positive, and the function value, which may have been halved.
     pub behind: (f64, f64),
     kept: Option<End>,
-    /// Width of the bracket as it was made, and the number of points by which it was narrowed.
+    /// The initial width of the bracket, and the number of points by which it was narrowed.
     first_width: f64,
     guesses: i32,
 }
 
-/// Number of guesses by which [`Bracket::guess_apart`] may exceed bisection: false position finds the root of a smooth
-/// function in fewer.
+/// Number of guesses by which [`Bracket::guess_apart`] may exceed bisection: false position finds the root of a
+/// smooth function in fewer guesses.
 const BEYOND_BISECTION: i32 = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,37 +26,38 @@ enum End {
 }
 
 impl Bracket {
-    /// The bracket between two points, each given with its function value.
+    /// Creates the bracket between two points, each given with its function value.
     pub fn new(before: (f64, f64), behind: (f64, f64)) -> Self {
         Self { before, behind, kept: None, first_width: behind.0 - before.0, guesses: 0 }
     }
 
-    /// The next guess: the root of the chord through both ends, which may not be finite if the values are equal.
+    /// Returns the next guess of the root: the root of the chord through both ends, which may not be finite if the
+    /// values are equal.
     pub fn guess(&self) -> f64 {
         let ((a, fa), (b, fb)) = (self.before, self.behind);
         a + (b - a) * (fa / (fa - fb))
     }
 
-    /// The next guess, at least this far from both ends, or the middle of a bracket that is narrower: where a guess is
-    /// as near to an end as rounding, the next closes the bracket from the other side (Brent 1973, *Algorithms for
-    /// minimization without derivatives*, section 4.2). After `j` guesses the bracket is no wider than `2^(8 - j)` of
-    /// its first width, also where the function jumps (the projection of Oliveira and Takahashi 2021, *ACM Trans. Math.
-    /// Softw.* 47).
+    /// Returns the next guess of the root, at least `least` from both ends, or the middle of a narrower bracket. If a
+    /// guess is within rounding of an end, the next guess thus closes the bracket from the other side (Brent 1973,
+    /// *Algorithms for minimization without derivatives*, section 4.2). After `j` guesses the bracket is no wider
+    /// than `2^(8 - j)` of its first width, even if the function jumps (the projection of Oliveira and Takahashi
+    /// 2021, *ACM Trans. Math. Softw.* 47).
     pub fn guess_apart(&self, least: f64) -> f64 {
         let (a, b) = (self.before.0, self.behind.0);
         let permitted = self.first_width * 2.0_f64.powi(BEYOND_BISECTION - 1 - self.guesses);
         let (from, to) = ((a + least).max(b - permitted), (b - least).min(a + permitted));
         let guess = self.guess();
-        // False also where the guess is not finite.
+        // The comparison is also false if the guess is not finite.
         if from <= to && guess.is_finite() { guess.clamp(from, to) } else { 0.5 * (a + b) }
     }
 
-    /// Distance between the ends.
+    /// Returns the distance between the ends of the bracket.
     pub fn width(&self) -> f64 {
         self.behind.0 - self.before.0
     }
 
-    /// Replaces an end by the point `t` between the ends, where the function has this value.
+    /// Replaces an end of the bracket by the point `t` between the ends, where the function has the given value.
     pub fn narrow(&mut self, t: f64, value: f64) {
         self.guesses += 1;
         if value <= 0.0 {
@@ -77,7 +78,7 @@ impl Bracket {
 mod tests {
     use super::*;
 
-    /// Number of guesses that find the root of `f` between 0 and `end` to `tolerance`.
+    /// Returns the number of guesses that find the root of `f` between 0 and `end` to `tolerance`.
     fn guesses(f: impl Fn(f64) -> f64, end: f64, root: f64, tolerance: f64) -> usize {
         let mut bracket = Bracket::new((0.0, f(0.0)), (end, f(end)));
         (1..)
@@ -92,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_bracket_closes_where_values_are_rounding() {
-        // The square root of 2, and a jump there.
+        // A smooth function with the root sqrt 2, and a function that jumps at that point.
         let close = |f: &dyn Fn(f64) -> f64| {
             let mut bracket = Bracket::new((1.0, f(1.0)), (2.0, f(2.0)));
             let count = (0..).take_while(|_| {
@@ -108,7 +109,7 @@ mod tests {
             count
         };
         assert!(close(&|t| 2.0 - t * t) <= 10, "{}", close(&|t| 2.0 - t * t));
-        // Bisection takes 51 guesses.
+        // For the jump bisection takes 51 guesses.
         for (before, behind) in [(1.0, -1e-9), (1e-9, -1.0), (1.0, -1.0), (1.0, -1e300)] {
             assert!(close(&|t| if t * t < 2.0 { before } else { behind }) <= 51 + 8);
         }

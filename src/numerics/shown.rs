@@ -1,4 +1,4 @@
-//! Criteria for whether a few values of a function show its behaviour between them.
+//! Criteria for whether a few samples of a function represent its behaviour between them.
 
 use super::Interval;
 
@@ -10,9 +10,9 @@ pub const WIDER: f64 = 4.0;
 /// three: a pulse that falls on the middle deviates by the whole range, and a pulse that falls on an end by half of it.
 const BENT: f64 = 0.3;
 
-/// Whether three samples show the behaviour of a function over an interval, given the `width` of its enclosure, the
-/// `range` of its values at both ends and in the middle, and the deviation `bent` of the middle value from the mean of
-/// the end values.
+/// Whether three samples represent a function over an interval, given the `width` of its enclosure, the `range` of
+/// its values at both ends and in the middle, and the deviation `bent` of the middle value from the mean of the end
+/// values.
 pub fn is_shown(width: f64, range: f64, bent: f64) -> bool {
     width <= WIDER * range && bent <= BENT * range
 }
@@ -24,7 +24,8 @@ pub fn is_seen(enclosure: Interval, seen: [f64; 3], allowed: f64) -> bool {
     enclosure.defined && is_shown(enclosure.width() - allowed, range, bent - allowed)
 }
 
-/// Range of three consecutive values, and the deviation of the middle one from the mean of the others.
+/// Returns the range of three consecutive values, and the deviation of the middle value from the mean of the other
+/// two.
 pub fn variation([first, middle, last]: [f64; 3]) -> (f64, f64) {
     let range = first.max(middle).max(last) - first.min(middle).min(last);
     (range, (middle - 0.5 * (first + last)).abs())

@@ -8,41 +8,43 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// The number of latest events available while a solve runs. The trajectory contains all events.
+/// The maximum number of events that a running solve keeps for its observers, the latest ones; the trajectory
+/// contains all events.
 const MOST_EVENTS: usize = 256;
 
-/// Why a solve was asked to stop.
+/// The reason why a solve was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// [`Control::cancel`] was called.
+    /// The solve was cancelled by [`Control::cancel`].
     Cancelled,
-    /// The deadline has passed.
+    /// The deadline of the solve has passed.
     Deadline,
 }
 
-/// The error of long work that was interrupted through [`Control`].
+/// The error returned by a long computation that was cancelled or exceeded its deadline, see [`Control::go_on`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("stopped from outside")]
 pub struct Interrupted;
 
-/// Control of a solve, shared between the solve and its caller. The solve polls it every step; no call blocks.
+/// The control of a solve, shared between the solve and its caller. The solve polls the control in every step; no
+/// call blocks.
 pub struct Control {
     cancelled: Arc<AtomicBool>,
     deadline: Option<Instant>,
-    /// Called after the deadline: returns whether the solve may continue.
+    /// Called once the deadline has passed: returns whether the solve may continue.
     reprieve: Option<Arc<Reprieve>>,
     fraction: AtomicU64,
     steps: AtomicU64,
-    /// The start of the current part of the work, as a fraction of the whole (bits of an `f64`).
+    /// The start of the current part of the solve, as a fraction of the whole solve (bits of an `f64`).
     begin: AtomicU64,
-    /// The length of the current part of the work, as a fraction of the whole (bits of an `f64`).
+    /// The length of the current part of the solve, as a fraction of the whole solve (bits of an `f64`).
     share: AtomicU64,
     happened: Mutex<Happened>,
 }
 
 type Reprieve = dyn Fn() -> bool + Send + Sync;
 
-/// The latest events, and the total number of events.
+/// The latest events of a solve, and the total number of its events.
 #[derive(Debug, Default)]
 struct Happened {
     latest: VecDeque<Event>,
@@ -81,31 +83,31 @@ impl Default for Control {
 }
 
 impl Control {
-    /// A control with no deadline.
+    /// Creates a control of a solve without a deadline.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A control that stops the solve at `deadline`.
+    /// Creates a control that stops the solve at `deadline`.
     pub fn with_deadline(deadline: Instant) -> Self {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
-    /// The control of a part of the work that runs beside others: it stops when this one does, and its progress and events are
-    /// not recorded.
+    /// Creates a control for a part of the work that runs in parallel: it has the cancellation flag and the deadline
+    /// of `self`, but its progress and events are not recorded in `self`.
     #[must_use]
     pub fn beside(&self) -> Self {
         let (cancelled, reprieve) = (Arc::clone(&self.cancelled), self.reprieve.clone());
         Self { cancelled, deadline: self.deadline, reprieve, ..Self::default() }
     }
 
-    /// Sets a function that is called after the deadline; the solve continues as long as it returns true.
+    /// Sets a function that is called once the deadline has passed; the solve continues as long as it returns true.
     #[must_use]
     pub fn with_reprieve(self, reprieve: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { reprieve: Some(Arc::new(reprieve)), ..self }
     }
 
-    /// The time at which the solve stops.
+    /// Returns the time at which the solve stops, if it has a deadline.
     pub fn deadline(&self) -> Option<Instant> {
         self.deadline
     }
@@ -115,7 +117,7 @@ impl Control {
         self.cancelled.store(true, Relaxed);
     }
 
-    /// Whether the solve should stop, and why.
+    /// Returns why the solve should stop, or `None` if it should continue.
     pub fn poll(&self) -> Option<Stop> {
         if self.cancelled.load(Relaxed) {
             return Some(Stop::Cancelled);
@@ -125,16 +127,15 @@ impl Control {
         is_over.then_some(Stop::Deadline)
     }
 
-    /// Polls for an interruption within long work that is not divided into steps.
+    /// Polls for cancellation and the deadline within a long computation that is not divided into steps.
     ///
-    /// # Errors
-    /// If the solve should stop.
+    /// # Errors If the computation should stop.
     pub fn go_on(&self) -> Result<(), Interrupted> {
         self.poll().map_or(Ok(()), |_| Err(Interrupted))
     }
 
-    /// Runs a part of the work, such as `0.0..0.5`: progress that it reports is relative to the part. Parts can be
-    /// nested.
+    /// Runs one part of a solve, such as `0.0..0.5` for its first half: progress that `run` reports is relative to
+    /// the part. Parts can be nested.
     pub fn part<T>(&self, part: Range<f64>, run: impl FnOnce() -> T) -> T {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.begin.store((begin + share * part.start).to_bits(), Relaxed);
@@ -145,25 +146,26 @@ impl Control {
         done
     }
 
-    /// Records progress: the completed fraction of the time horizon, in `[0, 1]`, and the number of accepted steps.
+    /// Records the progress of the current part: the completed fraction of its time horizon, in `[0, 1]`, and the
+    /// number of accepted steps.
     pub fn report(&self, fraction: f64, steps: u64) {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.fraction.store((begin + share * fraction).to_bits(), Relaxed);
         self.steps.store(steps, Relaxed);
     }
 
-    /// The completed fraction of the work, in `[0, 1]`.
+    /// Returns the completed fraction of the whole solve, in `[0, 1]`.
     pub fn fraction(&self) -> f64 {
         f64::from_bits(self.fraction.load(Relaxed))
     }
 
-    /// The number of accepted steps so far.
+    /// Returns the number of accepted steps so far.
     pub fn steps(&self) -> u64 {
         self.steps.load(Relaxed)
     }
 
-    /// Records the events of the last step. Only the first run's events are recorded; runs of later parts of the work
-    /// repeat them.
+    /// Records the events of the last step. Events are recorded in the first part of a solve only, since runs of
+    /// later parts repeat them.
     pub fn tell(&self, events: &[Event]) {
         if events.is_empty() || f64::from_bits(self.begin.load(Relaxed)) > 0.0 {
             return;
@@ -175,21 +177,21 @@ impl Control {
         }
     }
 
-    /// Records events returned by [`Control::events_after`] for the same solve in another process, with their numbers.
+    /// Records numbered events that [`Control::events_after`] has returned for the same solve in another process.
     pub fn relay(&self, events: Vec<(u64, Event)>) {
         let mut happened = self.happened();
         for (number, event) in events {
             if number > happened.count {
-                // Numbers are skipped if more events than MOST_EVENTS occurred between two calls. The new events then
-                // replace the whole list, so that its numbers are contiguous.
+                // Numbers are skipped if more than `MOST_EVENTS` events occurred between two calls. The new events
+                // then replace the whole list of kept events, so that their numbers are contiguous.
                 happened.count = number;
                 happened.push(event);
             }
         }
     }
 
-    /// The available events after the first `seen`, each with its number, counted from one. A cursor `seen` beyond the
-    /// last event belongs to another solve: all events are returned.
+    /// Returns the events that are still kept after the first `seen`, each with its number, counted from one. If
+    /// `seen` exceeds the number of events, it stems from another solve, and all kept events are returned.
     pub fn events_after(&self, seen: u64) -> Vec<(u64, Event)> {
         let happened = self.happened();
         let seen = if seen > happened.count { 0 } else { seen };

@@ -3,35 +3,37 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What happened to a variable at a switch of the active face of `K`, to a state, to a contact, or to what the user watches.
+/// What happened at an event: to a variable at a switch of the active face of `K`, to a state, to a contact, or to an
+/// expression of `stop`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
-    /// It left its bound: the inequality became an equation.
+    /// A variable left its bound: its inequality became an equation.
     Activated,
-    /// It came to rest on a bound.
+    /// A variable reached a bound and stays on it.
     Deactivated,
-    /// A state jumped, since a constraint did.
+    /// A state jumped, since a constraint on it did.
     Jumped,
-    /// A contact closed.
+    /// An open contact closed.
     Impact,
-    /// A contact opened that had been closed for a while.
+    /// A contact opened that had been closed for some time.
     LiftOff,
     /// A contact ceased to slip.
     Stick,
     /// A contact began to slip.
     Slip,
-    /// What `stop` watches changed its sign.
+    /// The value of an expression of `stop` changed its sign.
     Crossed,
 }
 
-/// A switch of the active face, or what else happened.
+/// An event of a solve: a switch of the active face of `K`, a jump, a change of a contact, or a stop condition.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Event {
-    /// When.
+    /// The time of the event.
     pub t: f64,
-    /// What.
+    /// The kind of the event.
     pub kind: EventKind,
-    /// The variable, the state or the contact; between bodies both, as in `ground and ball`; of what `stop` watches its label.
+    /// The name of the variable, state or contact; for a contact between two bodies the names of both, as in `ground
+    /// and ball`; for a stop condition its label.
     pub of: String,
 }

@@ -5,9 +5,7 @@
 //! ```
 //!
 //! with `n` states `x` and `m` variables `z`. A problem consists of its [`Structure`] and evaluations of values and
-//! derivatives ([`Dvi`]).
-//!
-//! Stage unknowns are stored as `y = (x, z)`, of length `n + m`.
+//! derivatives ([`Dvi`]). The unknowns of a stage of a time step are stored as `y = (x, z)`, of length `n + m`.
 
 mod control;
 mod convex_set;
@@ -28,19 +26,19 @@ pub use mechanical::{
 };
 pub use warning::Warning;
 
-/// The kind of a moving bound.
+/// The kind of a bound of `K` that varies with `(t, x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The lower end of an interval, `l`.
+    /// The lower end `l` of an interval of `K`.
     Lower,
-    /// The upper end of an interval, `u`.
+    /// The upper end `u` of an interval of `K`.
     Upper,
     /// The radius of the ball that contains the variable.
     Radius,
 }
 
 impl Side {
-    /// For messages: the kind of set that becomes empty, and the reason.
+    /// Returns, for error messages, the kind of set that becomes empty when the bound moves too far, and the reason.
     pub fn emptiness(self) -> (&'static str, &'static str) {
         match self {
             Self::Lower | Self::Upper => ("interval", "its lower bound exceeds its upper bound"),
@@ -54,12 +52,12 @@ impl Side {
 pub struct MovingBound {
     /// The index of the bounded variable, below `m`.
     pub variable: usize,
-    /// The moving end of its interval, or the radius of its ball.
+    /// Which end of the variable's interval moves, or that the radius of its ball does.
     pub side: Side,
 }
 
 impl MovingBound {
-    /// Sets the bound in `set` to `value`.
+    /// Sets the end or radius of `set` that the bound stands for to `value`.
     pub fn place(self, value: f64, set: &mut ConvexSet) {
         match self.side {
             Side::Lower => set.lower[self.variable] = value,
@@ -73,42 +71,42 @@ impl MovingBound {
     }
 }
 
-/// The mass matrix `M` of the differential part.
+/// The mass matrix `M` of the differential equations `M x' = F(t, x, z)`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mass {
-    /// `M = I`.
+    /// The identity, `M = I`.
     Identity,
-    /// A constant matrix as `(row, column, value)`, without duplicate entries; it may be singular.
+    /// A constant matrix as triplets `(row, column, value)`, without duplicate entries; it may be singular.
     Constant(Vec<(usize, usize, f64)>),
 }
 
-/// The structure of a problem: sizes, convex set and sparsity pattern.
+/// The structure of a differential variational inequality: sizes, mass matrix, convex set and sparsity pattern.
 #[derive(Clone, Debug)]
 pub struct Structure {
-    /// `n`, the number of states.
+    /// The number `n` of states.
     pub states: usize,
-    /// `m`, the number of variables.
+    /// The number `m` of variables.
     pub variables: usize,
-    /// The mass matrix.
+    /// The mass matrix `M` of the differential equations.
     pub mass: Mass,
-    /// `K` with its constant bounds; the values of `moving` bounds are arbitrary.
+    /// The convex set `K` with its constant bounds; the values of bounds listed in `moving` are arbitrary.
     pub set: ConvexSet,
-    /// The bounds that vary, in the order in which [`Dvi::evaluate`] writes them.
+    /// The bounds of `K` that vary with `(t, x)`, in the order in which [`Dvi::evaluate`] writes them.
     pub moving: Vec<MovingBound>,
-    /// The structural nonzeros of the Jacobian, as `(row, column)` sorted by row, then column.
-    /// Rows: `F` (n), `G` (m), moving bounds. Columns: `x` (n), `z` (m).
+    /// The structural nonzeros of the Jacobian, as `(row, column)` sorted by row, then column. Rows: `F` (`n`), `G`
+    /// (`m`), then moving bounds; columns: `x` (`n`), then `z` (`m`).
     pub pattern: Vec<(usize, usize)>,
-    /// Whether the Jacobian is constant in `(t, y)`.
+    /// Whether the Jacobian does not depend on `(t, y)`.
     pub constant_jacobian: bool,
 }
 
 impl Structure {
-    /// `n + m`, the length of `y`.
+    /// Returns `n + m`, the length of the vector of unknowns `y = (x, z)`.
     pub fn unknowns(&self) -> usize {
         self.states + self.variables
     }
 
-    /// Whether the set of variable `k` is bounded at all times, with moving bounds counted as finite.
+    /// Returns whether the set of variable `k` is bounded at all times, with moving bounds counted as finite.
     pub fn is_bounded(&self, k: usize) -> bool {
         let moves = |side| self.moving.contains(&MovingBound { variable: k, side });
         match self.set.block_of(k).map(|block| &self.set.blocks()[block].shape) {
@@ -121,49 +119,51 @@ impl Structure {
         }
     }
 
-    /// Whether the set of any variable is unbounded and not the whole line, so that the variable may have impulses.
+    /// Returns whether the set of some variable is unbounded but not the whole line, so that the variable may have
+    /// impulses.
     pub fn has_impulses(&self) -> bool {
         (0..self.variables).any(|k| !self.set.is_free(k) && !self.is_bounded(k))
     }
 
-    /// The number of values written by [`Dvi::evaluate`]: `n + m +` moving bounds.
+    /// Returns the number of values that [`Dvi::evaluate`] writes: `n` rates, `m` inequalities, and the moving
+    /// bounds.
     pub fn rows(&self) -> usize {
         self.unknowns() + self.moving.len()
     }
 }
 
-/// Sums of terms, one sum per row, as lists of `(term, factor)`.
+/// Linear combinations of terms, one per row of the problem, each as a list of pairs `(index of a term, factor)`.
 pub type Sums = Vec<Vec<(usize, f64)>>;
 
-/// Time derivatives of rows as sums of shared terms, which are functions of time alone. Shared terms cancel in linear
-/// combinations of rows before interval enclosure.
+/// The time derivatives of the rows `F` and `G` as linear combinations of terms that are functions of time alone.
+/// Terms that rows share cancel in linear combinations of rows before the terms are enclosed by intervals.
 #[derive(Clone, Debug, Default)]
 pub struct ForcingSlopes {
-    /// The number of terms.
+    /// The number of terms that the rows share.
     pub terms: usize,
     /// The derivatives `dF/dt` of the rates, one sum for each of the `n` states.
     pub rates: Sums,
     /// The derivatives `dG/dt` of the inequalities, one sum for each of the `m` variables.
     pub inequality: Sums,
-    /// `d^2G/dt^2` (m).
+    /// The second derivatives `d^2G/dt^2` of the inequalities, one sum for each of the `m` variables.
     pub curvature: Sums,
 }
 
-/// The degree up to which polynomials in the states do not count as features: along a straight line, three-stage Radau
-/// IIA integrates them exactly.
+/// Largest degree of polynomials in the states that are not reported by [`Dvi::features`]: along a straight line,
+/// three-stage Radau IIA integrates them exactly.
 pub const PLAIN_DEGREE: u32 = 4;
 
-/// A differential variational inequality, ready to be evaluated without allocation.
+/// A differential variational inequality that can be evaluated without allocation.
 pub trait Dvi: Send {
-    /// Sizes, convex set and sparsity pattern.
+    /// Returns the sizes, the convex set and the sparsity pattern of the problem.
     fn structure(&self) -> &Structure;
 
-    /// Writes `F` (n), `G` (m) and the moving bounds at `(t, y)` into `values`, of length [`Structure::rows`].
-    /// Undefined values are NaN or infinite; the caller must check.
+    /// Writes the rates `F` (`n`), the inequalities `G` (`m`) and the moving bounds at `(t, y)` into `values`, of
+    /// length [`Structure::rows`]. Undefined values are NaN or infinite; the caller must check.
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Evaluates at several points at once; `ys` and `values` are concatenated by point. The results are bitwise equal
-    /// to those of [`Dvi::evaluate`].
+    /// Evaluates the problem at several points at once; `ys` and `values` are concatenated by point. The results are
+    /// bitwise equal to those of [`Dvi::evaluate`].
     fn evaluate_points(&mut self, times: &[f64], ys: &[f64], values: &mut [f64]) {
         let (unknowns, rows) = (self.structure().unknowns(), self.structure().rows());
         for (i, &t) in times.iter().enumerate() {
@@ -171,10 +171,11 @@ pub trait Dvi: Send {
         }
     }
 
-    /// Writes the derivatives of all rows with respect to `y`, in the order of [`Structure::pattern`].
+    /// Writes the derivatives of `F`, `G` and the moving bounds with respect to `y`, in the order of
+    /// [`Structure::pattern`].
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Writes the partial derivatives of `G` (m) with respect to `t` at `(t, y)`.
+    /// Writes the partial derivatives of the `m` inequalities `G` with respect to `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
     /// Encloses `F`, `G` and the moving bounds over a box of `(t, y)`, in the order of [`Dvi::evaluate`]. Returns false
@@ -183,8 +184,9 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Encloses the derivatives with respect to `y`, in the order of [`Structure::pattern`], and those of `G` with
-    /// respect to `t`. Returns false if the problem does not support enclosure.
+    /// Encloses the derivatives of `F`, `G` and the moving bounds with respect to `y`, in the order of
+    /// [`Structure::pattern`], and those of `G` with respect to `t`, over a box of `(t, y)`. Returns false if the
+    /// problem does not support enclosure.
     fn enclose_derivatives(
         &mut self,
         _t: Interval,
@@ -195,10 +197,10 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Measures the variation of the derivatives with respect to `y` over three successive points `(t, y)`: for each,
-    /// its range and the difference of the middle value from the mean of the end values. If
-    /// [`Dvi::enclose_derivatives`] derives them from other quantities, an implementation may measure those quantities
-    /// instead.
+    /// Measures the variation of the derivatives with respect to `y` over three successive points `(t, y)`: for each
+    /// derivative, its range and the difference of its middle value from the mean of its end values. An
+    /// implementation whose [`Dvi::enclose_derivatives`] computes the derivatives from other quantities may measure
+    /// the variation of those quantities instead.
     fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
         let mut of = times.map(|_| vec![0.0; variations.len()]);
         for ((t, y), values) in times.iter().zip(y.chunks_exact(y.len() / 3)).zip(&mut of) {
@@ -210,30 +212,32 @@ pub trait Dvi: Send {
         }
     }
 
-    /// The largest angular frequency of the explicit time dependence of the rows, in radians per unit of time: a step
-    /// in which no phase advances by half a turn resolves them by its stages. Zero without time dependence, infinite if
-    /// unknown.
+    /// Returns the largest angular frequency of the explicit time dependence of `F`, `G` and the moving bounds, in
+    /// radians per unit of time: the stages of a step resolve oscillations whose phase advances by less than half a
+    /// turn. Zero without time dependence, infinite if unknown.
     fn pace(&mut self) -> f64 {
         0.0
     }
 
-    /// The rows of `F`, `G` and moving bounds, in order, that are not polynomials of low degree in `y`: within a step they may have
-    /// features that its stages do not resolve.
+    /// Returns the rows, counted through `F`, `G` and the moving bounds, that are not polynomials of low degree in
+    /// `y`: within a step these rows may have features that its stages do not resolve.
     fn features(&self) -> &[usize] {
         &[]
     }
 
-    /// Whether a row may have a jump that depends on `y` in a box.
+    /// Returns whether a row of `F`, `G` or the moving bounds may have a jump that depends on `y` in a box of `(t,
+    /// y)`.
     fn may_jump(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 
-    /// Whether a row may pass a knot in a box: a value of `y` at which one of its derivatives of some order jumps.
+    /// Returns whether a row of `F`, `G` or the moving bounds may pass a knot in a box of `(t, y)`: a value of `y` at
+    /// which one of its derivatives of some order jumps.
     fn may_pass_knot(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 
-    /// The time derivatives of the rows as sums of terms; `None` if they are unknown or depend on `y`.
+    /// Returns the time derivatives of the rows as sums of terms; `None` if they are unknown or depend on `y`.
     fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         None
     }
@@ -241,14 +245,15 @@ pub trait Dvi: Send {
     /// Encloses the terms of [`Dvi::forcing_slopes`] over an interval of `t`.
     fn enclose_forcing_slopes(&mut self, _t: Interval, _terms: &mut [Interval]) {}
 
-    /// Event functions of time, evaluated at `t`: a row has a kink or a jump, independent of `y`, where one of them
-    /// changes sign. Their number is constant.
+    /// Returns the event functions of time, evaluated at `t`: where one of them changes sign, a row of the problem
+    /// has a kink or a jump that does not depend on `y`. The number of event functions is constant.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
 
-    /// For each event function of [`Dvi::breaks`] a quantity that runs evenly through its sign changes: its rates by `t` and by
-    /// parameters tell how their times move.
+    /// Returns, for each event function of [`Dvi::breaks`], a quantity that is smooth where the event function
+    /// changes sign, such as the argument of a `floor`: its derivatives with respect to `t` and to parameters
+    /// determine how the times of the sign changes move with the parameters.
     fn break_courses(&mut self, t: f64) -> &[f64] {
         self.breaks(t)
     }
@@ -258,8 +263,8 @@ pub trait Dvi: Send {
         &[]
     }
 
-    /// Event functions of `(t, y)`: a row has a kink or a jump that depends on `y` where one of them changes sign.
-    /// Their number is constant.
+    /// Returns the event functions of `(t, y)`: where one of them changes sign, a row of the problem has a kink or a
+    /// jump that depends on `y`. The number of event functions is constant.
     fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
         &[]
     }

@@ -5,41 +5,44 @@
 //! ```
 //!
 //! The rows of `J` are those of the joints, with constraints `phi(t,q) = 0` (`u = phi'`), then the contact normals,
-//! with gaps `gap(t,q) >= 0` (`u_n = gap'`), then the slip directions. `f` contains all forces, including those of the
-//! potential and of `M` (Coriolis and centrifugal forces).
+//! with gaps `gap(t,q) >= 0` (`u_n = gap'`), then the slip directions of the contacts. `f` contains all forces,
+//! including those of the potential and of `M` (Coriolis and centrifugal forces).
 
 use nalgebra::{DMatrix, Vector2};
 use numerics::Interval;
 use std::ops::Range;
 
-/// The contact law of a contact.
+/// The contact law of a contact: friction and restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactData {
-    /// The coefficient of friction; zero without friction. Where it varies, [`Mechanical::friction`] has its value.
+    /// The coefficient of friction; zero without friction. [`Mechanical::friction`] returns its value if the
+    /// coefficient varies.
     pub mu: f64,
-    /// Whether the coefficient varies in time, with the state or with the speed of the slip.
+    /// Whether the coefficient of friction varies in time, with the state or with the slip speed.
     pub varies: bool,
-    /// The coefficient in the second slip direction divided by that in the first: friction forces form an ellipse. The
-    /// second row of slips is the velocity times this ratio, in which the ellipse is a disk (Goyal, Ruina and
-    /// Papadopoulos 1991, *Planar sliding with dry friction*).
+    /// The coefficient of friction in the second slip direction divided by that in the first: the friction forces are
+    /// in an ellipse. The second slip row of `J` is the slip velocity times this ratio, which maps the ellipse to a
+    /// disk (Goyal, Ruina and Papadopoulos 1991, *Planar sliding with dry friction*).
     pub ratio: f64,
-    /// The coefficient of restitution, from 0 to 1.
+    /// The coefficient of restitution in Newton's impact law, from 0 to 1.
     pub restitution: f64,
-    /// The index of its first slip direction among those of all contacts.
+    /// The index of the contact's first slip direction among the slip directions of all contacts.
     pub first_slip: usize,
-    /// The number of slip directions: zero, one or two; zero without friction.
+    /// The number of the contact's slip directions: one or two with friction, zero without.
     pub slips: usize,
-    /// The number of corners of a polygonal friction set; `None` for the disk.
+    /// The number of corners of a polygonal friction set; `None` for the friction disk.
     pub facets: Option<usize>,
 }
 
 impl ContactData {
-    /// The speed of a slip given in rows of `J`, which are scaled where friction is anisotropic.
+    /// Returns the speed of a slip velocity that is given in rows of `J`, which are scaled if friction is
+    /// anisotropic.
     pub fn slip_speed(&self, slip: &Vector2<f64>) -> f64 {
         slip.x.hypot(slip.y / self.ratio)
     }
 
-    /// The derivative of [`ContactData::slip_speed`] by the rows of the slip, or where nothing slips, that along `way`.
+    /// Returns the gradient of [`ContactData::slip_speed`] with respect to the slip velocity in rows of `J`; at zero
+    /// slip, the gradient in direction `way`.
     pub fn slip_speed_slope(&self, slip: &Vector2<f64>, way: &Vector2<f64>) -> Vector2<f64> {
         let along = if slip.norm() > 0.0 { slip } else { way };
         let speed = self.slip_speed(along);
@@ -47,65 +50,67 @@ impl ContactData {
     }
 }
 
-/// The structure of a mechanical system.
+/// The structure of a mechanical system: its sizes, contact laws and the kind of its dependence on time and state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MechanicalStructure {
-    /// `n`, the number of coordinates.
+    /// The number `n` of generalised coordinates.
     pub coordinates: usize,
-    /// The number of joints.
+    /// The number of scalar joint constraints.
     pub joints: usize,
-    /// The contacts.
+    /// The contact laws, one per contact.
     pub contacts: Vec<ContactData>,
-    /// Whether `M` is constant.
+    /// Whether the mass matrix `M` is constant.
     pub constant_mass: bool,
-    /// Whether `f` depends neither on `q` nor on `v`.
+    /// Whether the forces `f` depend neither on `q` nor on `v`.
     pub constant_forces: bool,
-    /// Whether forces, masses, joints, gaps or slips depend on time explicitly.
+    /// Whether forces, masses, joint constraints, gaps or slip velocities depend on time explicitly.
     pub depends_on_time: bool,
-    /// Whether forces, masses, joints, gaps or slips are other than polynomials of low degree in `q` and `v`.
+    /// Whether forces, masses, joint constraints, gaps or slip velocities are not polynomials of low degree in `q`
+    /// and `v`.
     pub has_features: bool,
-    /// Whether forces are other than polynomials of low degree in `q` and `v`.
+    /// Whether the forces are not polynomials of low degree in `q` and `v`.
     pub has_features_of_forces: bool,
-    /// Whether joints and gaps are affine functions of `q` alone: along a straight line their minimum is at an end.
+    /// Whether joint constraints and gaps are affine functions of `q` alone, so that along a straight line their
+    /// minimum is at an end.
     pub affine_constraints: bool,
 }
 
 impl MechanicalStructure {
-    /// The number of slip directions of all contacts.
+    /// Returns the number of slip directions of all contacts.
     pub fn slips(&self) -> usize {
         self.contacts.iter().map(|contact| contact.slips).sum()
     }
 
-    /// The number of rows of `J`.
+    /// Returns the number of rows of the constraint Jacobian `J`: joints, contact normals and slip directions.
     pub fn rows(&self) -> usize {
         self.joints + self.contacts.len() + self.slips()
     }
 
-    /// The row of the normal of contact `k`.
+    /// Returns the index of the row of `J` of the normal of contact `k`.
     pub fn normal(&self, k: usize) -> usize {
         self.joints + k
     }
 
-    /// The rows of the slip directions of contact `k`.
+    /// Returns the indices of the rows of `J` of the slip directions of contact `k`.
     pub fn tangents(&self, k: usize) -> Range<usize> {
         let first = self.joints + self.contacts.len() + self.contacts[k].first_slip;
         first..first + self.contacts[k].slips
     }
 }
 
-/// The constraints at one `(t, q)`.
+/// The constraints of a mechanical system at one `(t, q)`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Constraints {
-    /// `phi` of the joints, then the gaps.
+    /// The joint constraints `phi`, then the gaps of the contacts.
     pub values: Vec<f64>,
-    /// `b`, one value per row of `J`.
+    /// The drift velocities `b`, one per row of `J`.
     pub drift: Vec<f64>,
-    /// `J^T`, a column for each row of `J`.
+    /// The transposed constraint Jacobian `J^T`, a column for each row of `J`.
     pub transposed: DMatrix<f64>,
 }
 
 impl Constraints {
-    /// Allocates the constraints of a system.
+    /// Allocates the constraints of a mechanical system.
     pub fn new(structure: &MechanicalStructure) -> Self {
         Self {
             values: vec![0.0; structure.joints + structure.contacts.len()],
@@ -114,29 +119,31 @@ impl Constraints {
         }
     }
 
-    /// `u_i` at velocities `v`.
+    /// Returns the constraint velocity `u_i = J_i v + b_i` of a row at velocities `v`.
     pub fn velocity(&self, row: usize, v: &[f64]) -> f64 {
         self.drift[row] + dot(self.row(row), v)
     }
 
-    /// The sum of the absolute values of the terms of `u_i`, as scale for rounding.
+    /// Returns `|b_i| + sum_j |J_ij v_j|`, the scale of rounding errors of the constraint velocity `u_i` of a row.
     pub fn terms(&self, row: usize, v: &[f64]) -> f64 {
         self.drift[row].abs() + self.size(row, v)
     }
 
-    /// `sum_j |J_ij x_j|`: the scale of the terms of row `i` in coordinates or velocities.
+    /// Returns `sum_j |J_ij x_j|`, the scale of rounding errors of row `i` of `J` times the coordinates or velocities
+    /// `x`.
     pub fn size(&self, row: usize, x: &[f64]) -> f64 {
         self.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum()
     }
 
-    /// The slip velocity `u_t` of the contact with rows `tangents`, at velocities `v`; zero in missing directions.
+    /// Returns the slip velocity `u_t` of the contact with rows `tangents`, at velocities `v`; its components are
+    /// zero in directions that the contact does not have.
     pub fn slip(&self, tangents: Range<usize>, v: &[f64]) -> Vector2<f64> {
         let mut slip = Vector2::zeros();
         slip.iter_mut().zip(tangents).for_each(|(slip, row)| *slip = self.velocity(row, v));
         slip
     }
 
-    /// Row `i` of `J`.
+    /// Returns a row of the constraint Jacobian `J`.
     pub fn row(&self, row: usize) -> &[f64] {
         let n = self.transposed.nrows();
         &self.transposed.as_slice()[row * n..(row + 1) * n]
@@ -150,11 +157,11 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Enclosures of all terms of the equations of motion over a box of times, coordinates and velocities.
 #[derive(Clone, Debug, Default)]
 pub struct DynamicsRange {
-    /// The mass matrix `M` by rows.
+    /// The mass matrix `M`, by rows.
     pub mass: Vec<Interval>,
-    /// The forces `f`.
+    /// The forces `f`, one enclosure per coordinate.
     pub forces: Vec<Interval>,
-    /// The bias accelerations `gamma`, one per row of `J`.
+    /// The bias accelerations `gamma` (`u' = J v' + gamma`), one per row of `J`.
     pub bias: Vec<Interval>,
     /// The drift velocities `b`, one per row of `J`.
     pub drift: Vec<Interval>,
@@ -163,90 +170,98 @@ pub struct DynamicsRange {
 }
 
 impl DynamicsRange {
-    /// Allocates the enclosures of a system.
+    /// Allocates the enclosures of the equations of motion of a mechanical system.
     pub fn new(structure: &MechanicalStructure) -> Self {
         let (n, rows) = (structure.coordinates, structure.rows());
         let room = |count: usize| vec![Interval::LINE; count];
         Self { mass: room(n * n), forces: room(n), bias: room(rows), drift: room(rows), rows: room(rows * n) }
     }
 
-    /// Row `i` of `J`.
+    /// Returns the enclosure of a row of the constraint Jacobian `J`.
     pub fn row(&self, row: usize) -> &[Interval] {
         let n = self.forces.len();
         &self.rows[row * n..(row + 1) * n]
     }
 }
 
-/// Enclosures of [`Sensitivity::balance`] and [`Sensitivity::acceleration`], by rows of length `2 n`.
+/// Enclosures of [`Sensitivity::balance`] and [`Sensitivity::acceleration`], by rows of length `2 n`, where `n` is
+/// the number of coordinates.
 #[derive(Clone, Debug, Default)]
 pub struct SensitivityRange {
-    /// The derivatives of the balance `M a - f - J^T lambda`, `n` rows.
+    /// The derivatives of the force balance `M a - f - J^T lambda`, `n` rows.
     pub balance: Vec<Interval>,
-    /// The derivatives of the constraint accelerations `u'`, one row per row of `J`.
+    /// The derivatives of the constraint accelerations `u'`, one row for each row of `J`.
     pub acceleration: Vec<Interval>,
 }
 
-/// Energies, and the powers in their balance.
+/// The energies of a mechanical system, and the powers in their balance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energies {
-    /// The kinetic energy `v^T M v / 2`.
+    /// The kinetic energy `T = v^T M v / 2` of the system.
     pub kinetic: f64,
-    /// The potential energy.
+    /// The potential energy `V` of the system.
     pub potential: f64,
     /// The power `Q^T v` of the applied forces.
     pub power: f64,
-    /// `dV/dt - dT/dt` at fixed `q` and `v`: the power supplied by explicit time dependence of potential and masses.
+    /// The power supplied by the explicit time dependence of potential and masses: `dV/dt - dT/dt` at fixed `q` and
+    /// `v`, with potential energy `V` and kinetic energy `T`.
     pub drive: f64,
 }
 
-/// Derivatives with respect to `(q, v)`, `2 n` columns, for the sensitivity of accelerations and multipliers.
+/// Derivatives of the equations of motion with respect to `(q, v)`, `2 n` columns, for the sensitivity of
+/// accelerations and multipliers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sensitivity {
-    /// The derivatives of `M a - f - J^T lambda` at fixed `a` and `lambda`, `n` rows.
+    /// The derivatives of the force balance `M a - f - J^T lambda` at fixed accelerations `a` and multipliers
+    /// `lambda`, `n` rows.
     pub balance: DMatrix<f64>,
-    /// The derivatives of `u' = J a + gamma` at fixed `a`, one row per row of `J`.
+    /// The derivatives of the constraint accelerations `u' = J a + gamma` at fixed accelerations `a`, one row for
+    /// each row of `J`.
     pub acceleration: DMatrix<f64>,
-    /// The derivatives of `u = J v + b`, one row per row of `J`.
+    /// The derivatives of the constraint velocities `u = J v + b`, one row for each row of `J`.
     pub velocity: DMatrix<f64>,
 }
 
-/// A mechanical system, ready to be evaluated. Undefined values are NaN or infinite.
+/// A mechanical system that can be evaluated. Undefined values are NaN or infinite.
 pub trait Mechanical: Send {
-    /// Sizes and contacts.
+    /// Returns the sizes of the system and its contact laws.
     fn structure(&self) -> &MechanicalStructure;
 
-    /// Writes `M`, `n x n`.
+    /// Writes the mass matrix `M`, `n x n`.
     fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>);
 
-    /// Writes `f`.
+    /// Writes the forces `f`, one per coordinate.
     fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]);
 
-    /// Writes the derivatives of `f` with respect to `q` and `v`.
+    /// Writes the derivatives of the forces `f` with respect to `q` and `v`.
     fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>);
 
-    /// Writes the values of joints and gaps, and `b` and `J^T` of all rows.
+    /// Writes the values of joint constraints and gaps, and the drift velocities `b` and columns of `J^T` of all rows
+    /// of `J`.
     fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints);
 
-    /// Writes the values of joints and gaps.
+    /// Writes the values of joint constraints and gaps.
     fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]);
 
-    /// Encloses the values of joints and gaps over a box of `t` and `q`.
+    /// Encloses the values of joint constraints and gaps over a box of `t` and `q`.
     fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
-    /// Encloses the velocities of joints and gaps over a box of `t`, `q` and `v`.
+    /// Encloses the time derivatives of joint constraints and gaps over a box of `t`, `q` and `v`.
     fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]);
 
-    /// Encloses `f`, then `b`, then `gamma`, at fixed `q` and `v` over an interval of `t`.
+    /// Encloses the forces `f`, then the drift velocities `b`, then the bias accelerations `gamma`, at fixed `q` and
+    /// `v` over an interval of `t`.
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
 
-    /// Encloses `f` over a box of `t`, `q` and `v`.
+    /// Encloses the forces `f` over a box of `t`, `q` and `v`.
     fn enclose_forces(&mut self, t: Interval, q: &[Interval], v: &[Interval], f: &mut [Interval]);
 
-    /// Encloses masses, forces, bias, drift and `J` over a box of `t`, `q` and `v`.
+    /// Encloses the mass matrix, forces, bias accelerations, drift velocities and the constraint Jacobian `J` over a
+    /// box of `t`, `q` and `v`.
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange);
 
     /// Encloses the derivatives of [`Sensitivity`] over a box of `t` and `x = (q, v)`, at accelerations `a` and
-    /// multipliers `lambda` of all rows.
+    /// multipliers `lambda` of all rows of `J`.
     fn enclose_sensitivity(
         &mut self,
         t: Interval,
@@ -256,25 +271,27 @@ pub trait Mechanical: Send {
         range: &mut SensitivityRange,
     );
 
-    /// Whether a term of the equations of motion may have a jump that depends on `q` or `v` in a box of `x = (q, v)`.
+    /// Returns whether a term of the equations of motion may have a jump that depends on `q` or `v` in a box of `t`
+    /// and `x = (q, v)`.
     fn may_jump(&mut self, _t: Interval, _x: &[Interval]) -> bool {
         false
     }
 
-    /// Whether a term of the equations of motion may pass a knot in a box of `x = (q, v)`, at which one of its derivatives of some
-    /// order jumps.
+    /// Returns whether a term of the equations of motion may pass a knot in a box of `t` and `x = (q, v)`: a point at
+    /// which one of its derivatives of some order jumps.
     fn may_pass_knot(&mut self, _t: Interval, _x: &[Interval]) -> bool {
         false
     }
 
-    /// Event functions of time, evaluated at `t`: a term of the equations of motion has a kink or a jump, independent
-    /// of `q` and `v`, where one of them changes sign.
+    /// Returns the event functions of time, evaluated at `t`: where one of them changes sign, a term of the equations
+    /// of motion has a kink or a jump that does not depend on `q` and `v`.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
 
-    /// For each event function of [`Mechanical::breaks`] a quantity that runs evenly through its sign changes: its rates by `t` and by
-    /// parameters tell how their times move.
+    /// Returns, for each event function of [`Mechanical::breaks`], a quantity that is smooth where the event function
+    /// changes sign, such as the argument of a `floor`: its derivatives with respect to `t` and to parameters
+    /// determine how the times of the sign changes move with the parameters.
     fn break_courses(&mut self, t: f64) -> &[f64] {
         self.breaks(t)
     }
@@ -285,22 +302,24 @@ pub trait Mechanical: Send {
         &[]
     }
 
-    /// The coefficient of friction of contact `k` at a state and a speed of its slip.
+    /// Returns the coefficient of friction of contact `k` at a state and a slip speed.
     fn friction(&mut self, k: usize, _t: f64, _q: &[f64], _v: &[f64], _slip_speed: f64) -> f64 {
         self.structure().contacts[k].mu
     }
 
-    /// Writes the derivatives of the coefficient of friction of contact `k` by `(q, v)`, and by the speed of its slip.
+    /// Writes the derivatives of the coefficient of friction of contact `k` with respect to `(q, v)`, then to the
+    /// slip speed.
     fn friction_slopes(&mut self, _k: usize, _t: f64, _q: &[f64], _v: &[f64], _slip_speed: f64, slopes: &mut [f64]) {
         slopes.fill(0.0);
     }
 
-    /// Encloses the coefficient of friction of contact `k` over a box of `t`, `x = (q, v)` and speeds of its slip.
+    /// Encloses the coefficient of friction of contact `k` over a box of `t`, `x = (q, v)` and slip speeds.
     fn enclose_friction(&mut self, k: usize, _t: Interval, _x: &[Interval], _slip_speed: Interval) -> Interval {
         Interval::point(self.structure().contacts[k].mu)
     }
 
-    /// Encloses the derivatives of [`Mechanical::friction_slopes`].
+    /// Encloses the derivatives of the coefficient of friction that [`Mechanical::friction_slopes`] writes, over a
+    /// box of `t`, `x = (q, v)` and slip speeds.
     fn enclose_friction_slopes(
         &mut self,
         _k: usize,
@@ -312,20 +331,20 @@ pub trait Mechanical: Send {
         slopes.fill(Interval::point(0.0));
     }
 
-    /// Energies and power.
+    /// Returns the energies of the system and the powers in their balance.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 
-    /// Writes the bias acceleration `gamma`, the value of `u'` for `v' = 0`, one per row of `J`.
+    /// Writes the bias accelerations `gamma`, one per row of `J`: the constraint accelerations `u'` for `v' = 0`.
     fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]);
 
-    /// Writes the derivatives of [`Sensitivity`] at accelerations `a` and multipliers `lambda` of all rows.
+    /// Writes the derivatives of [`Sensitivity`] at accelerations `a` and multipliers `lambda` of all rows of `J`.
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
 
-    /// Writes the derivatives with respect to time of the rows of [`Sensitivity`]: `n` of the balance, then one per row
-    /// of `J` of the accelerations, then of the velocities.
+    /// Writes the derivatives with respect to time of the rows of [`Sensitivity`]: `n` of the force balance, then one
+    /// per row of `J` of the constraint accelerations, then one per row of `J` of the constraint velocities.
     fn sensitivity_in_time(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut [f64]);
 
-    /// The rounding error of the time `t`.
+    /// Returns the rounding error of the time `t`.
     fn rounding_of_time(&self, t: f64) -> f64 {
         f64::EPSILON * t.abs()
     }

@@ -3,11 +3,11 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Something the user should know though the solve went on.
+/// A warning to the user about a solve that was nevertheless carried out.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Warning {
-    /// A stable code for programs.
+    /// A code of the warning for programs; it does not change between versions.
     pub code: &'static str,
-    /// For people, with the remedy.
+    /// The text of the warning for people, with the remedy.
     pub message: String,
 }

@@ -6,7 +6,7 @@ use super::system::System;
 use problem::{Face, FaceEquations, Shape};
 
 impl System<'_> {
-    /// Evaluates the equations of block `b` at `y`, the point of the last evaluation of the system.
+    /// Evaluates the equations of the face of block `b` at `y`, the point of the last evaluation of the system.
     pub fn equations_of(&mut self, b: usize, y: &[f64]) -> &FaceEquations {
         let block = &self.set.blocks()[b];
         let (z, g) = &mut self.members;
@@ -18,8 +18,8 @@ impl System<'_> {
         &self.equations[b]
     }
 
-    /// The equations of the faces of all blocks at `y`, the point of the last evaluation of the system, each solved for
-    /// `z`.
+    /// Returns the equations of the faces of all blocks at `y`, the point of the last evaluation of the system, each
+    /// in the form that is solved for `z`.
     pub fn equations_for_z(&mut self, y: &[f64]) -> Vec<FaceEquations> {
         let mut all = Vec::with_capacity(self.face.blocks.len());
         for b in 0..self.face.blocks.len() {
@@ -27,7 +27,7 @@ impl System<'_> {
             let (z, g) = &mut self.members;
             let shape = &self.set.blocks()[b].shape;
             if let (Shape::SecondOrderCone, Face::Boundary(_)) = (shape, &self.face.blocks[b]) {
-                // Put `z` exactly onto the boundary: a cone has no curvature along its rays.
+                // Put `z` exactly onto the boundary of the cone, which has no curvature along its rays.
                 z[0] = z[1..].iter().map(|v| v * v).sum::<f64>().sqrt();
             }
             let mut equations = FaceEquations::default();
@@ -37,8 +37,8 @@ impl System<'_> {
         all
     }
 
-    /// Swaps the form of the equations of each cone on its boundary, between those solved for `z` and those solved for
-    /// `G`; returns whether there is one.
+    /// Swaps the form of the equations of each second-order cone on its boundary, between those solved for `z` and
+    /// those solved for `G`; returns whether there is such a cone.
     pub fn swap_primal_dual_form(&mut self) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -68,8 +68,8 @@ impl System<'_> {
         }
     }
 
-    /// Solves the equation of each sphere for another member if its pivot is small at `y`; returns whether a pivot
-    /// changed.
+    /// Solves the equation of each block on a sphere for another member if its pivot is small at `y`; returns whether
+    /// a pivot changed.
     pub fn repivot_spheres(&mut self, y: &[f64]) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -91,7 +91,7 @@ impl System<'_> {
         self.linearise_blocks(&anywhere, None);
     }
 
-    /// Whether the face has an equation for variable `k` other than the bound it rests on or a prescribed value.
+    /// Whether the face has an equation for variable `k` other than that of an active bound or a prescribed value.
     pub fn has_equation(&self, k: usize) -> bool {
         match self.face.places[k] {
             Activity::Inactive => true,
@@ -100,13 +100,13 @@ impl System<'_> {
         }
     }
 
-    /// Whether the equation of variable `k` involves `z` alone, by the last linearisation of its block.
+    /// Whether the equation of the face for variable `k` involves `z` alone, by the last linearisation of its block.
     pub fn is_constraint(&self, k: usize) -> bool {
         self.place_in_block(k).is_some_and(|(b, at)| self.linearised[b].is_of_z[at])
     }
 
-    /// The rows of `G` in the equation of variable `k`, as pairs of a variable and its factor by the last linearisation
-    /// of its block; none if the equation involves `z` alone.
+    /// Returns the rows of `G` in the equation of the face for variable `k`, as pairs of a variable and its factor by
+    /// the last linearisation of its block; none if the equation involves `z` alone.
     pub fn rows_of_equation(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
         let own = self.place_in_block(k).is_none().then_some((k, 1.0));
         let of_block = self.place_in_block(k).into_iter().flat_map(|(b, at)| {
@@ -116,15 +116,15 @@ impl System<'_> {
         own.into_iter().chain(of_block)
     }
 
-    /// The block of a variable, and the index of the variable among its members.
+    /// Returns the block of variable `k`, and the index of the variable among its members.
     fn place_in_block(&self, k: usize) -> Option<(usize, usize)> {
         let b = self.set.block_of(k)?;
         let at = self.set.blocks()[b].members.iter().position(|member| *member == k)?;
         Some((b, at))
     }
 
-    /// Replaces the partial derivatives of `G` with respect to `t` by those of the rows of `Phi`, in place; those of
-    /// equations in `z` alone are not known and set to zero.
+    /// Replaces the partial derivatives `drift` of `G` with respect to time by those of the equations of the face
+    /// (the rows of `Phi`), in place; the derivatives of equations in `z` alone are unknown and set to zero.
     pub fn combine_drift(&mut self, drift: &mut [f64]) {
         let (_, g) = &mut self.members;
         for (block, equations) in self.set.blocks().iter().zip(&self.linearised) {
@@ -137,7 +137,7 @@ impl System<'_> {
     }
 }
 
-/// The face with its equations solved for `z`.
+/// Returns the face with its equations in the form that is solved for `z`.
 fn for_z(shape: &Shape, face: &Face) -> Face {
     match (shape, face) {
         (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),

@@ -3,7 +3,8 @@
 use super::settings::{StepError, Switches};
 use super::stepper::Radau;
 
-/// More breakpoints than this cannot be passed within any limit on steps.
+/// Maximum number of breakpoints up to the end of a run: more cannot be passed within any limit on the number of
+/// steps.
 const MOST_BREAKS: f64 = 1e9;
 
 impl Radau<'_> {
@@ -15,8 +16,8 @@ impl Radau<'_> {
         self.breaks.up_to_break(self.system.problem(), self.clock.t, h)
     }
 
-    /// The part of a step of size `h` before the next breakpoint: a probe of the equations at this time must not evaluate
-    /// them behind it.
+    /// Returns the part of a step of size `h` before the next breakpoint: a probe of the equations that begins at the
+    /// present time must not evaluate them behind the breakpoint.
     pub(super) fn before_break(&mut self, h: f64) -> f64 {
         if self.settings.switches == Switches::StepOver {
             return h;

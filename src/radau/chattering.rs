@@ -13,55 +13,57 @@ use super::stepper::Radau;
 /// Number of sign changes that count as chattering; a solution that passes a jump makes one.
 const CROSSINGS: u32 = 64;
 
-/// Maximum number of steps between two of these sign changes: behind a jump, steps grow eightfold at a time until they
-/// cross it again, and some are rejected on the way.
+/// Maximum number of steps between two sign changes of a kink that count as chattering: behind a jump, steps grow
+/// eightfold at a time until they cross it again, and some are rejected on the way.
 const IDLE: u32 = 64;
 
-/// Largest distance from a kink at which steps may have collapsed, in tolerances of the states.
+/// Largest distance from a kink, in tolerances of the states, at which the kink may be the cause of vanishing step
+/// sizes.
 const NEAR: f64 = 100.0;
 
-/// Least change of the states over a step that a jump must cause, in tolerances: where the error test limits the steps,
-/// the change is one, up to the constant of the method.
+/// Least change of the states over a step, in tolerances, that a jump of the rates must cause to count as chattering:
+/// where the error test limits the steps, the change is one, up to the constant of the method.
 const FELT: f64 = 1e-2;
 
-/// Least jump of a rate at which steps can collapse, relative to the rate on either side.
+/// Least jump of a rate, relative to the rate on either side, that can make step sizes vanish.
 const SHARP: f64 = 1e-2;
 
-/// Distance from a kink at which the rates on either side are compared, relative to the distance of the states.
+/// Distance from a kink at which the rates on either side are compared, relative to the distance of the present
+/// states from the kink.
 const NARROW: f64 = 1e-3;
 
-/// The recent sign changes of the kinks.
+/// Recent sign changes of the functions whose zeros mark kinks of the rates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Chattering {
     streaks: Vec<Streak>,
     gradient: Vec<(usize, f64)>,
 }
 
-/// Sign changes of one kink that follow each other closely.
+/// Sign changes of one kink in close succession.
 #[derive(Clone, Copy, Debug, Default)]
 struct Streak {
     is_positive: bool,
     crossings: u32,
-    /// Number of steps since the last sign change.
+    /// Number of steps since the last sign change of the kink.
     idle: u32,
-    /// Size of the longest step since the first sign change.
+    /// Size of the longest step since the first sign change of the kink.
     longest: f64,
 }
 
-/// Change of the rates across a kink.
+/// Jump of the rates across a kink.
 struct Jump {
-    /// Change of the kink's quantity for errors of one tolerance in all states.
+    /// Change of the function whose zero marks the kink, for errors of one tolerance in all states.
     noise: f64,
-    /// Largest change of a rate, in tolerances of its state.
+    /// Largest jump of a rate across the kink, in tolerances of its state.
     size: f64,
-    /// Whether the rates on either side drive the kink towards zero.
+    /// Whether the rates on either side drive the function whose zero marks the kink towards zero.
     attracts: bool,
-    /// Largest change of a rate, relative to the rate.
+    /// Largest jump of a rate across the kink, relative to the rate.
     relative: f64,
 }
 
 impl Radau<'_> {
-    /// Records the end of a step, and fails if the steps chatter.
+    /// Records the end of a step, and fails if the steps chatter across a kink.
     ///
     /// # Errors
     /// [`StepError::Chattering`].
@@ -89,7 +91,7 @@ impl Radau<'_> {
         }
     }
 
-    /// The kink at which steps have become too small to continue, if a kink is the cause.
+    /// Returns the index of the kink at which step sizes have become too small to continue, if a kink is the cause.
     pub(super) fn collapsed_at(&mut self) -> Option<usize> {
         let values = self.system.problem().kinks(self.clock.t, &self.y).to_vec();
         let found = (0..values.len()).find(|&kink| {
@@ -99,9 +101,9 @@ impl Radau<'_> {
         found
     }
 
-    /// Change of the rates across a kink near the present states: the second difference of the rates over three points
-    /// that are close together, one of them beyond the kink. Smooth rates leave nothing in it, and a kink without a
-    /// jump hardly more.
+    /// Returns the change of the rates across a kink near the present states: the second difference of the rates over
+    /// three points that are close together, one of them beyond the kink. The second difference nearly vanishes for
+    /// smooth rates, and for a kink without a jump.
     fn jump_across(&mut self, kink: usize) -> Option<Jump> {
         let n = self.system.states;
         let value = *self.system.problem().kinks(self.clock.t, &self.y).get(kink)?;

@@ -1,7 +1,7 @@
 //! Time along a run, by compensated summation: the rounding error of a step is added to the next step, since the errors
 //! of many short steps would add up (Kahan 1965, *Further remarks on reducing truncation errors*).
 
-/// The time reached and the end time.
+/// The time reached in a run, and its end time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     pub t: f64,
@@ -15,7 +15,7 @@ impl Clock {
         Self { t, t_compensation: 0.0, end }
     }
 
-    /// The time left.
+    /// Returns the time from the present time to the end of the run.
     pub fn remaining(&self) -> f64 {
         (self.end - self.t) - self.t_compensation
     }
@@ -24,12 +24,12 @@ impl Clock {
         self.t >= self.end
     }
 
-    /// Whether a step of size `h` ends at a later floating-point number.
+    /// Whether a step of size `h` from the present time ends at a later floating-point number.
     pub fn resolves(&self, h: f64) -> bool {
         self.t + (h + self.t_compensation) != self.t
     }
 
-    /// Advances by `h`, but not beyond the end.
+    /// Advances the time by `h`, but not beyond the end of the run.
     pub fn advance(&mut self, h: f64) {
         if h >= self.remaining() {
             (self.t, self.t_compensation) = (self.end, 0.0);
@@ -41,17 +41,17 @@ impl Clock {
         self.t_compensation = (t - (self.t - taken)) + (step - taken);
     }
 
-    /// Returns to the end of the run if the time is behind it.
+    /// Sets the time to the end of the run if it has passed that end.
     pub fn stay(&mut self) {
         self.t = self.t.min(self.end);
     }
 
-    /// Continues from time `t`.
+    /// Sets the time to `t`, without a compensation for earlier rounding.
     pub fn set(&mut self, t: f64) {
         (self.t, self.t_compensation) = (t, 0.0);
     }
 
-    /// Bound on the rounding error of the end of a step of size `h`.
+    /// Returns a bound on the rounding error of the time at the end of a step of size `h`.
     pub fn rounding(&self, h: f64) -> f64 {
         8.0 * f64::EPSILON * (self.t.abs() + h)
     }

@@ -17,75 +17,76 @@ use super::tableau::Tableau;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-/// The conditions found for a method. Each number is reported with the bound on its rounding error, against which it is
-/// judged.
+/// Results of checking the convergence conditions of a Runge-Kutta method. Each number is reported with the bound on
+/// its rounding error, against which it is judged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Conditions {
-    /// `b > 0` and `Q >= 0`.
+    /// Algebraic stability: positive weights `b`, and a positive semidefinite `Q = B A + A^T B - b b^T`.
     pub algebraic_stability: AlgebraicStability,
-    /// The largest `p` of `B(p)`.
+    /// Order of quadrature: the largest `p` for which `B(p)` holds.
     pub quadrature_order: Order,
-    /// The largest `q` of `C(q)`.
+    /// Stage order: the largest `q` for which `C(q)` holds.
     pub stage_order: Order,
-    /// `D A + A^T D > 0`; `None` if no positive and finite `D` is known.
+    /// Positive definiteness of `D A + A^T D`; `None` if no positive and finite diagonal `D` is known.
     pub positive_diagonal: Option<PositiveDiagonal>,
-    /// The last row of `A` is `b`.
+    /// Stiff accuracy: the difference of the last row of `A` and the weights `b`.
     pub stiff_accuracy: Vanishing,
-    /// `|R(infinity)|`; `None` if `A` is singular.
+    /// Damping of stiff components: the stability function at infinity, `|R(infinity)|`; `None` if `A` is singular.
     pub damping: Option<Vanishing>,
 }
 
-/// The matrix `Q = B A + A^T B - b b^T`.
+/// Algebraic stability, with its matrix `Q = B A + A^T B - b b^T`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AlgebraicStability {
-    /// Whether the weights are positive and no eigenvalue is negative beyond rounding.
+    /// Whether the weights are positive, and no eigenvalue of `Q` is negative beyond rounding.
     pub holds: bool,
-    /// The least weight.
+    /// The least weight of the method.
     pub least_weight: f64,
-    /// The least eigenvalue of `Q`.
+    /// The least eigenvalue of the matrix `Q` of algebraic stability.
     pub least_eigenvalue: f64,
-    /// Bound on the rounding error of the least eigenvalue.
+    /// Bound on the rounding error of the least eigenvalue of `Q`.
     pub rounding: f64,
-    /// The rows of `Q`.
+    /// The rows of the matrix `Q` of algebraic stability.
     pub matrix: Vec<Vec<f64>>,
 }
 
 /// How far a sequence of order conditions holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Order {
-    /// Order of the last condition that holds, with all conditions before it.
+    /// The largest order up to which all order conditions hold.
     pub order: usize,
-    /// The largest residual up to that order.
+    /// The largest residual of the order conditions that hold.
     pub residual: f64,
-    /// The residual of the next condition.
+    /// The residual of the condition of the next order.
     pub next_residual: f64,
-    /// The bound on the rounding error of a residual.
+    /// The bound on the rounding error of the residual of an order condition.
     pub rounding: f64,
 }
 
-/// A diagonal `D > 0` and the definiteness of `D A + A^T D`.
+/// A diagonal matrix `D > 0`, and the definiteness of `D A + A^T D`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PositiveDiagonal {
     /// Whether `D A + A^T D` is positive definite beyond rounding.
     pub holds: bool,
-    /// The diagonal of `D`.
+    /// The entries of the diagonal matrix `D`.
     pub diagonal: Vec<f64>,
     /// The least eigenvalue of `D A + A^T D`.
     pub least_eigenvalue: f64,
-    /// Bound on the rounding error of the least eigenvalue.
+    /// Bound on the rounding error of the least eigenvalue of `D A + A^T D`.
     pub rounding: f64,
-    /// The largest `alpha` with `u^T D A^-1 u >= alpha u^T D u` for all `u`; `None` if `A` is singular.
+    /// Coercivity of `A^-1`: the largest `alpha` with `u^T D A^-1 u >= alpha u^T D u` for all `u`; `None` if `A` is
+    /// singular.
     pub coercivity: Option<f64>,
 }
 
-/// A number that should be zero.
+/// A number that is zero if a condition on the coefficients of a method holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Vanishing {
-    /// Whether the number is zero up to rounding.
+    /// Whether the condition holds: its number is zero up to rounding.
     pub holds: bool,
-    /// Absolute value of the number.
+    /// Absolute value of the number that should be zero.
     pub value: f64,
-    /// Bound on the rounding error of the number.
+    /// Bound on the rounding error of the number that should be zero.
     pub rounding: f64,
 }
 
@@ -101,12 +102,12 @@ impl Conditions {
         Self::check(&tableau.a, &tableau.b, &tableau.c, &tableau.d)
     }
 
-    /// Checks the method with these coefficients, `A` of `s x s` and the others of length `s >= 1`, with the diagonal
-    /// `d`.
+    /// Checks the Runge-Kutta method with the coefficients `a` (`s x s`), `b` and `c` (of length `s >= 1`), and with
+    /// the diagonal `d`.
     fn check(a: &DMatrix<f64>, b: &[f64], c: &[f64], d: &[f64]) -> Self {
         let s = b.len();
-        // Coefficients are accurate to a few units of rounding of the largest; a sum of s of them loses s times as
-        // much.
+        // Coefficients are accurate to a few units of rounding of the largest one; a sum of s of them loses s times
+        // as much.
         let unit = 4.0 * s as f64 * f64::EPSILON;
         let rounding = unit * a.amax().max(1.0);
         let inverse = a.clone().try_inverse();
@@ -223,8 +224,8 @@ mod tests {
 
     #[test]
     fn the_matrix_of_algebraic_stability_has_rank_one() {
-        // By the W-transformation (IV.5) it is B p p^T B / (2s - 1), where p is the orthonormal Legendre polynomial of
-        // degree s - 1.
+        // By the W-transformation (IV.5) the matrix Q is B p p^T B / (2s - 1), where p is the orthonormal Legendre
+        // polynomial of degree s - 1.
         let two = Conditions::of(Tableau::of(2)).algebraic_stability.matrix;
         for (row, exact) in two.iter().zip([[0.0625, -0.0625], [-0.0625, 0.0625]]) {
             assert!(row.iter().zip(exact).all(|(q, exact)| (q - exact).abs() < 1e-15), "{two:?}");
@@ -254,7 +255,7 @@ mod tests {
     fn the_trapezoidal_rule_is_stiffly_accurate_but_not_algebraically_stable() {
         let found = check(&[0.0, 0.0, 0.5, 0.5], &[0.5, 0.5], &[0.0, 1.0]);
         assert!(found.stiff_accuracy.holds);
-        // Q = diag(-1/4, 1/4).
+        // The matrix of algebraic stability of the trapezoidal rule is Q = diag(-1/4, 1/4).
         let stability = found.algebraic_stability;
         assert!(!stability.holds && (stability.least_eigenvalue + 0.25).abs() < 1e-15, "{stability:?}");
         assert_eq!((found.quadrature_order.order, found.stage_order.order), (2, 2));

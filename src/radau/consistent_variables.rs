@@ -32,9 +32,9 @@ use sparse::Sparse;
 pub struct ConsistentVariables {
     equations: Equations,
     inside: Vec<usize>,
-    /// `Phi` on the face.
+    /// Values of the equations of the face (`Phi`).
     phi: Vec<f64>,
-    /// Partial derivatives with respect to `t` of the rows of `Phi` that belong to variables.
+    /// Partial derivatives, with respect to time, of the equations of the face that belong to variables.
     drift: Vec<f64>,
     /// Newton step of each free variable.
     step: Vec<f64>,
@@ -47,20 +47,22 @@ enum Equations {
     Sparse(Sparse),
 }
 
-/// The inverse of a mass matrix.
+/// The inverse of the mass matrix.
 #[derive(Clone, Copy, Debug)]
 pub enum InverseMass<'a> {
     Identity,
     Entries(&'a DMatrix<f64>),
 }
 
-/// Maximum number of iterations; problems affine in `z` need one.
+/// Maximum number of Newton iterations for the consistent variables; problems affine in `z` need one.
 const ITERATIONS: usize = 6;
-/// Tolerance on the Newton step, relative to the variables: the level of their rounding errors.
+/// Tolerance on the Newton step of the consistent variables, relative to the variables: the level of their rounding
+/// errors.
 const ENOUGH: f64 = 1e-14;
 
 impl ConsistentVariables {
-    /// `None` without variables, or if `M` is singular: then `x` alone does not determine `z`.
+    /// Allocates for the variables of `system`; returns `None` without variables, or if the mass matrix `M` is
+    /// singular: the states `x` alone then do not determine `z`.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if variables == 0 {
@@ -76,14 +78,15 @@ impl ConsistentVariables {
         Some(Self { equations, inside, phi, drift: vector(), step: vector(), start: vector() })
     }
 
-    /// Whether a solve needs no sparse factorisation, so that it is affordable between the stages of every step.
+    /// Whether a solve for the consistent variables needs no sparse factorisation, so that it is affordable between
+    /// the stages of every step.
     pub fn is_cheap(&self) -> bool {
         matches!(self.equations, Equations::Dense(_))
     }
 
-    /// Writes to `out`, for each free variable, its possible distance from the variable that is consistent with the
-    /// states, if `G` has the magnitudes `sizes` and `dG/dt` the magnitudes `hidden`: infinite if the equations are
-    /// singular, or a block is on its boundary. Writes nothing if the system is sparse.
+    /// Writes to `out`, for each free variable, a first-order bound on its distance from the value that is consistent
+    /// with the states, if `G` has the magnitudes `sizes` and `dG/dt` the magnitudes `hidden`: infinite if the
+    /// equations are singular, or a block is on its boundary. Writes nothing if the system is sparse.
     pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
         self.inside.clear();
         self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Activity::Inactive));
@@ -95,8 +98,9 @@ impl ConsistentVariables {
         }
     }
 
-    /// The same where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern. Returns whether
-    /// they vary too much.
+    /// Bounds the distance of each free variable from the value that is consistent with the states, as
+    /// [`Self::find_errors`] does, for derivatives that vary within the enclosures `jacobian`, in the order of the
+    /// pattern. Returns whether the derivatives vary too much for a bound.
     pub fn find_errors_over(
         &mut self,
         system: &System<'_>,
@@ -111,8 +115,8 @@ impl ConsistentVariables {
         errors.flatten().unwrap_or(Errors::Unbounded).write(&self.inside, out)
     }
 
-    /// Linear response of the variables to the equations of the face; `None` if the equations are singular, a block is
-    /// on a curved face, or the system is sparse.
+    /// Returns the linear response of the variables to the equations of the face; `None` if the equations are
+    /// singular, a block is on a curved face, or the system is sparse.
     pub fn response(&mut self, system: &mut System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
         if !are_flat(system) {
@@ -126,7 +130,7 @@ impl ConsistentVariables {
         equations.response(system, &self.inside)
     }
 
-    /// `M^-1`; `None` if the system is sparse.
+    /// Returns the inverse of the mass matrix `M`; `None` if the system is sparse.
     pub fn inverse_mass(&self) -> Option<InverseMass<'_>> {
         match &self.equations {
             Equations::Dense(equations) => Some(match &equations.inverse_mass {
@@ -168,7 +172,7 @@ impl ConsistentVariables {
             }
             last = size;
             scale = self.inside.iter().fold(scale.max(size), |scale, &k| scale.max(y[n + k].abs()));
-            // For affine equations the next step would be the rounding error of this one.
+            // For affine equations, the next Newton step would only be the rounding error of the present one.
             let enough = if system.constant_jacobian() { f64::EPSILON.sqrt() } else { ENOUGH };
             if size <= enough * scale {
                 return true;
@@ -181,12 +185,13 @@ impl ConsistentVariables {
         false
     }
 
-    /// Computes one Newton step for the free variables; returns false if there is none, or it is not finite.
+    /// Computes one Newton step for the free variables; returns false if the equations are singular, or the step is
+    /// not finite.
     fn newton_step(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &[f64]) -> bool {
         if !system.phi(t, y, &mut self.phi) || !system.differentiate(t, y) {
             return false;
         }
-        // Where a multiplier vanishes, the curvature of the face vanishes exactly.
+        // Pass the noise levels: if a multiplier is zero within noise, the curvature of the face must vanish exactly.
         system.linearise_blocks(y, Some(control));
         system.time_derivative(t, y, &mut self.drift);
         system.combine_drift(&mut self.drift);
@@ -199,13 +204,13 @@ impl ConsistentVariables {
     }
 }
 
-/// Whether the equations of all free variables are rows of `G`.
+/// Whether the equations of all free variables are rows of `G`, not combinations of rows on the face of a block.
 fn are_plain(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| matches!(face, Face::Interior | Face::Vertex) || system.face.holds(&block.members))
 }
 
-/// Whether the equations of the faces are linear in `z` and `G`.
+/// Whether the equations of the faces of all blocks are linear in `z` and `G`.
 fn are_flat(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| !matches!(face, Face::Boundary(_)) || system.face.holds(&block.members))

@@ -28,27 +28,29 @@ use problem::Mass;
 /// Relative rank threshold: pivots and singular values below this fraction of the largest are rounding, in matrices
 /// whose rows and columns are scaled to entries of at most one.
 const RANK: f64 = 1e-10;
-/// Maximum number of corrections of one point; linear constraints need one.
+/// Maximum number of corrections that bring one point onto the constraints; linear constraints need one.
 const ITERATIONS: usize = 5;
 
-/// The constraints of one face with one Jacobian.
+/// The constraints on the states on one face, with one Jacobian.
 #[derive(Debug, Default)]
 pub(super) struct Constraints {
     jacobians: u64,
     face: Option<ActiveFace>,
-    /// Rows that are not rates.
+    /// Indices of the rows of the system that are not rates.
     rows: Vec<usize>,
-    /// Change of each unknown per unit of each row of `A`; empty if there is nothing to correct.
+    /// Change of each unknown per unit of each row of `A`, the rows that are not rates; empty if there is nothing to
+    /// correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
     changes: Vec<f64>,
-    /// The unknowns before a correction.
+    /// The unknowns before a correction, restored if it fails.
     before: Vec<f64>,
 }
 
 impl Constraints {
-    /// Brings `y` onto the constraints of the face. Returns false, with `y` unchanged, if there is nothing to correct or
-    /// if the iteration does not converge: close to a singular Jacobian its first correction may be of any size.
+    /// Brings `y` onto the constraints of the face. Returns false, with `y` unchanged, if there is nothing to correct
+    /// or if the iteration does not converge: close to a singular Jacobian, the first correction may be arbitrarily
+    /// large.
     pub fn correct(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.follow(system, control, y);
         if self.correction.is_empty() {
@@ -63,7 +65,7 @@ impl Constraints {
         is_corrected
     }
 
-    /// Adds corrections to `y` until they are below the tolerance; returns false if they do not shrink.
+    /// Adds corrections to `y` until they are below the tolerance; returns false if the corrections do not shrink.
     fn iterate(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.phi.resize(system.unknowns, 0.0);
         let mut last = f64::INFINITY;
@@ -96,8 +98,8 @@ impl Constraints {
         true
     }
 
-    /// Adds to `out` the possible distance of each unknown from the constraints, for rows of `Phi` of magnitude
-    /// `sizes`.
+    /// Adds to `out` a first-order bound on the distance of each unknown from the constraints, for rows of the system
+    /// on the face (`Phi`) of magnitudes `sizes`.
     pub fn add_errors(
         &mut self,
         system: &mut System<'_>,
@@ -117,8 +119,8 @@ impl Constraints {
         }
     }
 
-    /// Change of a linear function of the states, given by its gradient, when the states are brought onto the
-    /// constraints: the rows of `Phi` with their factors, into `out`.
+    /// Writes the change of a linear function of the states, given by its gradient, when the states are brought onto
+    /// the constraints, to `out`: a sum of rows of `Phi`, as pairs of a row and its factor.
     pub fn change_of(
         &mut self,
         system: &mut System<'_>,
@@ -176,7 +178,8 @@ impl Constraints {
     }
 }
 
-/// The matrix that corrects the states; `None` if no constraint binds them, or the system is sparse.
+/// Returns the matrix that brings the unknowns onto the constraints; `None` if no constraint binds them, or the
+/// system is sparse.
 fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize>) -> Option<DMatrix<f64>> {
     let (n, unknowns, layout) = (system.states, system.unknowns, &system.layout);
     rows.clear();
@@ -198,7 +201,7 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
             (usize::MAX, usize::MAX) => {}
-            // A variable on a bound drives nothing.
+            // A variable on a bound does not drive the states.
             (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
             (row, usize::MAX) => of_states[(row, j)] += value,
             (row, column) => of_free[(row, column)] += value,
@@ -233,7 +236,8 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     Some(correction).filter(|correction| is_needed && correction.iter().all(|entry| entry.is_finite()))
 }
 
-/// `M^-1 F_(z,w)`, with columns scaled to entries of at most one; `None` if `M` without its massless rows is singular.
+/// Returns the directions `M^-1 F_(z,w)` in which variables and massless states drive the states, with columns scaled
+/// to entries of at most one; `None` if the mass matrix `M` without its massless rows is singular.
 fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f64>> {
     if let Mass::Constant(entries) = system.mass() {
         let mut mass = DMatrix::<f64>::zeros(system.states, system.states);
@@ -253,9 +257,10 @@ fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f6
     Some(rates).filter(|rates| rates.iter().all(|entry| entry.is_finite()))
 }
 
-/// Whether directions of the states reach all constraints, given the derivatives of these by the states.
+/// Whether `directions` of the states reach all constraints, given the derivatives `constraints` of the constraints
+/// with respect to the states.
 fn reaches(constraints: &DMatrix<f64>, directions: &DMatrix<f64>) -> bool {
-    // No more than the states have directions.
+    // More constraints than states, or than directions, cannot all be reached.
     if constraints.nrows() > constraints.ncols().min(directions.ncols()) {
         return false;
     }
@@ -264,7 +269,7 @@ fn reaches(constraints: &DMatrix<f64>, directions: &DMatrix<f64>) -> bool {
     Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == constraints.nrows())
 }
 
-/// The Moore-Penrose pseudoinverse; zero for a zero matrix, `None` if an entry is not finite.
+/// Returns the Moore-Penrose pseudoinverse; zero for a zero matrix, `None` if an entry is not finite.
 fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let singular = Singular::of(matrix)?;
     let mut inverse = DMatrix::<f64>::zeros(matrix.ncols(), matrix.nrows());
@@ -274,8 +279,8 @@ fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(inverse)
 }
 
-/// A basis of the left null space of a matrix; `None` if its rows are linearly independent. Blocks that share neither rows nor
-/// columns have null spaces of their own.
+/// Returns a basis of the left null space of a matrix; `None` if its rows are linearly independent. Blocks that share
+/// neither rows nor columns have null spaces of their own.
 fn left_null_space(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let mut basis: Vec<(Vec<usize>, DMatrix<f64>)> = Vec::new();
     for (rows, columns) in independent_blocks(matrix) {
@@ -299,7 +304,8 @@ fn left_null_space(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(all)
 }
 
-/// The rows and the columns of the blocks of a matrix that share neither; a column of zeros belongs to none.
+/// Returns the rows and the columns of each block of a matrix such that blocks share neither rows nor columns; a
+/// column of zeros belongs to no block.
 fn independent_blocks(matrix: &DMatrix<f64>) -> Vec<(Vec<usize>, Vec<usize>)> {
     let rows = matrix.nrows();
     let mut edges = vec![Vec::new(); rows + matrix.ncols()];
@@ -319,7 +325,8 @@ fn independent_blocks(matrix: &DMatrix<f64>) -> Vec<(Vec<usize>, Vec<usize>)> {
     blocks
 }
 
-/// The same of a matrix that is taken as one block.
+/// Returns a basis of the left null space of a matrix that is treated as one block; `None` if its rows are linearly
+/// independent.
 fn left_null_space_of_block(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let rows = matrix.nrows();
     let lu = FullPivLU::new(matrix);
@@ -351,7 +358,7 @@ mod tests {
 
     #[test]
     fn null_vectors_are_those_of_the_combinations_that_vanish() {
-        // Row three is the sum of the first two.
+        // Row three of the matrix is the sum of the first two.
         let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 1.0, 1.0, 3.0, 1.0]);
         let null = left_null_space(&matrix).expect("one combination");
         assert_eq!(null.nrows(), 1);
@@ -361,7 +368,7 @@ mod tests {
 
     #[test]
     fn blocks_that_share_neither_rows_nor_columns_have_null_spaces_of_their_own() {
-        // Rows 0 and 3 are parallel, row 1 is empty, row 2 stands alone.
+        // Rows 0 and 3 of the matrix are parallel, row 1 is empty, and row 2 shares no column with another row.
         let mut matrix = DMatrix::<f64>::zeros(4, 5);
         (matrix[(0, 1)], matrix[(0, 4)], matrix[(3, 1)], matrix[(3, 4)], matrix[(2, 2)]) = (1.0, 2.0, 0.5, 1.0, 3.0);
         assert_eq!(independent_blocks(&matrix).len(), 3);

@@ -5,29 +5,31 @@ use super::stepper::Radau;
 
 /// Admissible change of a state by a switch that is not located, in tolerances.
 const ALLOWED: f64 = 1.0;
-/// A step four times shorter must reduce that change to this fraction or less; otherwise the states jump.
+/// A step four times shorter must reduce the change of the states by a switch that is not located to this fraction or
+/// less; otherwise the states jump at the switch.
 const GAIN: f64 = 0.5;
 
-/// Distance, relative to that of the first stage, from which variables are extrapolated to that stage: the fourth root of the
-/// rounding unit, so that their difference keeps three quarters of its digits, and curvature does not count.
+/// Time from the beginning of a step, relative to that of the first stage, from which variables are extrapolated to
+/// the first stage: the fourth root of the rounding unit, so that the difference of the variables keeps three
+/// quarters of its digits, and curvature is negligible.
 const BESIDE: f64 = 1e-4;
 
-/// Maximum number of attempts, each four times shorter, for which Newton's method cannot follow the face, before the
-/// face is abandoned.
+/// Maximum number of attempts at one step, each four times shorter, for which Newton's method cannot follow the face,
+/// before the face is abandoned.
 const MOST_UNFOLLOWED: u32 = 4;
 
-/// Maximum number of attempts that are shortened because of an event between the stages: each is at most half as long, so
-/// that the last is shorter by three orders of magnitude, and where an event shows in every one of them, switches
-/// accumulate.
+/// Maximum number of attempts at one step that are shortened because of an event between the stages: each is at most
+/// half as long as the one before, so that the last is shorter by three orders of magnitude. If every attempt shows
+/// an event, switches accumulate.
 const MOST_CUT: u32 = 10;
 
 /// Attempts at one step that were shortened because of a switch within it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
-    /// Number of attempts for which Newton's method could not follow the face.
+    /// Number of attempts at the step for which Newton's method could not follow the face.
     unfollowed: u32,
-    /// Number of attempts that were shortened because of an event between the stages.
+    /// Number of attempts at the step that were shortened because of an event between the stages.
     cut: u32,
 }
 
@@ -35,8 +37,8 @@ impl Shortened {
     /// Whether to shorten a step within which a switch may change a state by `unlocated` tolerances.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
-        // If the face was followed past its end, and the end was not found, switches accumulate: every step contains
-        // more.
+        // If the face was followed past its end, and the end was not found, switches accumulate: every shorter step
+        // contains further switches.
         if !(1..=MOST_UNFOLLOWED).contains(&self.unfollowed) {
             return false;
         }
@@ -56,9 +58,9 @@ impl Shortened {
 }
 
 impl Radau<'_> {
-    /// The largest `h max_ij |B (z_i - z_j)| / M` of a state over the stages `i, j` of a step of size `h` whose stages
-    /// are solved with the VI, in units of the state's tolerance; `None` if switches are not to be located, or the step
-    /// has none.
+    /// Returns the largest change of a state, in units of its tolerance, if a switch within a step of size `h` were
+    /// anywhere else in the step: `h max_ij |B (z_i - z_j)| / M` over the stages `i, j`, which are solved with the
+    /// variational inequality. `None` if switches are not to be located, or the step has none.
     pub(super) fn unlocated(&mut self, h: f64) -> Option<f64> {
         if !self.switching.is_to_locate() || self.switching.before.is_same(&self.system.face) {
             return None;
@@ -82,9 +84,9 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// Variables that are consistent with the states on the face before the switch: at the beginning of a step of size `h`,
-    /// halfway to its first stage, and at that stage if they went on as they begin. On a face that has just begun they may
-    /// grow before the first stage, and be back at zero there.
+    /// Returns variables that are consistent with the states on the face before the switch: at the beginning of a
+    /// step of size `h`, halfway to its first stage, and extrapolated from the beginning to the first stage. On a
+    /// face that has just begun, variables may grow before the first stage, and be back at zero at that stage.
     fn variables_before(&mut self, h: f64) -> [Vec<f64>; 3] {
         let first = self.tableau().c[0];
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
@@ -98,14 +100,14 @@ impl Radau<'_> {
         };
         let (mut begin, mut halfway, mut further) = (on_face(0.0), on_face(0.5 * first), on_face(BESIDE * first));
         further.iter_mut().zip(&begin).for_each(|(further, begin)| *further = begin + (*further - begin) / BESIDE);
-        // On a face that has ended they may lie outside `K`; the solution does not.
+        // On a face that has ended, consistent variables may lie outside `K`; those of the solution do not.
         [&mut begin, &mut halfway, &mut further].into_iter().for_each(|y| self.system.project(y));
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
         [begin, halfway, further]
     }
 
-    /// Largest change of a state, in tolerances, if the switch within the last step were anywhere else in it; `None` if
-    /// there was no switch, or it was located.
+    /// Returns the largest change of a state, in tolerances, if the switch within the last step were anywhere else in
+    /// the step; `None` if there was no switch, or it was located.
     pub fn unlocated_switch(&self) -> Option<f64> {
         self.last.unlocated
     }

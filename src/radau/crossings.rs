@@ -9,17 +9,19 @@ use numerics::Bracket;
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
-    /// Index of the monitor among those of the face.
+    /// Index of the monitor among the monitors of the face.
     pub index: usize,
-    /// Position, as a fraction of the step.
+    /// Position of the sign change, as a fraction of the step.
     pub theta: f64,
-    /// The rate of change of the monitor there.
+    /// The mean rate of change of the monitor over the interval in which the sign change was found.
     pub slope: f64,
-    /// Points where the monitor was positive and, later, seen to be negative, if it may have other zeros over the step.
+    /// Interval, in fractions of the step, over which the monitor changes from positive to negative, if the monitor
+    /// may have other zeros over the step.
     pub bracket: Option<(f64, f64)>,
 }
 
-/// Maximum number of halvings of an interval in the search for a monitor that rises.
+/// Maximum number of halvings of an interval in the search for a point at which a monitor, within noise at its
+/// beginning, has become positive.
 const RISES: i32 = 16;
 
 impl Radau<'_> {
@@ -40,12 +42,13 @@ impl Radau<'_> {
         monitors(&mut self.system, &self.control, scratch, out);
     }
 
-    /// As [`Self::monitors_at`], with the noise of violated monitors by the derivatives there.
+    /// Evaluates all monitors as [`Self::monitors_at`] does; if a monitor is negative within noise, with noise levels
+    /// from the derivatives at `theta`.
     pub(super) fn judged_monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.monitors_at(theta, h, out);
         let t = self.clock.t + theta * h;
         let scratch = &self.switching.scratch;
-        // Derivatives elsewhere say nothing about the noise of a monitor that is small here.
+        // Derivatives at another point do not determine the noise of a monitor that is small at `theta`.
         let may_be_violated = |monitor: &Monitor| monitor.value < 0.0 && !monitor.is_violated();
         if out.iter().any(may_be_violated) && self.system.exchange_derivatives(t, scratch) {
             monitors(&mut self.system, &self.control, scratch, out);
@@ -53,7 +56,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Evaluates the collocation polynomial of the present step into `switching.scratch`.
+    /// Evaluates the collocation polynomial of the present step at `theta` into `switching.scratch`.
     pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
@@ -67,10 +70,11 @@ impl Radau<'_> {
         }
     }
 
-    /// The earliest sign change of a violated monitor on the collocation polynomial of the present step; a violation
-    /// between the stages has been seen at `hidden_crossing`.
+    /// Returns the earliest sign change of a violated monitor on the collocation polynomial of the present step;
+    /// `hidden_crossing` is a point between the stages at which a violation has been seen.
     pub(super) fn earliest(&mut self, h: f64, hidden_crossing: Option<f64>) -> Option<Crossing> {
-        // The stages, the midpoints between them, and the point of a hidden crossing.
+        // The ends of the intervals of the search: the stages, the midpoints between them, and the point of a hidden
+        // crossing.
         let mut left = 0.0;
         let nodes = self.tableau().c.iter();
         let mut ends: Vec<f64> =
@@ -103,7 +107,8 @@ impl Radau<'_> {
         None
     }
 
-    /// The point, ever nearer to `left`, at which a monitor exceeds its noise, and the value of the monitor there.
+    /// Returns the first point found, in a bisection towards `left`, at which a monitor exceeds its noise level at
+    /// `left`, and the value of the monitor at that point.
     fn rise(&mut self, index: usize, (left, start): (f64, Monitor), right: f64, h: f64) -> Option<(f64, f64)> {
         let mut values = Vec::new();
         (1..=RISES).find_map(|k| {
@@ -113,12 +118,12 @@ impl Radau<'_> {
         })
     }
 
-    /// The zero of a monitor between two points of opposite sign, by the Illinois method; the left point if the monitor
-    /// is not positive there and does not rise from it. On a new face a monitor may be zero to within noise, and rise
-    /// before it falls.
+    /// Returns the zero of a monitor between two points of opposite sign, by the Illinois method; the left point if
+    /// the monitor is not positive there and does not rise from it. On a new face a monitor may be zero to within
+    /// noise, and rise before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
-        // A monitor that crossed together with the one that ended the last step errs by the noise there, not by the
-        // noise here.
+        // A monitor that crossed zero together with the one that ended the last step errs by its noise at the end of
+        // that step, not by its noise at the left point.
         let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, right.0, h) };
         let Some(start) = start else { return left.0 };
         let mut bracket = Bracket::new(start, right);

@@ -23,8 +23,8 @@ const GAUSS: [(f64, f64); 5] = [
 ];
 
 impl Radau<'_> {
-    /// The state with the largest defect over the last step, and that defect in units of its tolerance; `None` if the
-    /// problem cannot be enclosed.
+    /// Returns the state with the largest defect over the last step, and that defect in units of the tolerance of the
+    /// state; `None` if the problem cannot be enclosed.
     pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
         let errors = self.allowed_errors();
@@ -59,12 +59,13 @@ impl Radau<'_> {
         excess.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Admissible error of each unknown.
+    /// Returns the admissible error of each unknown, a multiple of its tolerance.
     fn allowed_errors(&self) -> Vec<f64> {
         (0..self.system.unknowns).map(|j| ALLOWED * self.uncertainty(j)).collect()
     }
 
-    /// Encloses the rows at `t` for unknowns within `errors` of `y`; false where the problem cannot be enclosed.
+    /// Encloses the rows of the problem at `t` for unknowns within `errors` of `y`; returns false if the problem
+    /// cannot be enclosed.
     fn enclose_near(&mut self, t: f64, y: &[f64], errors: &[f64], values: &mut [Interval]) -> bool {
         let ranges: Vec<Interval> = y.iter().zip(errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
         self.system.problem().enclose(Interval::point(t), &ranges, values)

@@ -7,11 +7,11 @@ use super::stages::Contraction;
 /// formula of order `s`, is about the requested tolerance.
 #[derive(Clone, Copy, Debug)]
 pub struct Rescaled {
-    /// `0.1 rtol^((s+1)/(2s))`
+    /// Rescaled relative tolerance, `0.1 rtol^((s+1)/(2s))` if the step size is adaptive.
     pub rtol: f64,
-    /// `(s+1)/(2s)`, the exponent that converts tolerances and errors of the result to those of the embedded formula.
+    /// The exponent `(s+1)/(2s)` that converts tolerances and errors of the result to those of the embedded formula.
     pub exponent: f64,
-    /// Factor of each `atol`: the rescaled `rtol` divided by the requested one.
+    /// Factor of each absolute tolerance `atol`: the rescaled `rtol` divided by the requested one.
     pub factor: f64,
     /// The tolerance on the norm of the remaining Newton increment.
     pub kappa: f64,
@@ -20,14 +20,15 @@ pub struct Rescaled {
 }
 
 impl Rescaled {
-    /// Tolerances of a run; with a fixed step there is no embedded formula, and `rtol` bounds the Newton error alone.
+    /// Rescales the tolerances of a run; with a fixed step size there is no embedded formula, and `rtol` bounds the
+    /// Newton error alone.
     pub fn new(s: usize, rtol: f64, adaptive: bool) -> Self {
         let order = s as f64;
         let exponent = (order + 1.0) / (2.0 * order);
         let scaled = if adaptive { 0.1 * rtol.powf(exponent) } else { rtol };
         let kappa = if s == 1 { 0.03 } else { scaled.powf((order - 1.0) / (order + 1.0)).min(0.03) };
         let most = match s {
-            // A fixed step cannot be made smaller.
+            // A fixed step size cannot be reduced if Newton's method converges slowly.
             _ if !adaptive => 150,
             1 => 4,
             _ => (2.5 * order - 0.5).floor() as usize,
@@ -43,17 +44,18 @@ pub struct Controller {
     /// Size and error of the last accepted step, for the predictive controller; `None` after a start, a switch or a
     /// change of order.
     accepted: Option<(f64, f64)>,
-    /// Whether the last attempt was rejected.
+    /// Whether the last attempt at a step was rejected.
     pub rejected: bool,
-    /// Whether the last attempt failed although the step before gave no sign of it.
+    /// Whether the stages of the last attempt could not be solved, of which the contraction in the step before gave
+    /// no sign.
     surprised: bool,
     /// The ratio of the last two accepted step sizes.
     quotient: f64,
     /// A damped measure of the contraction of Newton's method.
     contraction: f64,
-    /// Accepted steps since the order last changed.
+    /// Number of accepted steps since the order last changed.
     since_change: u32,
-    /// Bound on the step size that keeps the rates visible at the stages.
+    /// Bound on the step size up to which the stages show the variation of the rates.
     caution: Caution,
 }
 
@@ -63,17 +65,17 @@ pub struct Controller {
 /// whether or not the bound remains necessary, the lost work is of the order of the necessary work.
 #[derive(Clone, Copy, Debug, Default)]
 struct Caution {
-    /// The largest step size allowed.
+    /// The largest step size that the bound allows.
     most: f64,
-    /// The number of accepted steps before a longer one is tried.
+    /// The number of accepted steps before a longer step is tried.
     left: u64,
-    /// The value of `left` after the last rejection.
+    /// The number of accepted steps that must follow a rejection before a longer step is tried.
     wait: u64,
 }
 
 impl Caution {
     fn rejected(&mut self, smaller: f64) {
-        // Several attempts at one step count once.
+        // Several rejected attempts at one step double the number of steps to wait only once.
         if self.left < self.wait || self.wait == 0 {
             self.wait = (2 * self.wait).max(1);
         }
@@ -81,7 +83,7 @@ impl Caution {
         self.most = smaller;
     }
 
-    /// The size of the next step after one of size `h`, if the error allows `new`.
+    /// Returns the size of the next step after an accepted step of size `h`, if the error allows the size `new`.
     fn accepted(&mut self, h: f64, new: f64) -> f64 {
         if self.left > 0 {
             self.left -= 1;
@@ -96,15 +98,15 @@ impl Caution {
 }
 
 impl Controller {
-    /// The factor by which the step may change for an error of `error` tolerances. The safety factor is smaller for
-    /// more Newton iterations.
+    /// Returns the factor by which the step size may change for an error of `error` tolerances. The safety factor is
+    /// smaller for more Newton iterations.
     fn basic(s: usize, error: f64, newton: usize, most: usize) -> f64 {
         let most = most as f64;
         let safety = 0.9 * (2.0 * most + 1.0) / (2.0 * most + newton as f64);
         (safety * error.powf(-1.0 / (s as f64 + 1.0))).clamp(0.2, 8.0)
     }
 
-    /// The next step size after an accepted step of size `h`.
+    /// Returns the next step size after an accepted step of size `h`.
     pub fn accept(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize) -> f64 {
         let error = error.max(1e-10);
         let mut new = h * Self::basic(s, error, newton, most);
@@ -122,39 +124,40 @@ impl Controller {
         self.caution.accepted(h, new)
     }
 
-    /// The next step size after a step of size `h` whose error is too large.
+    /// Returns the next step size after a step of size `h` whose error is too large.
     pub fn reject(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize, first: bool) -> f64 {
         self.rejected = true;
         if first { 0.1 * h } else { h * Self::basic(s, error, newton, most).min(0.9) }
     }
 
-    /// The next step size after a step of size `h` whose stages missed a variation of the rates, in time or along the
-    /// states, that causes an error of `missed` tolerances in the states.
+    /// Returns the next step size after a step of size `h` whose stages missed a variation of the rates, in time or
+    /// along the states, that causes an error of `missed` tolerances in the states.
     pub fn miss(&mut self, s: usize, h: f64, missed: f64, newton: usize, most: usize) -> f64 {
         let smaller = self.reject(s, h, missed, newton, most, false);
         self.caution.rejected(smaller);
         smaller
     }
 
-    /// The next step size, `size`, after a step whose stages missed a variation of the rates that begins there.
+    /// Records a rejected step whose stages missed a variation of the rates that begins at the distance `size` from
+    /// its beginning; returns `size`, the next step size.
     pub fn cut(&mut self, size: f64) -> f64 {
         self.rejected = true;
         size
     }
 
-    /// Discards the size and error of the steps before a switch.
+    /// Discards the recorded size and error of the steps before a switch.
     pub fn restart(&mut self) {
         self.accepted = None;
     }
 
-    /// Records a failed step although the step before gave no sign of failure.
+    /// Records an attempt whose stages could not be solved, of which the contraction in the step before gave no sign.
     pub fn surprise(&mut self) {
         self.rejected = true;
         self.surprised = true;
     }
 
-    /// Whether the next step should have more stages (1), fewer (-1) or as many (0): the contraction of Newton's method
-    /// shows whether a higher order is worth its larger systems.
+    /// Returns whether the next step should have more stages (1), fewer (-1) or as many (0): the contraction of
+    /// Newton's method shows whether a higher order is worth its larger systems.
     pub fn order_change(&mut self, contraction: Contraction) -> isize {
         self.contraction = contraction.theta.max(0.5 * self.contraction).min(10.0);
         let steady = self.quotient > 0.8 && self.quotient < 1.2;

@@ -11,22 +11,24 @@ use problem::{self, ConvexSet, Face, Shape};
 /// Position of one variable in its interval or its block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
-    /// `z = l`, and `G >= 0`.
+    /// The variable is on its lower bound: `z = l`, and `G >= 0`.
     AtLower,
-    /// `z = u`, and `G <= 0`.
+    /// The variable is on its upper bound: `z = u`, and `G <= 0`.
     AtUpper,
-    /// `l <= z <= u`, and `G = 0`.
+    /// The variable is inside its interval: `l <= z <= u`, and `G = 0`.
     Inactive,
-    /// `z` is prescribed from outside the stage equations.
+    /// The value of the variable is prescribed from outside the stage equations.
     Fixed,
-    /// On the boundary of a block, but free to move: on this number of rows of a polyhedron, or positive in a simplex.
+    /// The variable is on the boundary of a block, but free to move: on this number of rows of a polyhedron, or
+    /// positive in a simplex.
     Boundary(usize),
-    /// At a vertex of a block, or zero in a simplex.
+    /// The variable is at a vertex of a block, or zero in a simplex.
     Vertex,
 }
 
 impl Activity {
-    /// The number of equations that restrict the variable; the maximum if its value is given.
+    /// Returns the number of equations of the face that restrict the variable; the largest `usize` if its value is
+    /// given.
     pub fn equations(self) -> usize {
         match self {
             Self::AtLower | Self::AtUpper | Self::Fixed | Self::Vertex => usize::MAX,
@@ -41,7 +43,7 @@ impl Activity {
 pub struct ActiveFace {
     /// The activity of each variable.
     pub places: Vec<Activity>,
-    /// The face of each block.
+    /// The face of each block of `K`.
     pub blocks: Vec<Face>,
 }
 
@@ -67,7 +69,7 @@ impl ActiveFace {
         self.blocks[b] = face;
     }
 
-    /// Whether `variable` is on a row of its polyhedron in `other` that is not active in `self`.
+    /// Whether `variable` is, on the face `other`, on a row of its polyhedron that is not active on the face `self`.
     pub fn exchanges(&self, other: &Self, set: &ConvexSet, variable: usize) -> bool {
         let Some(b) = set.block_of(variable) else { return false };
         let block = &set.blocks()[b];
@@ -80,7 +82,7 @@ impl ActiveFace {
         }
     }
 
-    /// Whether both faces are the same, regardless of the form in which their equations are solved.
+    /// Whether two faces are the same, regardless of the form in which their equations are solved.
     pub fn is_same(&self, other: &Self) -> bool {
         let same = |pair: (&Face, &Face)| match pair {
             (Face::Boundary(_), Face::Boundary(_)) => true,
@@ -89,13 +91,13 @@ impl ActiveFace {
         self.places == other.places && self.blocks.iter().zip(&other.blocks).all(same)
     }
 
-    /// Whether the members of a block are prescribed from outside.
+    /// Whether the members of a block have values prescribed from outside the stage equations.
     pub fn holds(&self, members: &[usize]) -> bool {
         members.first().is_some_and(|&k| self.places[k] == Activity::Fixed)
     }
 }
 
-/// The activity of a variable whose `z` solves `VI([l, u], G)`, where `G` has the value `g`.
+/// Returns the activity of variable `k` whose value `z` solves `VI([l, u], G)`, where `G` has the value `g`.
 pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     if z - g <= set.lower[k] {
         Activity::AtLower
@@ -109,8 +111,8 @@ pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
 /// A quantity that must stay nonnegative while a variable or a block keeps its face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// `G` on the lower bound, `-G` on the upper bound, the distance to a bound inside an interval, or the width of an
-    /// interval; for a block, a monitor of its face.
+    /// Value of the monitor: `G` on the lower bound, `-G` on the upper bound, the distance to a bound inside an
+    /// interval, or the width of an interval; for a block, a monitor of its face.
     pub value: f64,
     /// Magnitude below which `value` is noise: the tolerance of the VI, or the effect of an error of `y` that Newton's
     /// method accepts.
@@ -118,14 +120,14 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Whether the variable has left its face.
+    /// Whether the monitor is negative beyond noise: the variable or block has left its face.
     pub fn is_violated(&self) -> bool {
         self.value < -self.noise
     }
 }
 
-/// Whether each variable, or its block, is at a switch at `y` to within noise; `system` must have been evaluated at `y`
-/// last.
+/// Returns, for each variable, whether the variable or its block is at a switch at `y` to within noise; `system` must
+/// have been evaluated at `y` last.
 pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
     let mut undecided = vec![false; system.unknowns - system.states];
     for &k in &system.intervals {
@@ -141,7 +143,7 @@ pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) ->
     undecided
 }
 
-/// The monitors of the face of block `b` at `y`.
+/// Appends the monitors of the face of block `b` at `y` to `out`.
 fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize, y: &[f64], out: &mut Vec<Monitor>) {
     let noise = control.noise_of_block(system, b, y);
     let equations = system.equations_of(b, y);
@@ -151,7 +153,7 @@ fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize,
     }));
 }
 
-/// The monitors of variable `k` of an interval at `y`, except that of the width of the interval.
+/// Returns the monitors of variable `k` of an interval at `y`, except that of the width of the interval.
 fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> impl Iterator<Item = Monitor> {
     let (z, g) = (y[system.states + k], system.values[system.states + k]);
     let finite = |distance: f64| Some(distance).filter(|distance| distance.is_finite());
@@ -166,7 +168,8 @@ fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -
     values.into_iter().flatten().map(move |value| Monitor { value, noise })
 }
 
-/// The monitors of the face at `y`, where `system` was evaluated last, in an order that depends on the face alone.
+/// Writes the monitors of the face at `y`, where `system` was evaluated last, to `out`, in an order that depends on
+/// the face alone.
 pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out: &mut Vec<Monitor>) {
     out.clear();
     for &k in &system.intervals {

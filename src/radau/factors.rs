@@ -17,11 +17,12 @@ use nalgebra::Complex;
 use problem::Control;
 use std::sync::Arc;
 
-/// LU factors for one step size; their memory is reused for the next.
+/// LU factors of the matrices of the transformed stage equations for one step size; their memory is reused for the
+/// next step size.
 pub struct Factors {
     layout: Arc<Layout>,
     negative_jacobian: Vec<f64>,
-    /// Factor of each row.
+    /// Power of two by which each row of the matrices is multiplied.
     scale: Vec<f64>,
     real: Option<Lu<f64>>,
     complex: Vec<PairLu>,
@@ -40,7 +41,7 @@ impl Factors {
         }
     }
 
-    /// Factorises for step size `h` on a face, from the current derivatives of `system`.
+    /// Factorises the matrices for step size `h` on a face, from the current derivatives of `system`.
     pub fn compute(&mut self, system: &System<'_>, face: &ActiveFace, tableau: &Tableau, h: f64) {
         let Self { layout, negative_jacobian, scale, real, complex } = self;
         system.negative_jacobian(face, negative_jacobian);
@@ -65,7 +66,8 @@ impl Factors {
         }
     }
 
-    /// Solves with the real matrix in place; false if it is singular or there is none.
+    /// Solves the linear system with the real matrix in place; returns false if the matrix is singular, or the method
+    /// has none.
     pub fn solve_real(&mut self, right: &mut [f64]) -> bool {
         for (right, scale) in right.iter_mut().zip(&self.scale) {
             *right *= scale;
@@ -73,7 +75,8 @@ impl Factors {
         self.real.as_mut().is_some_and(|lu| lu.solve(right))
     }
 
-    /// Solves with the complex matrix of pair `k` in place, real and imaginary parts apart; false if it is singular.
+    /// Solves the linear system with the complex matrix of pair `k` of eigenvalues in place, real and imaginary parts
+    /// apart; returns false if the matrix is singular.
     pub fn solve_pair(&mut self, k: usize, re: &mut [f64], im: &mut [f64]) -> bool {
         for ((re, im), scale) in re.iter_mut().zip(&mut *im).zip(&self.scale) {
             *re *= scale;
@@ -83,15 +86,15 @@ impl Factors {
     }
 }
 
-/// The largest power of two up to a positive `x`; multiplication by it is exact.
+/// Returns the largest power of two up to a positive number `x`; multiplication by a power of two is exact.
 fn power_of_two(x: f64) -> f64 {
     f64::from_bits(x.to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE)
 }
 
-/// Factors of one complex matrix, by size: those of a small one take real and imaginary parts as they come.
+/// LU factors of one complex matrix; those of a small dense matrix store real and imaginary parts apart.
 enum PairLu {
     Small(ComplexLu),
-    /// With its right-hand side.
+    /// Factors of a large or sparse matrix, and memory for a right-hand side.
     Other(Box<Lu<Complex<f64>>>, Vec<Complex<f64>>),
 }
 
@@ -103,7 +106,7 @@ impl PairLu {
         }
     }
 
-    /// Factorises `shift diag(M, 0) - Phi_y`, its rows scaled.
+    /// Factorises the complex matrix `shift diag(M, 0) - Phi_y` with its rows scaled.
     fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: Complex<f64>, outside: &Control) {
         match self {
             Self::Small(factors) => {
@@ -137,7 +140,7 @@ impl PairLu {
     }
 }
 
-/// Factors of one matrix, by density.
+/// LU factors of one matrix, dense or sparse.
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 enum Lu<T: Number> {
     Dense(DenseLu<T>),
@@ -145,7 +148,7 @@ enum Lu<T: Number> {
         matrix: SparseMatrix<T>,
         factors: SparseLu<T>,
     },
-    /// Memory was insufficient.
+    /// No factors: memory was insufficient.
     None,
 }
 
@@ -163,7 +166,7 @@ impl<T: Number + Send + Sync + 'static> Lu<T> {
         }
     }
 
-    /// Factorises `shift diag(M, 0) - Phi_y`, its rows scaled.
+    /// Factorises the matrix `shift diag(M, 0) - Phi_y` with its rows scaled.
     fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T, outside: &Control) {
         let fill = |entries: &mut [T]| {
             for (entry, &value) in entries.iter_mut().zip(negative_jacobian) {

@@ -1,19 +1,19 @@
-//! The memory of a run as far as it is known beforehand: its matrices. The fill-in of sparse factors becomes known only
-//! during the run.
+//! Estimates of the memory of a run that are known beforehand: those of its matrices. The fill-in of sparse factors
+//! becomes known only during the run.
 
 use super::layout::is_sparse;
 use super::settings::StepError;
 use problem::Structure;
 
-/// Maximum memory of one dense part of a run, in bytes.
+/// Maximum memory of one group of dense matrices of a run, in bytes.
 pub const MOST_BYTES: usize = 2 << 30;
 
-/// Maximum number of matrices of a dense part: the Jacobian and a real and a complex matrix of Newton's method; or the
-/// matrix of the inequalities of all stages and up to three more of its size in a solver.
+/// Maximum number of matrices in one group of dense matrices: the Jacobian and a real and a complex matrix of
+/// Newton's method; or the matrix of the inequalities of all stages and up to three more of its size in a solver.
 const MATRICES: usize = 4;
 
-/// Storage per pattern entry, in units of `f64`, measured: its row and column several times over, and in a sparse
-/// matrix its values in the factors, without fill-in.
+/// Storage per entry of the pattern of derivatives, in units of `f64`, measured: its row and column several times
+/// over, and in a sparse matrix its values in the factors, without fill-in.
 const OF_DENSE_ENTRY: usize = 12;
 const OF_SPARSE_ENTRY: usize = 28;
 
@@ -24,11 +24,11 @@ const OF_UNKNOWN: usize = 160;
 /// of stages in use.
 const OF_NEWTON: usize = 6;
 
-/// Number of matrices for the inequalities of all stages, measured: their own, and none to three of its size in the
-/// solver.
+/// Number of matrices of the size of the inequalities of all stages, measured: the matrix of these inequalities, and
+/// none to three of its size in the solver.
 const OF_STAGES: usize = 2;
 
-/// Rejects a part of a run with dense matrices of `unknowns` rows if they exceed the memory limit.
+/// Rejects a group of dense matrices with `unknowns` rows each if they exceed the memory limit.
 ///
 /// # Errors
 /// [`StepError::TooLarge`].
@@ -37,8 +37,8 @@ pub fn check_memory(what: &'static str, unknowns: usize) -> Result<(), StepError
     if fits { Ok(()) } else { Err(StepError::TooLarge { what, unknowns }) }
 }
 
-/// Storage of a run with this number of stages, in units of `f64`: its matrices, and the parts proportional to unknowns
-/// and to pattern entries.
+/// Returns the storage of a run with `stages` stages, in units of `f64`: its matrices, and the parts proportional to
+/// the numbers of unknowns and of entries in the pattern of derivatives.
 pub fn run_numbers(structure: &Structure, stages: usize) -> usize {
     let (unknowns, entries) = (structure.unknowns(), structure.pattern.len());
     let matrix = if is_sparse(unknowns, entries) {

@@ -11,11 +11,13 @@ use factorisation::DenseLu;
 use nalgebra::DVector;
 use numerics::Interval;
 
-/// Maximum number of coupled variables that are solved for; with more, the values of the polynomial are used. The solve
-/// is repeated several times per step, and up to this size costs no more than evaluations of as many equations.
+/// Maximum number of coupled free variables that are solved for between the stages; with more, the values of the
+/// polynomial through the stages are used. The solve is repeated several times per step, and up to this size costs no
+/// more than evaluations of as many equations.
 const MOST: usize = 64;
 
-/// A matrix with a larger condition number counts as singular.
+/// Bound on the condition number of the matrix of the equations of free variables; with a larger one, the matrix
+/// counts as singular.
 const MOST_CONDITION: f64 = 1e10;
 
 /// The equations of the free variables on one face, with one Jacobian.
@@ -25,17 +27,17 @@ pub(super) struct FreeVariables {
     /// The free variables whose equations contain free variables, and no variable on the boundary of a block.
     variables: Vec<usize>,
     equations: Equations,
-    /// Inverse of their matrix, column by column, if the equations are coupled.
+    /// Inverse of the matrix of the equations of the free variables, column by column, if the equations are coupled.
     inverse: Vec<f64>,
     change: Vec<f64>,
-    /// The change of every variable.
+    /// The correction of every variable; zero between corrections.
     changes: Vec<f64>,
 }
 
 enum Equations {
-    /// The equations do not determine the variables, or are too many.
+    /// The equations do not determine the free variables, or are too many to be solved.
     None,
-    /// Decoupled: each equation has one variable, with this factor.
+    /// Decoupled equations: each has one variable, with this factor.
     Apart(Vec<f64>),
     Together(DenseLu<f64>),
 }
@@ -53,8 +55,8 @@ impl FreeVariables {
         }
     }
 
-    /// Corrects the free variables in `y`, the point of the last evaluation of `system`, and all of `G` with them.
-    /// Returns false if `G` does not determine every free variable (index 2: `G_z = 0`).
+    /// Corrects the free variables in `y`, the point of the last evaluation of `system`, and updates all of `G` to
+    /// first order. Returns false if `G` does not determine every free variable (index 2: `G_z = 0`).
     pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) -> bool {
         self.follow(system);
         let n = system.states;
@@ -83,15 +85,15 @@ impl FreeVariables {
         self.variables.len() == self.inside.len() && !system.is_on_edge()
     }
 
-    /// Whether the equations determine all free variables, including those of blocks.
+    /// Whether the equations `G_I = 0` determine all free variables, including those of blocks.
     pub(super) fn tells_all(&mut self, system: &System<'_>) -> bool {
         self.follow(system);
         let are_told = !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len();
         (self.inside.is_empty() || are_told) && !system.is_on_edge()
     }
 
-    /// Bound on the distance of each variable from the root of its equations, for residuals of magnitude `residuals`:
-    /// `|dG_I/dz_I|^-1 |G_I|`, and zero for variables that the equations do not determine.
+    /// Bounds the distance of each free variable from the root of its equations, for residuals of magnitude
+    /// `residuals`: `|dG_I/dz_I|^-1 |G_I|`, and zero for variables that the equations do not determine.
     pub(super) fn errors(&mut self, system: &System<'_>, residuals: &[f64], out: &mut Vec<f64>) {
         self.follow(system);
         out.clear();
@@ -112,8 +114,9 @@ impl FreeVariables {
         }
     }
 
-    /// The same bound where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern. Returns
-    /// whether they vary too much.
+    /// Bounds the distance of each free variable from the root of its equations, as [`Self::errors`] does, for
+    /// derivatives that vary within the enclosures `jacobian`, in the order of the pattern. Returns whether the
+    /// derivatives vary too much for a bound.
     pub(super) fn errors_over(
         &mut self,
         system: &System<'_>,
@@ -140,9 +143,9 @@ impl FreeVariables {
         matrix.errors(&residuals).write(&self.variables, out)
     }
 
-    /// The combination of the equations whose gradient with respect to the variables is `gradient`, as pairs of an
-    /// equation and its weight: `w dG_I/dz_I = gradient`. A function with this gradient, minus the combination, does
-    /// not depend on the variables that the equations determine.
+    /// Writes the combination of the equations of the free variables whose gradient with respect to the variables is
+    /// `gradient` to `out`, as pairs of an equation and its weight: `w dG_I/dz_I = gradient`. A function with this
+    /// gradient, minus the combination, does not depend on the variables that the equations determine.
     pub(super) fn weights(
         &mut self,
         system: &System<'_>,
@@ -218,9 +221,9 @@ impl FreeVariables {
     }
 }
 
-/// Writes the inverse of a matrix with these factors to `inverse`, both column by column; returns false if the matrix
-/// is singular up to rounding. The criterion is the diagonal of `|A^-1| |A|`, which does not depend on the units of
-/// rows and columns.
+/// Writes the inverse of a matrix with the LU factors `factors` to `inverse`, both column by column; returns false if
+/// the matrix is singular up to rounding. The criterion is the diagonal of `|A^-1| |A|`, which does not depend on the
+/// units of rows and columns.
 fn invert(factors: &mut DenseLu<f64>, matrix: &[f64], inverse: &mut Vec<f64>) -> bool {
     let count = matrix.len().isqrt();
     inverse.clear();

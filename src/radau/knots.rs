@@ -1,16 +1,17 @@
-//! Steps across knots: values of the unknowns at which a derivative of the rates jumps, as between the pieces of a table. No
-//! method has a higher order there than the rates are smooth, and where an estimate presumes one, it sees little of the error;
-//! such steps are made with the fewest stages.
+//! Steps across knots: values of the unknowns at which a derivative of the rates jumps, as between the pieces of a
+//! table. Across a knot the order of a method is limited by the smoothness of the rates, and an error estimate that
+//! presumes a higher order misses most of the error; such steps are made with the fewest stages.
 
 use super::screening::part::Part;
 use super::stepper::Radau;
 use numerics::Interval;
 
-/// The size of the first of these steps, as a part of that with more stages.
+/// Size of the first step that uses the fewest stages, relative to the step with more stages that may pass a knot.
 const ACROSS: f64 = 0.5;
 
 impl Radau<'_> {
-    /// Takes the fewest stages if the step of size `h` with more of them may pass a knot; returns the size of the step in its place.
+    /// Selects the fewest stages if the step of size `h` with more of them may pass a knot; returns the size of the
+    /// step that replaces it.
     pub(super) fn step_across_knots(&mut self, h: f64) -> Option<f64> {
         let tableau = self.tableau();
         if !self.system.has_knots || tableau.stages() == self.orders.fewest_stages() {

@@ -7,24 +7,24 @@
 //! zeta = z / a_z,    gamma = G / a_g,    excess = |zeta - P(zeta - gamma)|
 //! ```
 //!
-//! does not depend on the units: below one, the law holds for values within the tolerances.
+//! does not depend on the units: below one, the variational inequality holds for values within the tolerances.
 
 use super::screening::ALLOWED;
 use super::stepper::Radau;
 use super::uncertainties::Uncertainties;
 use numerics::Interval;
 
-/// The variable with the largest residual of its law.
+/// The variable with the largest residual of its variational inequality.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Excess {
-    /// Index of the variable, counted from 0; for a block, that of its first member.
+    /// Index of the variable, counted from 0; for a block of variables, the index of its first member.
     pub variable: usize,
     /// Residual of the natural map, in units of the uncertainty that the tolerances allow.
     pub excess: f64,
 }
 
 impl Radau<'_> {
-    /// [`Self::law_excess`] at the end of the last step.
+    /// Returns [`Self::law_excess`] at the end of the last step.
     pub fn law_excess_at_end(&mut self) -> Option<Excess> {
         let y = std::mem::take(&mut self.y);
         let found = self.law_excess(self.clock.t, &y);
@@ -32,8 +32,8 @@ impl Radau<'_> {
         found
     }
 
-    /// The largest excess over the variables at `(t, y)`; `None` without variables. The excess is infinite if a value
-    /// is not finite.
+    /// Returns the largest excess, the residual of the variational inequality in units of the tolerances, over the
+    /// variables at `(t, y)`; `None` without variables. The excess is infinite if a value is not finite.
     pub fn law_excess(&mut self, t: f64, y: &[f64]) -> Option<Excess> {
         if self.system.unknowns == self.system.states {
             return None;
@@ -41,7 +41,7 @@ impl Radau<'_> {
         let mut worst = Excess { variable: 0, excess: 0.0 };
         let evaluations = self.system.work.rates;
         let is_finite = self.system.evaluate(t, y);
-        // Evidence is not part of the method: its evaluations are not counted as work of the run.
+        // Evaluations for the check of a solution are not counted as work of the run.
         self.system.work.rates = evaluations;
         if !is_finite {
             return Some(Excess { excess: f64::INFINITY, ..worst });
@@ -73,7 +73,7 @@ impl Radau<'_> {
                 continue;
             }
             let near = near.get_or_insert_with(|| self.enclose_near_time(t, y));
-            // The natural map does not decrease in `G`.
+            // The natural map is nondecreasing in `G`.
             let (least, most) = (of(near[n + k].lo.min(g)), of(near[n + k].hi.max(g)));
             keep(k, if least <= 0.0 && most >= 0.0 { 0.0 } else { least.abs().min(most.abs()) });
         }
@@ -89,8 +89,8 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// Encloses the rows at `y` over all times within the rounding of `t`: a source is known only up to that rounding, and
-    /// beside a jump of it only up to the jump. Rows without a finite enclosure are empty.
+    /// Encloses the rows of the problem at `y` over all times within the rounding of `t`: a source is known only up
+    /// to that rounding, and next to a jump only up to the jump. Rows without a finite enclosure are empty.
     fn enclose_near_time(&mut self, t: f64, y: &[f64]) -> Vec<Interval> {
         let rounding = self.clock.rounding(self.last.h);
         let ranges: Vec<Interval> = y.iter().map(|y| Interval::point(*y)).collect();
@@ -104,8 +104,8 @@ impl Radau<'_> {
         values
     }
 
-    /// Largest magnitudes of the derivatives at `t` over all unknowns within `errors` of `y`; those of the last
-    /// differentiation if these are constant, and for derivatives that cannot be enclosed.
+    /// Returns the largest magnitudes of the derivatives of the rows at `t` over all unknowns within `errors` of `y`.
+    /// Derivatives that are constant or cannot be enclosed have the values of the last differentiation.
     fn slopes_near(&mut self, t: f64, y: &[f64], errors: &[f64]) -> Vec<f64> {
         let mut slopes: Vec<f64> = self.system.derivatives.iter().map(|slope| slope.abs()).collect();
         if self.system.constant_jacobian() {
@@ -122,15 +122,15 @@ impl Radau<'_> {
         slopes
     }
 
-    /// Uncertainty of unknown `j` under the tolerances; for a variable, which has no absolute tolerance, relative to
-    /// its largest value.
+    /// Returns the uncertainty of unknown `j` under the tolerances; that of a variable, which has no absolute
+    /// tolerance, is relative to its largest value.
     pub(super) fn uncertainty(&self, j: usize) -> f64 {
         let atol = if j < self.system.states { self.settings.atol[j] } else { 0.0 };
         atol + self.settings.rtol * self.extent.largest[j]
     }
 
-    /// Uncertainties under the tolerances. The weights must be those of a step of size `h`, or of a shorter step that
-    /// finds a face behind it.
+    /// Returns the uncertainties of the unknowns under the tolerances. The weights of the Newton norm must have been
+    /// set for a step of size `h`, or for the shorter probe step that selects the face behind such a step.
     pub(super) fn uncertainties(&self, h: f64) -> Uncertainties {
         let Self { system, settings, extent, control, .. } = self;
         let longest = extent.longest.max(h);
@@ -148,7 +148,8 @@ impl Radau<'_> {
     }
 }
 
-/// The natural map of an interval, given the distances to its ends and `G`; it does not decrease in `G`.
+/// Evaluates the natural map of an interval, given the distances to its ends and `G`; the map is nondecreasing in
+/// `G`.
 fn natural_map(below: f64, above: f64, g: f64) -> f64 {
     if below <= g {
         below

@@ -1,5 +1,6 @@
-//! Storage of the entries of `diag(M, 0)` and `-Phi_y`: dense, column by column, if the system is small or full;
-//! otherwise sparse on the union of both patterns, which is valid for every face and analysed once.
+//! Storage of the matrices of the stage equations, `diag(M, 0)` with the mass matrix `M` and `-Phi_y`, the negative
+//! Jacobian on a face: dense, column by column, if the system is small or full; otherwise sparse on the union of both
+//! patterns, which is valid for every face and analysed once.
 
 use super::footprint::check_memory;
 use super::settings::StepError;
@@ -10,57 +11,60 @@ use problem::{Control, Mass, Structure};
 /// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
 const DENSE_AT_MOST: usize = 40;
 
-/// A larger system is stored sparse if at most one entry in this many may be nonzero: with more, the factors fill in,
-/// and a dense factorisation is up to three times as fast, measured on chains, grids and random patterns.
+/// A system too large for dense storage by default is stored sparse if at most one entry in this many may be nonzero:
+/// with more, the factors fill in, and a dense factorisation is up to three times as fast, measured on chains, grids
+/// and random patterns.
 const SPARSITY: usize = 16;
 
-/// Whether to use sparse storage for this size and number of structural nonzeros.
+/// Whether to use sparse storage for matrices with this number of unknowns and of structural nonzeros.
 pub fn is_sparse(unknowns: usize, entries: usize) -> bool {
     unknowns > DENSE_AT_MOST && entries <= unknowns.saturating_mul(unknowns) / SPARSITY
 }
 
-/// The storage index (place) of each entry.
+/// Storage index (place) of each entry of the matrices of the stage equations.
 #[derive(Debug)]
 pub struct Layout {
-    /// `n + m`
+    /// Number of unknowns, `n` states and `m` variables.
     pub unknowns: usize,
-    /// Dense or sparse storage.
+    /// Dense or sparse storage of the matrices.
     pub storage: Storage,
-    /// Number of places.
+    /// Number of stored entries (places) of a matrix.
     pub places: usize,
-    /// The entries of `M`, each with its place and value.
+    /// The entries of the mass matrix `M`, each with its storage index and value.
     pub mass: Vec<(usize, f64)>,
-    /// Whether a row is one of the rates: `M` has an entry there.
+    /// Whether each row is the equation of a rate: the mass matrix `M` has an entry in this row.
     pub is_rate: Vec<bool>,
-    /// Whether a state has a mass: `M` has an entry in its column.
+    /// Whether each state has a mass: the mass matrix `M` has an entry in its column.
     pub has_mass: Vec<bool>,
-    /// The place of each entry of the problem's pattern; an entry of a moving bound is in the row of its variable.
+    /// The storage index of each entry in the problem's pattern of derivatives; an entry of a moving bound is in the
+    /// row of its variable.
     pub jacobian: Vec<usize>,
-    /// The place of the diagonal entry of each bounded variable.
+    /// The storage index of the diagonal entry of each bounded variable.
     pub diagonal: Vec<usize>,
-    /// For each entry of the pattern in the row of a block, its places in the rows of all members; empty for other
-    /// rows.
+    /// For each entry of the pattern of derivatives in the row of a block, its storage indices in the rows of all
+    /// members of the block; empty for other rows.
     pub spread: Vec<Vec<usize>>,
-    /// The places of the rows and columns of the members of each block, row by row.
+    /// The storage indices of the entries in the rows and columns of the members of each block, row by row.
     pub own: Vec<Vec<usize>>,
 }
 
 /// Storage of the entries of a matrix.
 #[derive(Debug)]
 pub enum Storage {
-    /// Column by column.
+    /// All entries, column by column.
     Dense,
-    /// Compressed columns.
+    /// Entries of a sparsity pattern, in compressed columns.
     Sparse {
-        /// Sparsity pattern.
+        /// Sparsity pattern of the matrix.
         pattern: SymbolicSparseColMat<usize>,
-        /// Symbolic analysis of the pattern.
+        /// Symbolic analysis of the sparsity pattern.
         analysis: Analysis,
     },
 }
 
 impl Layout {
-    /// Layout for a problem with these bounded variables; an interruption is reported at time `t`.
+    /// Creates the layout for a problem whose variables with bounds are `bounded`; an interruption is reported at
+    /// time `t`.
     ///
     /// # Errors
     /// If the matrices would not fit into memory, or `outside` asks to stop while a large one is analysed.
@@ -73,7 +77,7 @@ impl Layout {
         let row = |i: usize| if i < unknowns { i } else { n + structure.moving[i - unknowns].variable };
         let jacobian = structure.pattern.iter().map(|&(i, j)| (row(i), j));
         let diagonal = bounded.iter().map(|&k| (n + k, n + k));
-        // An equation of a face may combine the rows of all members of its block.
+        // An equation of the face of a block may combine the rows of all members of the block.
         let set = &structure.set;
         let members = |i: usize| match i.checked_sub(n).and_then(|_| set.block_of(row(i) - n)) {
             Some(block) => set.blocks()[block].members.as_slice(),
@@ -128,7 +132,7 @@ impl Layout {
         Ok(Self { unknowns, storage, places, mass, is_rate, has_mass, jacobian, diagonal, spread, own })
     }
 
-    /// Multiplies each row of the matrix stored in `places` by its factor.
+    /// Multiplies each row of the matrix whose entries are `places` by its factor.
     pub fn multiply_rows(&self, factors: &[f64], places: &mut [f64]) {
         match &self.storage {
             Storage::Dense => {

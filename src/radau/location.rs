@@ -14,21 +14,23 @@ use super::switches::{Switching, turned};
 
 /// Position of the sign change of a violated monitor.
 pub(super) enum EventTime {
-    /// At the end of a step of size `h`, whose stages are solved; `between` is the result of its screening.
+    /// The sign change is at the end of a step of size `h`, whose stages are solved; `between` is the result of its
+    /// screening.
     At { h: f64, between: Between },
-    /// At the beginning of the step: the face has been changed there, and the step should be attempted again.
+    /// The sign change is at the beginning of the step: the face has been changed there, and the step should be
+    /// attempted again.
     Now,
-    /// Behind this fraction of the step, up to which screening proves that no monitor changes sign; a switch earlier
-    /// than the located one may follow.
+    /// No monitor changes sign up to this fraction of the step, as screening proves; a switch before the located one
+    /// may follow.
     Behind(f64),
-    /// Not found, or not searched for.
+    /// The sign change was not found, or not searched for.
     Nowhere,
 }
 
-/// Distance from its bracket on the polynomial at which a switch may lie once the stages are solved again, relative to
-/// the bracket.
+/// Distance from its bracket on the collocation polynomial at which a switch may lie once the stages are solved
+/// again, relative to the length of the bracket.
 const SLACK: f64 = 0.25;
-/// Maximum number of switches located in one step, each earlier than the last.
+/// Maximum number of switches located within one step, each of them earlier than the one located before.
 const ROUNDS: usize = 8;
 /// Maximum number of solves of the stages for one switch.
 const SOLVES: usize = 12;
@@ -47,8 +49,8 @@ impl Radau<'_> {
         }
         let mut size = h;
         let (mut solves, mut rounds) = (0, 0);
-        // Each round takes the earliest sign change on the current polynomial; a later round is needed if the step that
-        // ends there shows an earlier sign change of another variable.
+        // Each round takes the earliest sign change on the current polynomial; another round is needed if the step
+        // that ends at this sign change shows an earlier one of another variable.
         while let Some(crossing) = self.earliest(size, hidden_crossing.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.clock.t.abs().max(size);
             // A monitor that crosses zero at the located end, to within the rounding of time, crosses together with the
@@ -84,7 +86,7 @@ impl Radau<'_> {
                 continue;
             }
             let between = self.screen_step(size);
-            // The first step on a face may have to bring the states onto it, which is no reason to leave the face at
+            // The first step on a face may have to bring the states onto the face, which is no reason to leave it at
             // once.
             match between {
                 Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
@@ -125,12 +127,13 @@ impl Radau<'_> {
             match self.stages_on_face(size) {
                 Some(true) => {}
                 Some(false) => {
-                    // Past the end of the face: go back towards the size with which it was still followed.
+                    // The step passes the end of the face: reduce it towards the last size with which the face was
+                    // followed.
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
                     continue;
                 }
-                // Past the end of the face its equations need not have a solution.
+                // The equations of a face need not have a solution behind the end of the face.
                 None => {
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
@@ -168,11 +171,11 @@ impl Radau<'_> {
 
     /// Extends or shortens the present step, of size `h`, along its collocation polynomial to the zero of the monitor
     /// of `crossing`, whose `value` is within noise, so that the zero is at a distance of about `correction`; returns
-    /// the new size. Other variables that switch at the same instant then err by rounding only, and not by the
-    /// tolerance of the search.
+    /// the new size. Other variables that switch at the same time then err by rounding only, and not by the tolerance
+    /// of the search.
     fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
         let theta = 1.0 - correction / h;
-        // Further from the step its polynomial is meaningless.
+        // Far outside its step the collocation polynomial is meaningless.
         if !(0.5..=1.5).contains(&theta) {
             return h;
         }
@@ -180,7 +183,8 @@ impl Radau<'_> {
         self.monitors_at(theta, h, &mut monitors);
         let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
         self.switching.monitors = monitors;
-        // Secant through both values: the error of the polynomial behind its last stage is of second order.
+        // Take the secant through both values of the monitor: the error of the polynomial behind its last stage is of
+        // second order.
         let end = h - correction * value / (value - left);
         // A secant through values that differ by noise only may lead anywhere.
         if left.is_nan() || left.abs() > 0.5 * value.abs() || !end.is_finite() {
@@ -191,8 +195,8 @@ impl Radau<'_> {
     }
 
     /// Solves the stages of a step of size `h` on the present face by Newton's method or, if that fails on a curved
-    /// face, with the VI at every stage, which requires only that the step does not pass the end of the face. Returns
-    /// whether it does not, or `None` if neither method solves the stages.
+    /// face, with the variational inequality at every stage, which requires only that the step does not pass the end
+    /// of the face. Returns whether the step stays on the face, or `None` if neither method solves the stages.
     fn stages_on_face(&mut self, h: f64) -> Option<bool> {
         if matches!(self.newton(h), Newton::Converged { .. }) {
             return Some(true);
@@ -217,7 +221,8 @@ impl Radau<'_> {
 
     /// Whether a monitor, other than the one that ends the step, is violated at a stage of the present step, of size
     /// `h`. Variables that hidden constraints determine are replaced by consistent ones: their stage values are
-    /// accurate to order `s` only, and may leave their bounds while the consistent values do not.
+    /// accurate only to order `s`, the number of stages, and may leave their bounds while the consistent values do
+    /// not.
     pub(super) fn is_violated_within(&mut self, h: f64, end: Option<&Crossing>) -> bool {
         let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
@@ -239,8 +244,8 @@ impl Radau<'_> {
         })
     }
 
-    /// One monitor at the end of the present step, with consistent variables: their stage values would give the time of
-    /// the switch to order `s` only.
+    /// Returns the monitor of `crossing` at the end of the present step, with consistent variables: the stage values
+    /// of variables would give the time of the switch only to order `s`, the number of stages.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
         let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);

@@ -6,11 +6,12 @@ use super::system::System;
 /// Convergence criteria of Newton's method, and scales for noise levels.
 #[derive(Clone, Debug)]
 pub struct NewtonControl {
-    /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
+    /// Weight `1/sc`, the inverse of the tolerance, of each component of `y` in the norm
+    /// `sqrt(sum (weight dW)^2 / (s (n+m)))`.
     pub weight: Vec<f64>,
-    /// The tolerance on the weighted norm.
+    /// The tolerance on the weighted norm of the remaining Newton increment.
     pub kappa: f64,
-    /// Maximum number of iterations.
+    /// Maximum number of Newton iterations.
     pub most: usize,
     /// Rounding error of each component of `y` in the last step; at a switch, including the rounding of its time.
     pub rounding: Vec<f64>,
@@ -28,33 +29,34 @@ pub struct NewtonControl {
 pub const UNDERFLOW: f64 = f64::MIN_POSITIVE;
 
 impl NewtonControl {
-    /// Noise level of `G_k` at `y`: the tolerance of the VI, the rounding of time, or the effect of an error of the
-    /// states that Newton's method accepts, whichever is largest.
+    /// Returns the noise level of `G_k` at `y`: the tolerance of the variational inequality, the rounding of time, or
+    /// the effect of an error of the states that Newton's method accepts, whichever is largest.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         self.noise_of_g_by(system, k, y, |at| system.derivatives[at].abs())
     }
 
-    /// As [`Self::noise_of_g`], where `slope` returns the magnitude of the derivative that is stored at a place of the
-    /// Jacobian.
+    /// Returns the noise level of `G_k` as [`Self::noise_of_g`] does, where `slope` returns the magnitude of the
+    /// derivative that is stored at a place of the Jacobian.
     pub fn noise_of_g_by(&self, system: &System<'_>, k: usize, y: &[f64], slope: impl Fn(usize) -> f64) -> f64 {
         let row = system.states + k;
         let [terms, passed] = system.terms_by(row, slope, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
         (self.vi_tolerance * terms).max(passed).max(self.by_time[k]).max(UNDERFLOW)
     }
 
-    /// Error of unknown `j` that Newton's method or rounding leaves undetected; zero for variables.
+    /// Returns the error of unknown `j` that Newton's method or rounding leaves undetected; zero for variables.
     fn passed(&self, system: &System<'_>, j: usize) -> f64 {
         if j < system.states { (self.kappa / self.weight[j]).max(self.rounding[j]) } else { 0.0 }
     }
 
-    /// Noise level of the distance of variable `k` at `y` from a bound.
+    /// Returns the noise level of the distance of variable `k` at `y` from a bound.
     pub fn noise_of_z(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = if self.weight[at] > 0.0 { self.kappa / self.weight[at] } else { 0.0 };
         (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
 
-    /// Noise levels of block `b` at `y`: of the distances on it, and of its multipliers.
+    /// Returns the noise levels of block `b` at `y`: that of the distances from its boundary, and that of its
+    /// multipliers.
     pub fn noise_of_block(&self, system: &System<'_>, b: usize, y: &[f64]) -> BlockNoise {
         let mut noise = BlockNoise { z: 0.0, g: 0.0 };
         for &k in &system.set.blocks()[b].members {
@@ -64,7 +66,7 @@ impl NewtonControl {
         noise
     }
 
-    /// Noise level of the distance between the bounds of variable `k` at `y`.
+    /// Returns the noise level of the distance between the bounds of variable `k` at `y`.
     pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = system.terms_of_bounds(k, |j| self.passed(system, j));
@@ -72,8 +74,8 @@ impl NewtonControl {
     }
 }
 
-/// `sqrt(sum x^2 / count)` of `terms`, given the `sum` of their squares; if that overflows, the contribution of the
-/// largest term alone.
+/// Returns the root mean square `sqrt(sum x^2 / count)` of `terms`, given the `sum` of their squares; if that sum
+/// overflows, the contribution of the largest term alone.
 pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: impl FnOnce() -> I) -> f64 {
     if sum < f64::INFINITY {
         return (sum / count as f64).sqrt();
@@ -82,11 +84,11 @@ pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: 
     terms().fold(0.0, larger) / (count as f64).sqrt()
 }
 
-/// Noise levels of the quantities of a block.
+/// Noise levels of the monitors of a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockNoise {
-    /// In the unit of `z`.
+    /// Noise level of the distances, in the unit of `z`.
     pub z: f64,
-    /// In the unit of `G`.
+    /// Noise level of the multipliers, in the unit of `G`.
     pub g: f64,
 }

@@ -1,4 +1,4 @@
-//! The numbers of stages available to a run, and the one of the present step.
+//! The methods (numbers of stages) available to a run, and the selection of the present one.
 
 use super::error_control::Rescaled;
 use super::settings::{Settings, StageChoice};
@@ -11,7 +11,7 @@ pub(super) struct Method {
     pub tolerance: Rescaled,
 }
 
-/// The methods available to a run, with the indices of the present one and of that of the last step.
+/// The methods available to a run, with the indices of the present method and of that of the last step.
 #[derive(Clone)]
 pub(super) struct Orders {
     methods: Vec<Method>,
@@ -31,22 +31,22 @@ impl Orders {
         Self { methods: counts.into_iter().map(method).collect(), current: 0, last: 0 }
     }
 
-    /// Largest number of stages of a step.
+    /// Returns the largest number of stages that a step may have.
     pub fn most_stages(&self) -> usize {
         self.methods.iter().map(|method| method.tableau.stages()).max().unwrap_or(1)
     }
 
-    /// Least number of stages of a step.
+    /// Returns the least number of stages that a step may have.
     pub fn fewest_stages(&self) -> usize {
         self.methods.iter().map(|method| method.tableau.stages()).min().unwrap_or(1)
     }
 
-    /// The method of the present step.
+    /// Returns the method of the present step.
     pub fn current(&self) -> &Method {
         &self.methods[self.current]
     }
 
-    /// The method of the last accepted step.
+    /// Returns the method of the last accepted step.
     pub fn last(&self) -> &Method {
         &self.methods[self.last]
     }
@@ -56,22 +56,23 @@ impl Orders {
         self.last == self.current
     }
 
-    /// Whether the number of stages may vary.
+    /// Whether the number of stages may vary from step to step.
     pub fn are_several(&self) -> bool {
         self.methods.len() > 1
     }
 
-    /// Records an accepted step.
+    /// Records an accepted step with the present method.
     pub fn accept(&mut self) {
         self.last = self.current;
     }
 
-    /// Sets more stages (1), fewer (-1) or as many (0) from now on; returns whether the number changes.
+    /// Selects more stages (1), fewer (-1) or as many (0) for the following steps; returns whether the number
+    /// changes.
     pub fn change(&mut self, wish: isize) -> bool {
         self.set(self.current.saturating_add_signed(wish).min(self.methods.len() - 1))
     }
 
-    /// Sets the fewest stages from now on; returns whether the number changes.
+    /// Selects the fewest stages for the following steps; returns whether the number changes.
     pub fn take_fewest(&mut self) -> bool {
         self.set(0)
     }

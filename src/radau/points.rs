@@ -1,22 +1,22 @@
-//! The rows of a problem at all stages, evaluated together and used one after the other. The use of a point has the
-//! effect of its evaluation, and counts as one evaluation.
+//! The rows of a problem at all stages, evaluated together and used one after the other. Using the rows at a point
+//! has the effect of evaluating them, and counts as one evaluation.
 
 use super::system::System;
 use factorisation::of_size;
 
-/// Points `(t_i, y_i)` with the rows evaluated there.
+/// The stages of a step as points `(t_i, y_i)`, with the rows of the problem evaluated at these points.
 #[derive(Clone, Debug, Default)]
 pub struct Points {
     times: Vec<f64>,
-    /// `y`, point by point.
+    /// The unknowns `y`, point by point.
     y: Vec<f64>,
     values: Vec<f64>,
-    /// Whether the rows at all points were stored from earlier evaluations.
+    /// Whether the rows at all points were found among earlier evaluations.
     are_known: bool,
 }
 
 impl Points {
-    /// Evaluates the rows at `(t + c_i h, y0 + Z_i)`.
+    /// Evaluates the rows of the problem at the stages `(t + c_i h, y0 + Z_i)`.
     pub fn evaluate(&mut self, system: &mut System<'_>, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
         self.place(nodes, (t, h), y0, z);
         let Self { times, y, values, are_known } = self;
@@ -29,9 +29,9 @@ impl Points {
         }
     }
 
-    /// Evaluates the rates of a system without variables at `(t + c_i h, y0 + Z_i)` into `rates`, point by point: there
-    /// are no other rows, no bounds and no earlier points. Has the effect of evaluations one after the other; returns
-    /// false if a number is not finite.
+    /// Evaluates the rates of a system without variables at the stages `(t + c_i h, y0 + Z_i)` into `rates`, point by
+    /// point: such a system has no other rows, no bounds and no stored points. Has the effect of evaluations one
+    /// after the other; returns false if a number is not finite.
     pub fn evaluate_rates(
         &mut self,
         system: &mut System<'_>,
@@ -48,11 +48,11 @@ impl Points {
         system.work.rates += nodes.len() as u64;
         system.values.copy_from_slice(&rates[n * last..]);
         system.set_last(self.times[last], self.y(last, n));
-        // Read all of them, so that the loop is vectorised.
+        // Read all rates, even behind one that is not finite, so that the loop is vectorised.
         rates.iter().fold(true, |finite, rate| finite & rate.is_finite())
     }
 
-    /// Sets the points to `(t + c_i h, y0 + Z_i)`.
+    /// Sets the points to the stages `(t + c_i h, y0 + Z_i)`.
     fn place(&mut self, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
         let (Self { times, y, .. }, n) = (self, y0.len());
         times.clear();
@@ -63,14 +63,14 @@ impl Points {
         });
     }
 
-    /// `y` at point `i` of a system of `n` unknowns.
+    /// Returns the unknowns `y` at point `i` of a system of `n` unknowns.
     fn y(&self, i: usize, n: usize) -> &[f64] {
         &self.y[n * i..][..n]
     }
 }
 
 impl System<'_> {
-    /// Has the effect of [`System::evaluate`] at point `i`.
+    /// Uses the rows at point `i` of `points`, with the effect of [`System::evaluate`] at that point.
     pub fn take(&mut self, points: &Points, i: usize) -> bool {
         let (t, y) = (points.times[i], points.y(i, self.unknowns));
         if let Some(finite) = self.is_last(t, y) {
@@ -84,7 +84,7 @@ impl System<'_> {
         self.set_last(t, y)
     }
 
-    /// Has the effect of [`System::phi`] at point `i`.
+    /// Uses the rows at point `i` of `points`, with the effect of [`System::phi`] at that point.
     pub fn take_phi(&mut self, points: &Points, i: usize, phi: &mut [f64]) -> bool {
         let finite = self.take(points, i);
         self.on_face(finite, points.y(i, self.unknowns), phi)

@@ -1,14 +1,15 @@
 //! Steps without progress: each is cut, or follows rejections, and changes the states by less than Newton's method
-//! resolves. No test of a step detects its errors then, and where a solution ends, for instance because a force grows
-//! without bound, a run could continue past the end with steps of that size.
+//! resolves. No test of a step detects its errors then, and if a solution ends, for instance because a force grows
+//! without bound, a run could continue past the end with such steps.
 
 use super::settings::{RejectionCause, StepError};
 use super::stepper::Radau;
 
-/// A step shorter than this fraction of the attempted size counts as cut.
+/// A step shorter than this fraction of the attempted step size counts as cut.
 pub(super) const SHORT: f64 = 0.75;
 
-/// Number of successive steps without progress before a run fails; a few are normal behind a switch or a breakpoint.
+/// Number of successive steps without progress before a run fails; a few such steps are normal behind a switch or a
+/// breakpoint.
 const MOST: u32 = 256;
 
 /// Number of successive steps without progress, and the cause of the last rejection.
@@ -20,7 +21,7 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// Records a rejection.
+    /// Records a rejected step and its cause.
     pub(super) fn rejected(&mut self, cause: RejectionCause) {
         self.cause = Some(cause);
         self.was_rejected = true;
@@ -28,7 +29,7 @@ impl Progress {
 }
 
 impl Radau<'_> {
-    /// Records an accepted step of size `h`; `is_short` if longer ones were attempted.
+    /// Records an accepted step of size `h`; `is_short` tells that longer steps were attempted.
     ///
     /// # Errors
     /// If the steps are too small for progress, with the cause.
@@ -48,8 +49,8 @@ impl Radau<'_> {
         Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })
     }
 
-    /// Largest change of a state over a step of size `h`, in tolerances, by a single term of its rate: at rest, terms
-    /// may cancel.
+    /// Returns the largest change of a state over a step of size `h`, in tolerances, by a single term of its rate: at
+    /// rest, terms may cancel.
     fn change(&mut self, h: f64) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {

@@ -1,11 +1,11 @@
-//! Ranges of the states and their slopes over a part of the last step: Bernstein ranges of its polynomials, including
-//! the bubble that corrects the slope at its beginning.
+//! Ranges of the states and of their slopes over a part of the last step: Bernstein ranges of the polynomials of the
+//! dense output, including the bubble that corrects the slope at the beginning of the step.
 
 use super::stepper::Radau;
 use numerics::{Interval, bernstein};
 
 impl Radau<'_> {
-    /// Enclosures of the states over `[from, to]` within the last step: the ranges of its polynomials.
+    /// Returns enclosures of the states over `[from, to]` within the last step: the ranges of their polynomials.
     pub(super) fn ranges_of_polynomials(&self, from: f64, to: f64) -> Vec<Interval> {
         let [from, to] = [from, to].map(|t| ((t - self.last.t) / self.last.h).clamp(0.0, 1.0));
         let range = |mut coefficients: Vec<f64>| {
@@ -15,7 +15,7 @@ impl Radau<'_> {
         self.polynomials().into_iter().map(range).collect()
     }
 
-    /// The slopes of the states at time `t` within the last step, from its polynomials.
+    /// Returns the slopes (time derivatives) of the states at time `t` within the last step, from their polynomials.
     pub(super) fn slopes_of_polynomials(&self, t: f64) -> Vec<f64> {
         let theta = (t - self.last.t) / self.last.h;
         let slope = |coefficients: Vec<f64>| {
@@ -25,7 +25,7 @@ impl Radau<'_> {
         self.polynomials().into_iter().map(slope).collect()
     }
 
-    /// The Bernstein coefficients of each state over the last step, of degree `s + 1`.
+    /// Returns the Bernstein coefficients of the polynomial of each state over the last step, of degree `s + 1`.
     fn polynomials(&self) -> Vec<Vec<f64>> {
         let tableau = self.orders.last().tableau;
         let (s, n) = (tableau.stages(), self.system.unknowns);
@@ -35,7 +35,7 @@ impl Radau<'_> {
             let along: Vec<f64> = (0..=s).map(along).collect();
             let slope = self.last.slope.get(j).copied().unwrap_or(0.0);
             let coefficient = |i: usize| {
-                // Degree elevation by one.
+                // Elevate the degree of the polynomial by one.
                 let part = i as f64 / (s + 1) as f64;
                 let before = if i > 0 { part * along[i - 1] } else { 0.0 };
                 let here = if i <= s { (1.0 - part) * along[i] } else { 0.0 };
@@ -47,7 +47,8 @@ impl Radau<'_> {
     }
 }
 
-/// Restricts a polynomial to a part of its interval, by de Casteljau's algorithm at both ends.
+/// Restricts a polynomial, given by its Bernstein coefficients, to the part `[from, to]` of its interval, by de
+/// Casteljau's algorithm at both ends.
 fn restrict(coefficients: &mut [f64], from: f64, to: f64) {
     let count = coefficients.len();
     for round in 1..count {

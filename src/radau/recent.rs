@@ -1,16 +1,16 @@
-//! The rows at the points evaluated last. The search for events returns to the ends of steps, to their stages and to
-//! its own points, which are not evaluated again.
+//! The rows of the problem at the points evaluated last. The search for events returns to the ends of steps, to their
+//! stages and to its own points, which are not evaluated again.
 
-/// Number of stored points: enough for one search, and for the stages of a step twice over. Twice as many would save
-/// one more evaluation in a hundred.
+/// Number of stored points: enough for one search for events, and for the stages of a step twice over. Twice as many
+/// would save one more evaluation in a hundred.
 const MOST: usize = 16;
 
-/// Points `(t, y)` with the rows there; the oldest is overwritten first.
+/// Points `(t, y)` with the rows of the problem at them; the oldest is overwritten first.
 #[derive(Debug)]
 pub(super) struct Recent {
-    /// Sum of the bits of each point, as a hash: few points share one.
+    /// Hash of each point, from the sum of its bits: few points share a hash.
     keys: [u32; MOST],
-    /// NaN for an empty slot.
+    /// Time of each point; NaN for an empty slot.
     times: [f64; MOST],
     y: Vec<f64>,
     values: Vec<f64>,
@@ -18,16 +18,16 @@ pub(super) struct Recent {
 }
 
 impl Recent {
-    /// Allocates for points of this many unknowns, with this many rows.
+    /// Allocates for points with `unknowns` unknowns and `rows` rows.
     pub(super) fn new(unknowns: usize, rows: usize) -> Self {
         let (y, values) = (vec![0.0; MOST * unknowns], vec![0.0; MOST * rows]);
         Self { keys: [0; MOST], times: [f64::NAN; MOST], y, values, next: 0 }
     }
 
-    /// The rows at a point, if they are stored; `rows` is their number.
+    /// Returns the rows at the point `(t, y)`, if they are stored; `rows` is the number of rows.
     pub(super) fn find(&self, t: f64, y: &[f64], rows: usize) -> Option<&[f64]> {
         let key = key(t, y);
-        // Without an exit at the first match, so that the loop is vectorised.
+        // Compare all keys, without an exit at the first match, so that the loop is vectorised.
         if !self.keys.iter().fold(false, |found, other| found | (*other == key)) {
             return None;
         }
@@ -39,7 +39,7 @@ impl Recent {
         Some(&self.values[rows * at..][..rows])
     }
 
-    /// Stores the rows at a point.
+    /// Stores the rows `values` at the point `(t, y)`.
     pub(super) fn keep(&mut self, t: f64, y: &[f64], values: &[f64]) {
         let at = self.next;
         (self.keys[at], self.times[at]) = (key(t, y), t);

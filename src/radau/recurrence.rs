@@ -13,38 +13,38 @@ use super::face::Activity;
 use super::settings::StepError;
 use super::stepper::Radau;
 
-/// Number of switches within noise before location is suspended.
+/// Number of switches within noise before the location of switches is suspended.
 const MOST: u32 = 16;
 
-/// Number of successive clear switches after which the record is reset.
+/// Number of successive clear switches (those not within noise) after which the record of switches is reset.
 const CLEAR: u32 = 64;
 
-/// Multiple of its noise from which a variable is clearly off its switch: the noise bounds one step, and an error
-/// within it is carried on until the next switch.
+/// Multiple of its noise level from which a variable is clearly off its switch: the noise level bounds the error of
+/// one step, and an error below it is carried on until the next switch.
 const NEAR: f64 = 10.0;
 
-/// Maximum number of steps on one face for which location is suspended.
+/// Maximum number of steps on one face for which the location of switches is suspended.
 const LONGEST: u32 = 1 << 16;
 
-/// Number of switches within noise from which their pace is known, and number of steps to the end, at that pace, from
-/// which a run fails.
+/// Number of switches within noise from which their frequency is known, and number of steps to the end of the run, at
+/// that frequency, from which the run fails.
 const SAMPLE: u32 = 1 << 11;
 const ENDLESS: f64 = (1_u32 << 21) as f64;
 
-/// Record of the recent switches.
+/// Record of the recent switches of a run, clear ones and those within noise.
 #[derive(Clone, Debug)]
 pub(super) struct Recurrence {
     /// Whether each variable has been clearly off its last switch since that switch.
     is_clear: Vec<bool>,
-    /// Number of successive clear switches.
+    /// Number of successive clear switches (those not within noise).
     clear: u32,
     /// Number of switches within noise, and the variable of the last one.
     within: u32,
     variable: usize,
     /// Time and number of accepted steps at the first of the switches that are recorded.
     since: (f64, u64),
-    /// Number of steps on one face until location resumes: at the next suspension, and in the present one (zero if
-    /// none).
+    /// Number of steps on one face until the location of switches resumes: at the next suspension, and in the present
+    /// one (zero if there is none).
     pause: u32,
     left: u32,
 }
@@ -54,14 +54,14 @@ impl Recurrence {
         Self { is_clear: vec![true; variables], clear: 0, within: 0, variable: 0, since: (0.0, 0), pause: 1, left: 0 }
     }
 
-    /// Whether location is suspended.
+    /// Whether the location of switches is suspended.
     pub(super) fn is_pausing(&self) -> bool {
         self.left > 0
     }
 
-    /// Records the switches of one instant; returns whether location is suspended from here on. Switches within noise
-    /// that coincide with a clear one belong to it: diodes without voltage or current may change their activity at
-    /// every switch.
+    /// Records the switches at one time; returns whether the location of switches is suspended from that time on.
+    /// Switches within noise that coincide with a clear one belong to it: diodes without voltage or current may
+    /// change their activity at every switch.
     pub(super) fn switched(&mut self, variables: impl Iterator<Item = usize>) -> bool {
         let (mut last, mut is_clear) = (None, false);
         for variable in variables {
@@ -80,8 +80,8 @@ impl Recurrence {
         false
     }
 
-    /// Records a switch within noise, or one behind which nothing has changed; returns whether location is suspended
-    /// from here on.
+    /// Records a switch within noise, or a switch behind which nothing has changed; returns whether the location of
+    /// switches is suspended from this switch on.
     pub(super) fn within_noise(&mut self) -> bool {
         self.clear = 0;
         self.within += 1;
@@ -93,20 +93,20 @@ impl Recurrence {
         begins
     }
 
-    /// Resets the record where the states have come to rest.
+    /// Resets the record of switches when the states have come to rest.
     pub(super) fn passed(&mut self) {
         (self.clear, self.within, self.pause, self.left) = (0, 0, 1, 0);
     }
 
-    /// Records a step that kept its face.
+    /// Records a step that kept its face, which counts towards the end of a suspension of the location of switches.
     pub(super) fn kept_face(&mut self) {
         self.left = self.left.saturating_sub(1);
     }
 }
 
 impl Radau<'_> {
-    /// Marks the variables that were clearly off their last switch in the middle of the last step, whose ends may be
-    /// switches.
+    /// Marks the variables that were clearly off their last switch in the middle of the last step: the ends of the
+    /// step may themselves be switches.
     pub(super) fn clear_switches(&mut self) {
         if self.switching.history.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
             return;
@@ -130,7 +130,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Fails if switches within noise do not end.
+    /// Fails if switches within noise go on at a frequency at which the run would not end.
     ///
     /// # Errors
     /// [`StepError::Unresolved`].

@@ -18,7 +18,7 @@ const RANK: f64 = 1e-10;
 /// A variable of an affine VI over an interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
-    /// Index of the variable in the matrix.
+    /// Index of the variable in the matrix of the affine VI.
     pub at: usize,
     pub z: f64,
     pub g: f64,
@@ -27,7 +27,7 @@ pub(super) struct Member {
     pub rests: Rests,
 }
 
-/// Position of a member: free, or on a bound.
+/// Position of a variable in its interval: free, or on a bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rests {
     Inactive,
@@ -35,17 +35,19 @@ pub(super) enum Rests {
     Upper,
 }
 
-/// End of the path along a null vector, where one member changes its position.
+/// End of the path along a null vector, where one variable changes its position in its interval.
 struct End {
-    /// Distance along the null vector.
+    /// Distance from the solution to the end of the path, in units of the null vector.
     tau: f64,
     member: usize,
     rests: Rests,
-    /// Pivot of the matrix behind the end: the larger, the more regular.
+    /// Pivot of the matrix of the free variables behind the end of the path: the larger, the more regular is that
+    /// matrix.
     pivot: f64,
 }
 
-/// Moves members along null vectors until the matrix of the free members is regular; returns whether anything changed.
+/// Moves variables along null vectors until the matrix of the free variables is regular; returns whether anything
+/// changed.
 pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool {
     let mut changed = false;
     for _ in 0..members.len() {
@@ -88,7 +90,7 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
     changed
 }
 
-/// The left and the right null vector of the matrix of the free members; `None` if it is regular.
+/// Returns the left and the right null vector of the matrix of the free variables; `None` if the matrix is regular.
 fn null_vectors(matrix: &DMatrix<f64>, members: &[Member], inside: &[usize]) -> Option<(Vec<f64>, Vec<f64>)> {
     let count = inside.len();
     let own = DMatrix::from_fn(count, count, |i, j| matrix[(members[inside[i]].at, members[inside[j]].at)]);
@@ -113,7 +115,7 @@ mod tests {
     /// Two diodes in series block 3 V together: the voltage between them is undetermined.
     #[test]
     fn a_shared_voltage_ends_where_one_diode_has_none() {
-        // z = (the current of the first, the voltage of the second), G = (3 - z_2 - .., z_1).
+        // z = (the current of the first diode, the voltage of the second), G = (3 - z_2 - .., z_1).
         let matrix = DMatrix::from_row_slice(2, 2, &[0.0, -1.0, 1.0, 0.0]);
         let mut members = [member(0, 0.0, 2.0, Rests::Lower), member(1, 1.0, 0.0, Rests::Inactive)];
         assert!(regularise(&matrix, &mut members));

@@ -31,57 +31,63 @@ use watched::{Watched, watch};
 /// step: beyond it, events between the stages may be as large as the change.
 const RESOLVED: f64 = 1e-2;
 
-/// Maximum number of parts of one step that are enclosed. Bisection of a part where a monitor starts at zero gains a
-/// binary digit each time, so that monitors are decided down to `2^-50` of their range at both ends of a step.
+/// Maximum number of parts of one step over which monitors are enclosed. Bisection of a part where a monitor starts
+/// at zero gains a binary digit each time, so that monitors are decided down to `2^-50` of their range at both ends
+/// of a step.
 const MOST_PARTS: usize = 200;
-/// Maximum number of parts if hidden constraints alone determine variables: over a part, the residual of hidden
-/// constraints shrinks no faster than the part, and costs more.
+/// Maximum number of parts of one step over which monitors are enclosed if hidden constraints alone determine
+/// variables: over a part, the residual of hidden constraints shrinks no faster than the part, and costs more.
 const MOST_HIDDEN: usize = 24;
-/// Least fraction of a step that screening proves if the step needs equal parts, however many.
+/// Least fraction of a step that is worth a step of its own, if screening proves no more and no hidden constraints
+/// determine variables: one of the maximum number of equal parts.
 const SHORTEST: f64 = 1.0 / MOST_PARTS as f64;
 /// Least fraction of a step that is worth a step of its own, if screening proves no more and hidden constraints
 /// determine variables.
 pub(super) const LEAST: f64 = 0.1;
-/// Fraction of a step that is tried next if the equations of the face vary between the stages by more than these show:
-/// two halvings, since each attempt solves the stages anew.
+/// Fraction of a step that is tried next if the equations of the face vary between the stages by more than their
+/// values at the stages show: two halvings, since each attempt solves the stages anew.
 pub(super) const UNRESOLVED: f64 = 0.25;
 /// Number of halvings towards the beginning of a step, in the search for a point at which a monitor was still positive.
 const RISES: i32 = 6;
-/// Excess up to which a law holds: one decimal digit less than requested.
+/// Residual of a variational inequality, in units of the tolerances, up to which it counts as satisfied: one decimal
+/// digit less than requested.
 pub const ALLOWED: f64 = 10.0;
 
 /// Result of the screening of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
-    /// No monitor changes sign.
+    /// Proven: no monitor changes sign within the step.
     Proven,
-    /// Neither proven nor seen to fail: parts were left undecided, or the problem cannot be enclosed.
+    /// Sign changes are neither excluded nor seen: parts of the step were left undecided, or the problem cannot be
+    /// enclosed.
     Undecided,
-    /// Not proven, though the states determine every monitor: a proof would need too many parts.
+    /// Sign changes are not excluded, though the states determine every monitor: a proof would need too many parts of
+    /// the step.
     Open,
-    /// The law is violated at this time, with this excess.
+    /// The variational inequality is violated at this time, with this excess (its residual in units of the
+    /// tolerances).
     Missed(f64, Excess),
 }
 
-/// Result of the screening between the stages, with positions as fractions of the step.
+/// Result of the screening of monitors between the stages, with positions as fractions of the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
-    /// No monitor changes sign.
+    /// Proven: no monitor changes sign within the step.
     Proven,
-    /// Nothing is proven, and no violation was seen at the points examined.
+    /// Nothing is proven, and no violation of a monitor was seen at the points examined.
     Undecided,
-    /// Undecided although the states determine every monitor: smaller parts would decide it.
+    /// Undecided although the states determine every monitor: smaller parts of the step would decide it.
     Open,
-    /// Undecided, and the equations of the face vary between the stages by more than these show.
+    /// Undecided, and the equations of the face vary between the stages by more than their values at the stages show.
     Unresolved,
-    /// No monitor changes sign up to this point; the rest was not examined.
+    /// No monitor changes sign up to this point; the rest of the step was not examined.
     ProvenUpTo(f64),
     /// A monitor is violated at `theta`; no monitor changes sign up to `proven`.
     Violated { theta: f64, proven: f64 },
 }
 
 impl Between {
-    /// The point at which a monitor is violated, and the point up to which none is.
+    /// Returns the point at which a monitor is violated, and the point up to which no monitor changes sign.
     pub(super) fn violation(self) -> Option<(f64, f64)> {
         match self {
             Self::Violated { theta, proven } => Some((theta, proven)),
@@ -89,7 +95,8 @@ impl Between {
         }
     }
 
-    /// The part of the step to make first if an event was seen in the step, or may be in the rest of it.
+    /// Returns the part of the step to make first if an event was seen in the step, or is possible in the rest of the
+    /// step.
     pub(super) fn part_before(self) -> Option<f64> {
         match self {
             Self::ProvenUpTo(theta) => Some(theta),
@@ -100,12 +107,12 @@ impl Between {
     }
 }
 
-/// Along what rows are followed within a step.
+/// Path along which rows of the problem are evaluated within a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Along {
-    /// Time, at the states at the beginning of the step.
+    /// Time varies, and the states are those at the beginning of the step.
     Time,
-    /// The polynomials of the unknowns.
+    /// Time varies, and the unknowns follow their polynomials.
     Polynomial,
 }
 
@@ -115,9 +122,9 @@ pub(super) struct Screening {
     watched: Vec<Watched>,
     limits: Limits,
     enclosure: Enclosure,
-    /// Parts still to be examined, as a stack: the earliest is last.
+    /// Parts of the step still to be examined, as a stack: the earliest is last.
     left: Vec<Part>,
-    /// Unused parts whose memory is reused.
+    /// Unused parts, kept so that their memory is reused.
     spare: Vec<Part>,
 }
 
@@ -154,7 +161,7 @@ impl Radau<'_> {
         let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
-        // Result for the monitors that hidden constraints enter, once these monitors are given up.
+        // Result for the monitors that depend on hidden constraints, once their proof is given up.
         let mut given_up = None;
         while (has_blocks || !watched.is_empty())
             && let Some(mut part) = left.pop()
@@ -181,9 +188,10 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
-                    // The other monitors are still to be proven.
+                    // Give up the monitors that depend on hidden constraints; the other monitors are still to be
+                    // proven.
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
-                        // Constraints hold at the stages, whatever happens in between.
+                        // Hidden constraints hold at the stages, whatever the unknowns do between them.
                         if self.is_unresolved(h, Along::Polynomial) {
                             return Between::Unresolved;
                         }
@@ -217,10 +225,10 @@ impl Radau<'_> {
         (0..self.system.set.blocks().len()).all(|b| !has_curved_monitors(&self.system, b))
     }
 
-    /// Whether rows vary by more than the stages of a step of size `h` show: at the midpoints between the stages they
-    /// deviate from the polynomial through their values there. These rows are all of them at the states at the beginning
-    /// of the step, or the equations of the face that are no polynomials of low degree, along the polynomials of the
-    /// unknowns.
+    /// Whether rows of the problem vary by more than the stages of a step of size `h` show: at the midpoints between
+    /// the stages they deviate from the polynomial through their values at the stages. Along time, these rows are all
+    /// rows at the states at the beginning of the step; along the polynomials of the unknowns, they are the equations
+    /// of the face that are not polynomials of low degree.
     fn is_unresolved(&mut self, h: f64, along: Along) -> bool {
         let n = self.system.states;
         let rows: Vec<usize> = match along {
@@ -245,7 +253,7 @@ impl Radau<'_> {
             self.polynomial_at(theta);
             let y = &self.switching.scratch;
             self.system.evaluate(t + theta * h, y);
-            // Linear terms follow the polynomials, whatever these do.
+            // Linear terms follow the polynomials of the unknowns exactly, and are subtracted.
             let linear = |row: usize| self.system.slope(row - n, |j| y[j] - begin[j]);
             rows.iter().map(|&row| self.system.values[row] - linear(row)).collect()
         };
@@ -262,7 +270,7 @@ impl Radau<'_> {
                 off > RESOLVED * (most - least) && off > f64::EPSILON.sqrt() * most.abs().max(least.abs())
             })
         });
-        // Evidence is not part of the method: do not count its evaluations.
+        // Evaluations for the screening are not counted as work of the method.
         self.system.work.rates = evaluations;
         is_unresolved
     }
@@ -277,7 +285,7 @@ impl Radau<'_> {
     }
 
     /// Whether a monitor that is violated at `theta` of the step of size `h`, whose stages are solved, was positive
-    /// before.
+    /// earlier in the step.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
         let (mut there, mut before) = (Vec::new(), Vec::new());
         self.judged_monitors_at(theta, h, &mut there);
@@ -287,15 +295,15 @@ impl Radau<'_> {
         })
     }
 
-    /// The first midpoint between the stages at which a monitor is violated.
+    /// Returns the first midpoint between the stages at which a monitor is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
         self.tableau().middles().find(|&theta| self.is_violated_at(theta, h))
     }
 
-    /// Result of the screening of the last step; `None` if the step has no bounded variables.
+    /// Returns the result of the screening of the last step; `None` if the step has no bounded variables.
     pub fn screened(&mut self) -> Option<Screened> {
         let found = self.last.screened?;
-        // Where a face ends, its own variables must still satisfy their law.
+        // At the end of a face, its variables must still satisfy the variational inequality.
         let end = self.last.t + self.last.h;
         if self.last.is_smooth
             && !self.continues
@@ -320,8 +328,9 @@ impl Radau<'_> {
         })
     }
 
-    /// The excess of the law at a time within the last step, on the face of the step and with variables consistent with
-    /// the states there, whether or not these lie in `K`.
+    /// Returns the residual of the variational inequality, in units of the tolerances, at a time within the last
+    /// step, on the face of the step and with variables consistent with the states, whether or not these variables
+    /// lie in `K`.
     fn excess_within(&mut self, t: f64) -> Option<Excess> {
         let mut y = vec![0.0; self.system.unknowns];
         self.last.at(self.orders.last().tableau, t, &mut y);

@@ -6,9 +6,9 @@ use vi::SolverKind;
 /// Number of stages per step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StageChoice {
-    /// The same number in every step; odd, unless the step size is fixed.
+    /// The same number of stages in every step; odd, unless the step size is fixed.
     Fixed(usize),
-    /// 3, 5 or 7, chosen by the convergence of Newton's method.
+    /// 3, 5 or 7 stages, chosen by the convergence of Newton's method.
     Auto,
 }
 
@@ -17,7 +17,7 @@ pub enum StageChoice {
 pub enum Switches {
     /// The step ends at the switch: full order over the whole trajectory.
     Locate,
-    /// The step goes on across the switch, with the VI at every stage.
+    /// The step goes on across the switch, with the variational inequality at every stage.
     StepOver,
 }
 
@@ -26,13 +26,14 @@ pub enum Switches {
 pub struct Settings {
     /// Number of stages per step.
     pub stages: StageChoice,
-    /// Relative tolerance on `x`.
+    /// Relative tolerance on the states `x`.
     pub rtol: f64,
     /// Absolute tolerance of each state, in the unit of the state.
     pub atol: Vec<f64>,
     /// Fixed step size; `None` for adaptive steps.
     pub step: Option<f64>,
-    /// The first step size to try; of fixed steps, the time over which the first face is looked for if they are longer.
+    /// The first step size to try; with a fixed step size, an upper bound on the time over which the first face is
+    /// looked for.
     pub first_step: Option<f64>,
     /// The largest step size.
     pub max_step: f64,
@@ -41,16 +42,16 @@ pub struct Settings {
     /// Whether output between the ends of steps is requested: the step size is then limited so that the polynomial of a
     /// step follows the solution in between.
     pub interpolated: bool,
-    /// What happens at switches.
+    /// Treatment of switches, the changes of the active face of `K`.
     pub switches: Switches,
-    /// The solver of the affine VIs.
+    /// The solver of the affine variational inequalities.
     pub vi_solver: SolverKind,
-    /// Tolerance on the natural-map residual, relative to the terms of `G`.
+    /// Tolerance on the residual of the natural map, relative to the terms of `G`.
     pub vi_tolerance: f64,
 }
 
 impl Settings {
-    /// `atol + rtol |x|` for the states `x` with indices from `first` on.
+    /// Returns the tolerances `atol + rtol |x|` of the states `x` with indices from `first` on.
     pub fn tolerances(&self, first: usize, x: &[f64]) -> Vec<f64> {
         x.iter().zip(&self.atol[first..]).map(|(x, atol)| atol + self.rtol * x.abs()).collect()
     }
@@ -65,9 +66,9 @@ pub enum StepError {
          its domain, or a number too large"
     )]
     NotFinite {
-        /// Kind of the row: `rate`, `inequality` or `bound`, or the derivative of one.
+        /// Kind of the row: `rate`, `inequality` or `bound`, or the derivative of one of these.
         what: &'static str,
-        /// Index of the row.
+        /// Index of the row among those of its kind.
         component: usize,
         /// Time of the failure.
         t: f64,
@@ -77,7 +78,7 @@ pub enum StepError {
     StepTooSmall {
         /// Time of the failure.
         t: f64,
-        /// The step size.
+        /// The step size that became too small.
         h: f64,
         /// Smallest step size allowed; zero if none was given.
         least: f64,
@@ -95,7 +96,7 @@ pub enum StepError {
         /// Index of the kink among those of the problem.
         kink: usize,
     },
-    /// Functions of time jump or bend so often that the end is out of reach.
+    /// Functions of time jump or bend so often that the end of the run is out of reach.
     #[error(
         "up to t = {t:?} functions of time jump or bend every {distance:e}, and a step ends at each: there are too many up to the \
          end; write what is so fast as its mean, or take a shorter time"
@@ -103,7 +104,7 @@ pub enum StepError {
     DenseBreaks {
         /// Time of the failure.
         t: f64,
-        /// Their mean distance.
+        /// Mean time between successive jumps or bends.
         distance: f64,
     },
     /// A variable switches again and again within noise.
@@ -114,7 +115,7 @@ pub enum StepError {
     Unresolved {
         /// Time of the failure.
         t: f64,
-        /// Index of the variable.
+        /// Index of the variable that switches.
         variable: usize,
     },
     /// The lower bound of a variable rises above its upper bound, or the radius of its ball falls below zero.
@@ -129,7 +130,7 @@ pub enum StepError {
         /// Last time at which the set was not empty.
         t: f64,
     },
-    /// Newton's method failed with a fixed step.
+    /// Newton's method on the stages failed with a fixed step size.
     #[error(
         "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; choose a smaller \
          step, or leave `step` out"
@@ -137,21 +138,21 @@ pub enum StepError {
     NewtonFailed {
         /// Time of the failure.
         t: f64,
-        /// The step size.
+        /// The fixed step size.
         h: f64,
     },
     /// The initial states of a problem without bounds violate its constraints, whatever the values of the variables.
     #[error("the start is inconsistent: the constraints require a jump of state {state} (counted from 0) by {jump:e}")]
     InconsistentStart {
-        /// The state that would jump most, in units of its tolerance.
+        /// Index of the state that would jump most, in units of its tolerance.
         state: usize,
-        /// Size of the jump.
+        /// Size of the jump of that state.
         jump: f64,
     },
     /// The problem needs more memory than one run may take.
     #[error("{what} for {unknowns} unknowns do not fit into the memory that one run may take (2 GiB for each)")]
     TooLarge {
-        /// What does not fit.
+        /// The data that do not fit.
         what: &'static str,
         /// Number of coupled unknowns.
         unknowns: usize,
@@ -172,8 +173,8 @@ pub enum StepError {
         /// Time of the failure.
         t: f64,
     },
-    /// An inequality fails whatever the variables are, as posed or linearised: the VI, or that of Newton's method, has
-    /// no solution.
+    /// The inequality of one variable is violated for all values of the variables: the variational inequality, as
+    /// posed or as linearised by Newton's method, has no solution.
     #[error(
         "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from \
          0), {}, is violated for all values of the variables", if *.linear { "as posed" } else { "linearised" }
@@ -181,7 +182,7 @@ pub enum StepError {
     NoSolution {
         /// Time of the failure.
         t: f64,
-        /// Index of the variable.
+        /// Index of the variable whose inequality is violated.
         variable: usize,
         /// Whether the problem is linear, so that the failure is proven.
         linear: bool,

@@ -23,30 +23,31 @@ use nalgebra::{Complex, DMatrix};
 use problem::{ConvexSet, Shape, Workspace};
 use vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 
-/// The coupled stage problem and the solver of its affine problems.
+/// The variational inequality coupled over the stages, and the solver of its affine problems.
 pub struct StageVi {
     solver: Box<dyn ViSolver>,
-    /// `S`, its row blocks scaled.
+    /// Matrix `S` of the affine variational inequality, with its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
-    /// `K` of the bounded variables, and its product over the stages.
+    /// The set `K` of the bounded variables, and its product over the stages.
     factor: ConvexSet,
     set: ConvexSet,
     workspace: Workspace,
-    /// `z - s g` of the bounded variables of all stages, with the scale `s` of their block.
+    /// Argument `z - s g` of the projection for the bounded variables of all stages, with the scale `s` of their
+    /// block.
     moved: Vec<f64>,
-    /// Whether the solution of the last solve is on one face at all stages.
+    /// Whether the solution found last is on one face at all stages.
     pub is_one_face: bool,
-    /// The bounded variables of all stages, stage by stage, now and before the last solve.
+    /// The bounded variables of all stages, stage by stage: present values, and values before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
-    /// `G` of the bounded variables of all stages.
+    /// Values of `G` for the bounded variables of all stages.
     g: Vec<f64>,
     /// The face on which the bounded variables are held fixed and the others are free.
     held: ActiveFace,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
-    /// The largest size of each component of `y` over the step.
+    /// The largest magnitude of each unknown over the step.
     largest: Vec<f64>,
     /// Offset added to `G` of each variable: zero, unless a switch is known to be exactly at `G = 0`.
     pub offset: Vec<f64>,
@@ -55,13 +56,13 @@ pub struct StageVi {
     factors: Factors,
     real: Vec<f64>,
     complex: [Vec<f64>; 2],
-    /// The variable whose inequality alone shows that the last unsolved problem has no solution.
+    /// The variable whose inequality alone proves that the last unsolved problem has no solution.
     pub contradiction: Option<usize>,
-    /// Affine problems solved.
+    /// Number of affine problems solved.
     pub solves: u64,
-    /// Pivots or iterations of the affine problems.
+    /// Number of pivots or iterations of the solver of affine problems.
     pub pivots: u64,
-    /// The unsuccessful attempts at affine problems, each with its number of occurrences.
+    /// The unsuccessful attempts of the solver at affine problems, each with its number of occurrences.
     pub failures: Vec<(Attempt, u64)>,
 }
 
@@ -69,7 +70,7 @@ impl StageVi {
     /// Allocates for the stages of a problem.
     ///
     /// # Errors
-    /// If `S` and the matrices of its solver would not fit into memory.
+    /// If the matrix `S` and the matrices of its solver would not fit into memory.
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Result<Self, StepError> {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
@@ -111,12 +112,12 @@ impl StageVi {
         self.reduce(system, tableau, h)
     }
 
-    /// Name of the solver that solved the last problem.
+    /// Returns the name of the solver that solved the last problem.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
 
-    /// The factors of the last solve, with the bounded variables held fixed.
+    /// Returns the factors of the last solve, with the bounded variables held fixed.
     pub fn factors(&mut self) -> &mut Factors {
         &mut self.factors
     }
@@ -130,7 +131,7 @@ impl StageVi {
     /// success sets the face of `system` to that of the last stage; otherwise leaves it unchanged.
     ///
     /// # Errors
-    /// Why the step should be smaller.
+    /// The cause for which the step should be smaller.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, place and tolerance")]
     pub fn solve(
         &mut self,
@@ -152,8 +153,8 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return Err(RejectionCause::NotFinite);
             }
-            // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add rounding
-            // errors.
+            // Increments at the rounding level of `y` neither shrink nor matter; the variational inequality and the
+            // transforms add rounding errors.
             let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
             let least = control.kappa.max(rounding * stages.size(y0, &control.weight, s));
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
@@ -187,7 +188,7 @@ impl StageVi {
         Err(RejectionCause::Slow)
     }
 
-    /// Sets the face of `system` to that of the last stage, and notes whether all stages share it.
+    /// Sets the face of `system` to that of the last stage, and records whether all stages share it.
     fn set_last_face(&mut self, system: &mut System<'_>, control: &NewtonControl) {
         let stages = self.z.len() / system.bounded.len();
         let mut face = std::mem::take(&mut system.face);
@@ -219,8 +220,8 @@ impl StageVi {
         }
     }
 
-    /// Sets the face of `system` to one that determines the variables, and moves the variables in `stages` to its
-    /// solution. Has no effect unless the last solve was that of a single stage.
+    /// Sets the face of `system` to one whose equations determine the variables, and moves the variables in `stages`
+    /// to the solution on that face. Has no effect unless the last solve was that of a single stage.
     pub fn regularise(&mut self, system: &mut System<'_>, stages: &mut Stages, y0: &[f64]) {
         let n = system.states;
         if self.z.len() != system.bounded.len() {
@@ -253,7 +254,7 @@ impl StageVi {
         }
     }
 
-    /// Noise levels of `z` and of `G` in block `b`, an index over the blocks of all stages.
+    /// Returns the noise levels of `z` and of `G` in block `b`, an index over the blocks of all stages.
     fn noise(&self, system: &System<'_>, control: &NewtonControl, b: usize) -> (f64, f64) {
         let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
         for at in &self.set.blocks()[b].members {
@@ -299,7 +300,8 @@ impl StageVi {
         true
     }
 
-    /// Solves the affine VI at the present stages for the new `z`; the old `z` is in `last_z`.
+    /// Solves the affine variational inequality at the present stages for the bounded variables `z`; their old values
+    /// are in `last_z`.
     fn affine(
         &mut self,
         system: &System<'_>,
@@ -312,7 +314,7 @@ impl StageVi {
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
-        // The increment from the other equations while the bounded variables are held fixed.
+        // Compute the increment of the other unknowns while the bounded variables are held fixed.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
             return Err(RejectionCause::Singular);
         }
@@ -345,9 +347,9 @@ impl StageVi {
         Err(RejectionCause::Unsolved)
     }
 
-    /// Whether the VI holds at every stage to the tolerance, by the last evaluation. The transforms mix the stages, so
-    /// the rounding errors of each stage are those of the largest stage, and the rounding errors of a state at rest are
-    /// those of the variables that hold it.
+    /// Whether the variational inequality holds at every stage to the tolerance, by the last evaluation. The
+    /// transforms mix the stages, so the rounding errors of each stage are those of the largest stage, and the
+    /// rounding errors of a state at rest are those of the variables that hold it at rest.
     fn is_solved(
         &mut self,
         system: &System<'_>,
@@ -382,21 +384,22 @@ impl StageVi {
         intervals
             && (0..self.set.blocks().len()).all(|b| {
                 let (noise_z, noise_g) = self.noise(system, control, b);
-                // With p = P(z - s g), the VI holds exactly for p and g - (z - p)/s; with this s, both changes are
-                // noise if the first is.
+                // With p = P(z - s g), the variational inequality holds exactly for p and g - (z - p)/s; for this
+                // scale s, the changes of z and of g are both noise if that of z is.
                 let scale = noise_z / noise_g;
                 self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
             })
     }
 
-    /// Forms `S` from the derivatives of `system`; returns false if a matrix is singular or the caller asks to stop.
+    /// Forms the matrix `S` from the derivatives of `system`; returns false if a matrix is singular or the caller
+    /// asks to stop.
     fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
         self.factors.compute(system, &self.held, tableau, h);
         system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {
-            // A solve with large factors takes long, and each variable needs one.
+            // Poll the control once for each variable: each needs a solve, which takes long with large factors.
             if system.outside.poll().is_some() {
                 return false;
             }

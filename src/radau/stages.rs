@@ -1,5 +1,6 @@
-//! The stage equations on one face, `diag(M, 0) Z_i = h sum_j a_ij Phi(t_j, y_n + Z_j)`, by simplified Newton on
-//! `W = T^-1 Z`, which decouples them (Hairer and Wanner 1996, IV.8; the tests on the rate are those of RADAU5).
+//! The stage equations on one face, `diag(M, 0) Z_i = h sum_j a_ij Phi(t_j, y_n + Z_j)`, by simplified Newton
+//! iterations on `W = T^-1 Z`, which decouples the equations (Hairer and Wanner 1996, IV.8; the tests on the rate are
+//! those of RADAU5).
 
 use super::face::{Activity, Monitor, monitors};
 use super::factors::Factors;
@@ -14,51 +15,52 @@ use problem::Face;
 /// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
 #[derive(Clone, Debug)]
 pub struct Stages {
-    /// `n + m`
+    /// Number of unknowns per stage: `n` states and `m` variables.
     pub unknowns: usize,
-    /// `Z_i = y_i - y_n`
+    /// The stage increments `Z_i = y_i - y_n`.
     pub z: Vec<f64>,
-    /// `W = T^-1 Z`
+    /// The transformed stage increments `W = T^-1 Z`.
     pub w: Vec<f64>,
-    /// `Phi` at the stages as of the last evaluation.
+    /// Values of `Phi`, the rows of the system on the face, at the stages as of the last evaluation.
     pub phi: Vec<f64>,
     right: Vec<f64>,
-    /// `diag(M, 0) W`
+    /// The product `diag(M, 0) W` of the mass matrix and the transformed increments.
     mw: Vec<f64>,
     y: Vec<f64>,
-    /// The rows at the stages, as last evaluated.
+    /// The rows of the problem at the stages, as last evaluated.
     pub points: Points,
-    /// The monitors of the face at every stage, stage by stage, as of the last convergence.
+    /// The monitors of the face at every stage, stage by stage, as of the last convergence of Newton's method.
     pub monitors: Vec<Monitor>,
     at_stage: Vec<Monitor>,
 }
 
-/// How a Newton iteration ended.
+/// Outcome of Newton's method on the stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Newton {
-    /// The increments are below the tolerance.
+    /// The Newton increments are below the tolerance.
     Converged {
-        /// Number of iterations.
+        /// Number of Newton iterations.
         iterations: usize,
         /// Whether a monitor of the face is violated at a stage, so that the face ends within the step.
         violated: bool,
     },
-    /// Too many iterations would be needed; the step should be multiplied by this factor, below 1.
+    /// Newton's method would need too many iterations; the step size should be multiplied by this factor, below 1.
     Slow(f64),
-    /// The iteration cannot continue.
+    /// Newton's method cannot continue, for this cause.
     Failed(RejectionCause),
 }
 
 /// Observed contraction of Newton's method, carried from one step to the next.
 #[derive(Clone, Copy, Debug)]
 pub struct Contraction {
-    /// The last estimate of the rate.
+    /// The last estimate of the convergence rate.
     pub theta: f64,
-    /// `theta / (1 - theta)` of the last step, for the convergence test after the first iteration.
+    /// The quantity `theta / (1 - theta)` of the last step, for the convergence test after the first iteration.
     pub factor: f64,
 }
 
-/// The rate assumed if one iteration converges, so that none is observed: the rate up to which a Jacobian is kept.
+/// The convergence rate assumed if Newton's method converges in one iteration, so that no rate is observed; also the
+/// rate up to which a Jacobian is kept.
 pub const THETA: f64 = 1e-3;
 
 impl Default for Contraction {
@@ -68,7 +70,7 @@ impl Default for Contraction {
 }
 
 impl Stages {
-    /// Allocates for at most `s` stages of `n + m` unknowns.
+    /// Allocates for at most `s` stages of `unknowns` unknowns.
     pub fn new(s: usize, unknowns: usize) -> Self {
         let zeros = vec![0.0; s * unknowns];
         Self {
@@ -85,7 +87,7 @@ impl Stages {
         }
     }
 
-    /// The value of `y` at stage `i`.
+    /// Returns the unknowns `y` at stage `i`.
     pub fn stage(&mut self, y0: &[f64], i: usize) -> &[f64] {
         let z = &self.z[i * self.unknowns..];
         for ((y, y0), z) in self.y.iter_mut().zip(y0).zip(z) {
@@ -94,7 +96,7 @@ impl Stages {
         &self.y
     }
 
-    /// Evaluates `Phi` at every stage; false if a number is not finite.
+    /// Evaluates `Phi`, the rows of the system on the face, at every stage; returns false if a number is not finite.
     pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
         let n = self.unknowns;
         if system.unknowns == system.states && tableau.stages() > 1 {
@@ -105,12 +107,13 @@ impl Stages {
         stages.fold(true, |finite, (i, phi)| finite & system.take_phi(&self.points, i, phi))
     }
 
-    /// Sets `W = T^-1 Z`.
+    /// Sets the transformed increments `W = T^-1 Z`.
     pub fn transform(&mut self, tableau: &Tableau) {
         combine(tableau.t_inverse.as_slice(), &self.z, &mut self.w, self.unknowns);
     }
 
-    /// Replaces `Z` by the collocation polynomial at `ratio` times the nodes: starting values for another step size.
+    /// Replaces the increments `Z` by the collocation polynomial at `ratio` times the nodes: starting values for
+    /// another step size.
     pub fn resample(&mut self, tableau: &Tableau, ratio: f64) {
         let n = self.unknowns;
         let s = tableau.stages();
@@ -128,7 +131,7 @@ impl Stages {
         self.transform(tableau);
     }
 
-    /// One solve of the transformed equations: given `Phi` at the stages, adds the increment to `W` and `Z` and
+    /// Solves the transformed equations once: given `Phi` at the stages, adds the increment to `W` and `Z` and
     /// returns its weighted norm, or `None` for a singular matrix.
     pub fn increment(
         &mut self,
@@ -176,7 +179,7 @@ impl Stages {
         for (k, pair) in tableau.pairs.iter().enumerate() {
             let (p, q) = (block * n, (block + 1) * n);
             let (alpha, beta) = (pair.re / h, pair.im / h);
-            // Of the complex unknown of the pair, the second block is minus the imaginary part.
+            // The second block of a pair contains minus the imaginary part of the complex unknown of the pair.
             let (re, im) = self.right[p..q + n].split_at_mut(n);
             for ((re, im), (mw_p, mw_q)) in re.iter_mut().zip(&mut *im).zip(mw[p..q].iter().zip(&mw[q..q + n])) {
                 *re = *re - alpha * mw_p - beta * mw_q;
@@ -201,7 +204,8 @@ impl Stages {
         Some(mean_square_root(sum, s * n, terms))
     }
 
-    /// Newton's method on the present face from the current increments `Z`, with `W = T^-1 Z`.
+    /// Solves the stage equations by Newton's method on the present face from the current increments `Z`, with
+    /// `W = T^-1 Z`.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, factors, place and tolerance")]
     pub fn newton(
         &mut self,
@@ -239,8 +243,8 @@ impl Stages {
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
                 if theta < 0.99 {
                     contraction.theta = theta;
-                    // Increments of variables or algebraic states change the states, and these change the former, at
-                    // alternating rates: the next ratio may be the larger one.
+                    // Increments of variables or algebraic states change the states, which in turn change the
+                    // variables, at alternating rates: the next ratio may be the larger one.
                     let next = match (is_ode || system.constant_jacobian(), k) {
                         (true, _) => theta,
                         (false, 2) => ratio.max(factor),
@@ -248,7 +252,8 @@ impl Stages {
                     };
                     factor = next / (1.0 - theta);
                 } else if k == 2 && !is_ode && !rounding() {
-                    // The extrapolated start was better in the states than in the variables: no rate is known yet.
+                    // The extrapolated starting values were better in the states than in the variables: no rate is
+                    // known yet.
                     factor = f64::INFINITY;
                 } else if !rounding() {
                     contraction.theta = theta;
@@ -265,8 +270,8 @@ impl Stages {
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            // The first increment alone shows no rate, and the rate of another step may belong to other derivatives: it
-            // is trusted for half of the digits.
+            // The first increment alone shows no rate, and the rate of another step may belong to other derivatives:
+            // that rate is trusted for half of the digits.
             let is_told = k > 1 || norm * norm <= control.kappa || system.constant_jacobian();
             if factor * norm <= control.kappa && is_told || rounding() {
                 contraction.factor = factor;
@@ -290,7 +295,7 @@ impl Stages {
         Newton::Slow(0.5)
     }
 
-    /// The weighted norm of `y` over the stages.
+    /// Returns the weighted norm of the unknowns `y` over the stages.
     pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
         let stages = self.z[..s * n].chunks_exact(n);
@@ -298,7 +303,8 @@ impl Stages {
         mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, || terms)
     }
 
-    /// Evaluates `Phi` at every stage and checks the bounded variables there; `None` if a number is not finite.
+    /// Evaluates `Phi` at every stage and checks the equations and monitors of the bounded variables; returns `None`
+    /// if a number is not finite.
     fn verify(
         &mut self,
         system: &mut System<'_>,
@@ -344,21 +350,21 @@ impl Stages {
 
 /// Result of the check of the bounded variables at the stages.
 struct Verdict {
-    /// Whether the equations of the face hold to the tolerance of the VI.
+    /// Whether the equations of the face hold to the tolerance of the variational inequality.
     satisfied: bool,
-    /// Whether a monitor of the face is violated.
+    /// Whether a monitor of the face is violated at a stage.
     violated: bool,
     /// Whether, on a curved face, values beside the apex satisfy the equations but not the inequality.
     degenerate: bool,
 }
 
-/// Largest admissible natural-map residual of a block, relative to its noise, if the equations of its face hold to
-/// within noise.
+/// Largest admissible residual of the natural map of a block, relative to its noise, if the equations of the face of
+/// the block hold to within noise.
 const MAPPED: f64 = 100.0;
 
 /// Whether a block on a curved face violates its inequality at `y`, the point of the last evaluation of `system`,
-/// though its equations and monitors hold to within noise: they are homogeneous, and beside the apex every direction
-/// satisfies them.
+/// though its equations and monitors hold to within noise: the equations are homogeneous, and beside the apex every
+/// direction satisfies them.
 fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> bool {
     (0..system.face.blocks.len()).any(|b| {
         if !matches!(system.face.blocks[b], Face::Boundary(_)) {
@@ -369,8 +375,8 @@ fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f
     })
 }
 
-/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for every available number of stages; the `s x s` matrix is
-/// stored column by column.
+/// Computes `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for every available number of stages; the `s x s`
+/// matrix is stored column by column.
 pub(super) fn combine(matrix: &[f64], x: &[f64], out: &mut [f64], n: usize) {
     match matrix.len() {
         1 => combine_stages::<1>(matrix, x, out, n),
@@ -385,7 +391,8 @@ pub(super) fn combine(matrix: &[f64], x: &[f64], out: &mut [f64], n: usize) {
     }
 }
 
-/// [`combine`] with the number of stages known to the compiler: small systems spend a quarter of their time here.
+/// Computes [`combine`] with the number of stages known to the compiler: small systems spend a quarter of their time
+/// in this function.
 fn combine_stages<const S: usize>(matrix: &[f64], x: &[f64], out: &mut [f64], n: usize) {
     let columns = matrix.as_chunks::<S>().0.first_chunk::<S>().expect("a square matrix");
     let (x, out) = (&x[..S * n], &mut out[..S * n]);

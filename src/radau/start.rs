@@ -18,12 +18,14 @@ use super::tableau::Tableau;
 
 /// Size of the probe step that selects a face, relative to the steps of the run.
 const PROBE: f64 = 1e-4;
-/// Sizes of longer probe steps, for a sign that the first one leaves undecided.
+/// Sizes of longer probe steps, relative to the steps of the run, for a sign that the first probe step leaves
+/// undecided.
 const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 /// Fraction of its distance from a switch by which an inequality may approach the switch within the probe step: after a
 /// closer approach, a step only twice as long might have passed the switch.
 const HALF_WAY: f64 = 0.5;
-/// Factor by which the probe step is shortened after a closer approach, and the maximum number of reductions.
+/// Factor by which the probe step is shortened after an inequality came too close to its switch, and the maximum
+/// number of such reductions.
 const SHORTER: f64 = 0.1;
 const MOST_SHORTER: usize = 8;
 /// Factor between the probe steps that look for the end of an accumulation of switches, and their maximum number:
@@ -38,8 +40,8 @@ const AT_REST: f64 = 1e-3;
 /// beside `M/h`.
 const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 
-/// Factor by which the check is lengthened: a jump of the states stays the same, while a steep change grows by this
-/// factor.
+/// Factor by which the step that checks the consistency of a start is lengthened: a jump of the states stays the
+/// same, while a steep change grows by this factor.
 const MULTIPLE: f64 = 16.0;
 
 /// The implicit Euler step that selects a face.
@@ -66,24 +68,25 @@ impl Probe {
 pub struct Jump {
     /// Time of the jump.
     pub t: f64,
-    /// Time from which on the states are those behind the jump.
+    /// Time from which on the states are those after the jump.
     pub behind: f64,
-    /// `(x, z)` before the jump.
+    /// The unknowns `(x, z)` before the jump.
     pub before: Vec<f64>,
-    /// `p`, the integrals of the variables over the jump.
+    /// The impulses `p`, the integrals of the variables over the jump.
     pub impulses: Vec<f64>,
 }
 
 impl Jump {
-    /// `(x, z)` with these states, and so many times the impulses as variables.
+    /// Returns the unknowns `(x, z)` with the states `states`, and with `share` times the impulses as variables.
     pub fn unknowns(&self, states: &[f64], share: f64) -> Vec<f64> {
         states.iter().copied().chain(self.impulses.iter().map(|impulse| share * impulse)).collect()
     }
 }
 
 impl Radau<'_> {
-    /// Finds the face and the variables at the start, and checks whether the start is consistent: states that constraints do not
-    /// admit jump at the time `at`, which the breakpoint before the start may have.
+    /// Finds the face and the variables at the start, and checks whether the start is consistent. States that
+    /// constraints do not admit jump; `at` is the time recorded for the jump, that of the breakpoint if the run
+    /// restarts behind one.
     pub(super) fn start(&mut self, at: f64) -> Result<(), StepError> {
         let n = self.system.states;
         if self.system.is_explicit_ode() {
@@ -129,8 +132,8 @@ impl Radau<'_> {
         if self.choose_face(h) { Ok(()) } else { Err(self.no_start()) }
     }
 
-    /// Whether a change of a state over the step `instant` grows with that step: the change is then steep, but not a
-    /// jump.
+    /// Whether a change of a state over a step of size `instant` grows with the step size: such a change is steep,
+    /// but not a jump.
     fn is_steep(&mut self, state: usize, change: f64, instant: f64) -> bool {
         self.probe(MULTIPLE * instant, false)
             && self.switching.probe.stages.z[state].abs() > MULTIPLE.sqrt() * change.abs()
@@ -195,9 +198,9 @@ impl Radau<'_> {
         }
     }
 
-    /// Whether the last probe step was too long to show the face at `t`: over it, an inequality that was off its
-    /// switch, and contains no variables, came half way to the switch. Where switches accumulate, the time between them
-    /// is shorter than any fraction of the steps of the run.
+    /// Whether the last probe step was too long to determine the face at `t`: over that step, an inequality that was
+    /// off its switch, and contains no variables, came half way to the switch. If switches accumulate, the time
+    /// between them is shorter than any fraction of the steps of the run.
     fn was_too_long(&mut self) -> bool {
         // A fixed step size resolves no shorter times.
         if self.settings.step.is_some() {
@@ -249,9 +252,9 @@ impl Radau<'_> {
         false
     }
 
-    /// Brings the states onto the equations of the face if they miss them by noise. Otherwise the first step would do
-    /// so, by forces that grow as the step shrinks and look like a switch, and by a change that its error test detects
-    /// in states whose tolerance is finer than the noise of others.
+    /// Brings the states onto the equations of the face if they miss them by noise. Otherwise the first step would
+    /// correct the states, by forces that grow as the step shrinks and look like a switch, and by a change that the
+    /// error test detects in states whose tolerance is finer than the noise of others.
     fn remove_noise(&mut self) {
         let n = self.system.states;
         let Self { system, switching, control, y, clock, .. } = self;

@@ -35,20 +35,20 @@ use problem::{Control, Dvi};
 /// Counts of the steps of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Accepted steps.
+    /// Number of accepted steps.
     pub accepted: u64,
-    /// Rejected steps, in the order of [`RejectionCause::ALL`].
+    /// Numbers of rejected steps by cause, in the order of [`RejectionCause::ALL`].
     rejected: [u64; RejectionCause::ALL.len()],
 }
 
 impl Counts {
-    /// Steps rejected for this cause.
+    /// Returns the number of steps rejected for `cause`.
     pub fn rejected(&self, cause: RejectionCause) -> u64 {
         self.rejected[cause as usize]
     }
 }
 
-/// Radau IIA on one problem.
+/// A run of Radau IIA on one problem.
 pub struct Radau<'p> {
     pub(super) system: System<'p>,
     pub(super) settings: Settings,
@@ -76,16 +76,16 @@ pub struct Radau<'p> {
     pub(super) unseen: Unseen,
     pub(super) progress: Progress,
     estimates: Estimates,
-    /// Counters.
+    /// Numbers of accepted and rejected steps.
     pub counts: Counts,
 }
 
 /// Largest step size and largest magnitudes of the unknowns in a run so far.
 #[derive(Clone)]
 pub(super) struct Extent {
-    /// The size of the longest step.
+    /// The size of the longest step so far.
     pub longest: f64,
-    /// The largest size of each unknown.
+    /// The largest magnitude of each unknown so far.
     pub largest: Vec<f64>,
 }
 
@@ -98,11 +98,11 @@ impl Extent {
 /// Status of the current derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freshness {
-    /// Not evaluated, or not worth keeping.
+    /// Derivatives that are not evaluated, or not worth keeping.
     Stale,
-    /// From an earlier step, and still good enough.
+    /// Derivatives from an earlier step that are still good enough.
     Kept,
-    /// From the present step.
+    /// Derivatives evaluated in the present step.
     Fresh,
 }
 
@@ -140,7 +140,8 @@ impl<'p> Radau<'p> {
         if !system.bounded.is_empty() {
             let mut vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
             let is_all = system.bounded.len() == unknowns - system.states;
-            // A factorisation at the start decides: a multiplier of bounded variables occurs in no equation of its own.
+            // A factorisation at the start decides whether unbounded variables can be eliminated: a multiplier of
+            // bounded variables occurs in no equation of its own.
             if !is_all && system.differentiate(t, &y) && !vi.eliminates(&mut system, orders.current().tableau, end - t)
             {
                 system.keep_free(t)?;
@@ -211,7 +212,7 @@ impl<'p> Radau<'p> {
         }
         self.orders.accept();
         self.extent.longest = self.extent.longest.max(h);
-        // A variable may be large between two switches at which it is zero.
+        // Record magnitudes at all stages: a variable may be large between two switches at which it is zero.
         for i in 0..s {
             self.extent.watch(self.stages.stage(&self.y, i));
         }
@@ -231,7 +232,8 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Changes the number of stages from the next step on, if it may vary, after a step with this contraction.
+    /// Changes the number of stages from the next step on, if it may vary, by the contraction of Newton's method in
+    /// the last step.
     fn change_order(&mut self, contraction: Contraction) {
         if self.orders.are_several() {
             let wish = self.controller.order_change(contraction);
@@ -248,7 +250,7 @@ impl<'p> Radau<'p> {
         self.controller.order_changed();
     }
 
-    /// Reduces the next attempt below `h`; fails if the step size is fixed or would become too small.
+    /// Reduces the size of the next attempt below `h`; fails if the step size is fixed or would become too small.
     fn shrink(
         &mut self,
         h: f64,

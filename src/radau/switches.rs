@@ -36,21 +36,21 @@ const ACCUMULATION: u32 = 8;
 pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
-    /// The face before the present step.
+    /// The active face before the present step.
     pub(super) before: ActiveFace,
     pub(super) history: History,
     pub(super) scratch: Vec<f64>,
     pub(super) inside: FreeVariables,
     pub(super) constraints: Constraints,
     pub(super) monitors: Vec<Monitor>,
-    /// Workspace for the monitors between the stages.
+    /// Workspace for the monitors evaluated between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
     /// Switches not yet taken by the caller.
     pub(super) switches: Vec<Switch>,
 }
 
-/// The succession of switches, by which accumulations are recognised.
+/// Record of the switches of a run, by which accumulations are recognised.
 #[derive(Clone)]
 pub(super) struct History {
     /// The time of the last switch, the time between it and the switch before, and the number of successive decreases
@@ -59,7 +59,7 @@ pub(super) struct History {
     gap: f64,
     shrinking: u32,
     pub recurrence: Recurrence,
-    /// Number of accumulations so far.
+    /// Number of accumulations of switches so far.
     accumulations: u32,
 }
 
@@ -74,7 +74,7 @@ impl History {
         }
     }
 
-    /// Records a switch of these variables at time `t`.
+    /// Records a switch of the variables `variables` at time `t`.
     fn switched(&mut self, t: f64, variables: impl Iterator<Item = usize>) {
         if self.recurrence.switched(variables) {
             self.accumulations += 1;
@@ -114,8 +114,8 @@ impl Switching {
         self.before.clone_from(face);
     }
 
-    /// Records the variables whose activity differs from the remembered face, and those in `turned`, which are on the
-    /// opposite side of the boundary of their block; returns whether there are any.
+    /// Records the variables whose activity differs from that on the remembered face, and those in `turned`, which
+    /// are on the opposite side of the boundary of their block; returns whether there are any.
     pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = Vec::new();
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
@@ -131,7 +131,7 @@ impl Switching {
         !changed.is_empty()
     }
 
-    /// Whether switches are to be located.
+    /// Whether the settings ask to locate switches.
     pub(super) fn is_to_locate(&self) -> bool {
         self.locate
     }
@@ -148,17 +148,17 @@ impl Switching {
 }
 
 impl Radau<'_> {
-    /// The switches since the last call.
+    /// Takes the switches since the last call.
     pub fn take_switches(&mut self) -> std::vec::Drain<'_, Switch> {
         self.switching.switches.drain(..)
     }
 
-    /// How often switches accumulated and location was suspended.
+    /// Returns how often switches accumulated, so that their location was suspended.
     pub fn accumulations(&self) -> u32 {
         self.switching.history.accumulations
     }
 
-    /// Determines the face at the end of a step that was accepted.
+    /// Determines the face at the end of an accepted step.
     pub(super) fn update_face(&mut self, coupled: bool, ends_at_switch: bool) {
         if self.system.bounded.is_empty() {
             return;
@@ -205,7 +205,7 @@ impl Radau<'_> {
 
     /// Restores `before`, the variables of the step that ended at a switch, if they satisfy the inequality and the
     /// variables after the switch do not: at the apex of a cone, or where a bound is reached, the face alone need not
-    /// determine them.
+    /// determine the variables.
     fn keep_better(&mut self, before: &[f64]) {
         let n = self.system.states;
         let after = self.y[n..].to_vec();
@@ -217,8 +217,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Residual of the natural map at `(t, y)`: `max |z - P_K(z - G)|` over the variables whose `G` depends on
-    /// variables. The residuals of the others give no information on `z`.
+    /// Returns the residual of the natural map at `(t, y)`: `max |z - P_K(z - G)|` over the variables whose `G`
+    /// depends on variables. The residuals of the others give no information on `z`.
     fn natural_map(&mut self) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {
@@ -235,8 +235,8 @@ impl Radau<'_> {
     }
 }
 
-/// The members of blocks that stay on their boundary between two values of the variables, but on its opposite side:
-/// friction at a reversal of the motion.
+/// Returns the members of blocks that stay on their boundary between two values of the variables, but on its opposite
+/// side: friction at a reversal of the motion.
 pub(super) fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
     let faces = from.blocks.iter().zip(&system.face.blocks);
     let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {

@@ -4,8 +4,8 @@
 //! diag(M, 0) y' = Phi(t, y),    Phi = (F, G_i or l_i - z_i or u_i - z_i),    y = (x, z)
 //! ```
 //!
-//! The rows of a block are its [`FaceEquations`]. The rows at one point are here; their derivatives are in
-//! [`derivatives`].
+//! The rows of a block of `K` are its [`FaceEquations`]. This module evaluates the rows at one point, and
+//! [`derivatives`] has their derivatives.
 
 mod derivatives;
 
@@ -21,23 +21,23 @@ use std::sync::Arc;
 /// A problem on a face, with the values of one evaluation and of one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
-    /// Sizes, mass and sparsity; `K` with its moving bounds is [`System::set`].
+    /// Sizes, mass matrix and sparsity; the set `K` with its moving bounds is [`System::set`].
     structure: Structure,
     /// The caller's control, which may ask to stop.
     pub outside: &'p Control,
-    /// `n`
+    /// Number of states `n`.
     pub states: usize,
-    /// `n + m`
+    /// Number of unknowns: `n` states and `m` variables.
     pub unknowns: usize,
-    /// The diagonal of `M`.
+    /// The diagonal of the mass matrix `M`.
     pub mass_diagonal: Vec<f64>,
     /// Storage layout of the matrices of the stage equations.
     pub layout: Arc<Layout>,
-    /// `K`, with its moving bounds as of the last evaluation.
+    /// The set `K`, with its moving bounds as of the last evaluation.
     pub set: ConvexSet,
     workspace: Workspace,
-    /// The variables that variational inequalities are solved for: those with a bound, and unbounded ones that only
-    /// these determine. The other variables are algebraic states.
+    /// The variables that variational inequalities are solved for: those with a bound and, if the unbounded variables
+    /// cannot be eliminated while the bounded ones are fixed, all others. Variables not listed are algebraic states.
     pub bounded: Vec<usize>,
     /// The members of `bounded` that belong to no block.
     pub intervals: Vec<usize>,
@@ -45,43 +45,44 @@ pub struct System<'p> {
     pub tolerances: Vec<f64>,
     /// Whether the rows have kinks in `y`: derivatives may then change abruptly within a step.
     pub has_kinks: bool,
-    /// Whether rows pass knots for some values of the unknowns.
+    /// Whether rows of the problem may have knots, values of the unknowns at which a derivative jumps.
     pub has_knots: bool,
-    /// See [`Dvi::pace`].
+    /// Largest angular frequency of the explicit time dependence of the rows; see [`Dvi::pace`].
     pub pace: f64,
     /// Rows of `F` and `G` that may vary within a step in ways that its stages do not show.
     pub features: Vec<usize>,
-    /// The active face.
+    /// The active face of `K`.
     pub face: ActiveFace,
     /// Equations of the face of each block, as of their last evaluation.
     pub equations: Vec<FaceEquations>,
     /// Equations of the face of each block at the point of linearisation.
     pub(super) linearised: Vec<FaceEquations>,
-    /// `z` and `G` of the members of one block.
+    /// Values of `z` and `G` for the members of one block.
     pub(super) members: (Vec<f64>, Vec<f64>),
-    /// Rows `F`, `G`, moving bounds as of the last evaluation.
+    /// Values of the rows (`F`, `G` and the moving bounds) as of the last evaluation.
     pub values: Vec<f64>,
     /// Time of the last evaluation, and whether all rows were finite; the point of the last evaluation is not evaluated
     /// again.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
-    /// Rows at earlier points; `None` without variables, since only their events bring a step back to earlier points.
+    /// Rows evaluated at earlier points; `None` without variables, since only events of variables bring a step back
+    /// to earlier points.
     recent: Option<Recent>,
     /// Index of the first nonzero of each row of the Jacobian.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
     pub derivatives: Vec<f64>,
-    /// Derivatives that stand aside while others take their place.
+    /// The derivatives that [`System::exchange_derivatives`] has set aside.
     exchanged: Vec<f64>,
-    /// Counters.
+    /// Counters of evaluations, factorisations and iterations.
     pub work: Work,
 }
 
 impl<'p> System<'p> {
-    /// Wraps a problem that starts at `t`; every bounded variable starts on a bound.
+    /// Wraps a problem that starts at time `t`; every bounded variable starts on a bound.
     ///
     /// # Errors
-    /// If its matrices would not fit into memory, or `outside` asks to stop.
+    /// If the matrices of the stage equations would not fit into memory, or `outside` asks to stop.
     pub fn new(problem: &'p mut dyn Dvi, t: f64, outside: &'p Control) -> Result<Self, StepError> {
         let structure = problem.structure().clone();
         let (n, unknowns) = (structure.states, structure.unknowns());
@@ -96,7 +97,7 @@ impl<'p> System<'p> {
         }
         let mut set = structure.set.clone();
         for moving in &structure.moving {
-            // A finite stand-in until the first evaluation: the interval has an end there.
+            // Set a moving bound to a finite value until its first evaluation: the interval has an end on that side.
             moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
@@ -152,7 +153,7 @@ impl<'p> System<'p> {
     /// Adds the unbounded variables to `bounded`, if they cannot be eliminated while the bounded ones are held fixed.
     ///
     /// # Errors
-    /// If its matrices would not fit into memory, or the caller asks to stop.
+    /// If the matrices of the stage equations would not fit into memory, or the caller asks to stop.
     pub fn keep_free(&mut self, t: f64) -> Result<(), StepError> {
         self.bounded = (0..self.unknowns - self.states).collect();
         self.intervals = self.bounded.iter().copied().filter(|&k| self.set.block_of(k).is_none()).collect();
@@ -160,17 +161,17 @@ impl<'p> System<'p> {
         Ok(())
     }
 
-    /// The problem itself.
+    /// Returns the problem.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
     }
 
-    /// The slopes of the rows in time as sums of terms, if these are known.
+    /// Returns the partial derivatives of the rows with respect to time as sums of terms, if these sums are known.
     pub fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         self.problem.forcing_slopes()
     }
 
-    /// `M`.
+    /// Returns the mass matrix `M`.
     pub fn mass(&self) -> &Mass {
         &self.structure.mass
     }
@@ -180,7 +181,7 @@ impl<'p> System<'p> {
         self.structure.mass == Mass::Identity && self.unknowns == self.states
     }
 
-    /// Whether one Jacobian is valid for all `(t, y)` on a face.
+    /// Whether one Jacobian is valid for all times and unknowns `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
         self.structure.constant_jacobian && !self.is_curved()
     }
@@ -206,7 +207,7 @@ impl<'p> System<'p> {
         self.face.places[k] == Activity::Inactive && self.set.block_of(k).is_none_or(is_free)
     }
 
-    /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
+    /// Evaluates `F`, `G` and the moving bounds at `(t, y)`; returns false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
         if let Some(finite) = self.is_last(t, y) {
             return finite;
@@ -223,7 +224,7 @@ impl<'p> System<'p> {
         self.set_last(t, y)
     }
 
-    /// Whether the rows of the last evaluation are finite; `None` unless it was at `(t, y)`.
+    /// Whether all rows of the last evaluation are finite; `None` if that evaluation was not at `(t, y)`.
     #[inline]
     pub(super) fn is_last(&self, t: f64, y: &[f64]) -> Option<bool> {
         let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
@@ -237,7 +238,8 @@ impl<'p> System<'p> {
         found.inspect(|found| values.copy_from_slice(found)).is_some()
     }
 
-    /// Counts one evaluation at `(t, y)` and stores its rows, those in `self.values`, for later.
+    /// Counts one evaluation at `(t, y)` and stores its rows, which are in `self.values`, for later evaluations at
+    /// that point.
     pub(super) fn record(&mut self, t: f64, y: &[f64]) {
         self.work.rates += 1;
         if let Some(recent) = &mut self.recent {
@@ -264,14 +266,15 @@ impl<'p> System<'p> {
         self.last = None;
     }
 
-    /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
+    /// Evaluates `Phi`, the rows of the system on the present face, at `(t, y)` into `phi`; returns false if a number
+    /// is not finite.
     pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
         let finite = self.evaluate(t, y);
         self.on_face(finite, y, phi)
     }
 
-    /// Evaluates `Phi` at `y`, the point of the last evaluation, into `phi`; returns whether the rows (`finite`) and
-    /// `phi` are finite.
+    /// Evaluates `Phi`, the rows of the system on the present face, at `y`, the point of the last evaluation, into
+    /// `phi`; returns whether the rows of the problem (`finite`) and `phi` are finite.
     pub(super) fn on_face(&mut self, finite: bool, y: &[f64], phi: &mut [f64]) -> bool {
         phi.copy_from_slice(&self.values[..self.unknowns]);
         for &k in &self.intervals {
@@ -311,7 +314,7 @@ impl<'p> System<'p> {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
 
-    /// `out = diag(M, 0) y`
+    /// Writes `diag(M, 0) y`, the product of the mass matrix and the states, to `out`.
     pub fn multiply_by_mass(&self, y: &[f64], out: &mut [f64]) {
         let n = self.states;
         match &self.structure.mass {
@@ -328,13 +331,14 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Residual of the natural map of block `b` at the variables `z` as of the last evaluation, with `G` multiplied by
-    /// `scale`.
+    /// Returns the residual of the natural map of block `b` at the variables `z`, with `G` of the last evaluation
+    /// multiplied by `scale`.
     pub fn defect_of_block(&mut self, b: usize, z: &[f64], scale: f64) -> f64 {
         self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
     }
 
-    /// Range of one end of the interval of variable `k`, given the ranges `values` of the rows of the problem.
+    /// Returns the range of one end of the interval of variable `k`, given the ranges `values` of the rows of the
+    /// problem.
     pub fn bound(&self, k: usize, side: Side, values: &[Interval]) -> Interval {
         let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);
         match moving.find(|(moving, _)| moving.variable == k && moving.side == side) {
@@ -344,8 +348,8 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Range of the radius of block `b`, given the ranges `values` of the rows of the problem; zero unless the block is
-    /// a ball.
+    /// Returns the range of the radius of block `b`, given the ranges `values` of the rows of the problem; zero
+    /// unless the block is a ball.
     pub fn radius(&self, b: usize, values: &[Interval]) -> Interval {
         let block = &self.set.blocks()[b];
         let Shape::Ball { radius } = block.shape else { return Interval::point(0.0) };

@@ -18,24 +18,24 @@ use std::sync::OnceLock;
 pub struct Tableau {
     /// The nodes, increasing; the last is 1.
     pub c: Vec<f64>,
-    /// The matrix of coefficients, `s x s`; its last row is `b`.
+    /// The matrix `A` of coefficients, `s x s`; its last row is `b`.
     pub a: DMatrix<f64>,
-    /// The weights, positive.
+    /// The weights `b`, all positive.
     pub b: Vec<f64>,
-    /// `d_i = b_i / c_i`: `D A + A^T D` is positive definite (Hairer and Wanner 1996, IV.14), so that the inequalities
-    /// at the stages, scaled by `D`, are monotone if the problem is.
+    /// Diagonal `d_i = b_i / c_i` of a matrix `D` for which `D A + A^T D` is positive definite (Hairer and Wanner
+    /// 1996, IV.14), so that the inequalities at the stages, scaled by `D`, are monotone if the problem is.
     pub d: Vec<f64>,
-    /// `A^-1`.
+    /// The inverse `A^-1` of the matrix of coefficients.
     pub a_inverse: DMatrix<f64>,
     /// The real eigenvalue of `A^-1`; `None` if `s` is even.
     pub gamma: Option<f64>,
     /// One of each pair of complex eigenvalues of `A^-1`, `alpha + i beta` with `beta > 0`.
     pub pairs: Vec<Complex<f64>>,
-    /// `T` with `A^-1 = T L T^-1`, where the diagonal of `L` consists of `gamma` and a block
-    /// `[[alpha, beta], [-beta, alpha]]` for each pair. The last row of `T` is one in the column of `gamma` and in the
-    /// first column of each pair, and zero elsewhere.
+    /// Transformation `T` with `A^-1 = T L T^-1`, where the diagonal of `L` consists of `gamma` and a block
+    /// `[[alpha, beta], [-beta, alpha]]` for each pair. The last row of `T` is one in the column of `gamma` and in
+    /// the first column of each pair, and zero elsewhere.
     pub t: DMatrix<f64>,
-    /// `T^-1`.
+    /// The inverse `T^-1` of the transformation that block-diagonalises `A^-1`.
     pub t_inverse: DMatrix<f64>,
     /// Largest row sum of `|T| |T^-1|`: the growth of rounding errors in the transform from `Z` to `W` and back.
     pub mixing: f64,
@@ -54,13 +54,13 @@ pub struct Tableau {
     barycentric: Vec<f64>,
 }
 
-/// Maximum number of stages.
+/// Maximum number of stages of a tableau.
 pub const MOST_STAGES: usize = 9;
 
 static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
 
 impl Tableau {
-    /// The coefficients for `s` stages, where `s` is clamped to 1 to 9; computed on first use.
+    /// Returns the coefficients for `s` stages, where `s` is clamped to 1 to 9; they are computed on first use.
     pub fn of(s: usize) -> &'static Self {
         let s = s.clamp(1, MOST_STAGES);
         TABLEAUX[s - 1].get_or_init(|| Self::new(s))
@@ -130,26 +130,27 @@ impl Tableau {
         }
     }
 
-    /// Value at `theta` of the bubble: the polynomial that vanishes at both ends of a step, with slope 1 at its
-    /// beginning and 0 at the nodes.
+    /// Returns the value at `theta` of the bubble: the polynomial that vanishes at both ends of a step, with slope 1
+    /// at its beginning and 0 at the nodes.
     pub fn bubble_at(&self, theta: f64) -> f64 {
         self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
-    /// Bernstein coefficients of the bubble, of degree `s + 1` on `[0, 1]`.
+    /// Returns the Bernstein coefficients of the bubble, the polynomial that vanishes at both ends of a step and has
+    /// the slope 0 at the nodes, of degree `s + 1` on `[0, 1]`.
     pub fn bubble_in_bernstein(&self) -> Vec<f64> {
         let powers: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
         in_bernstein(&powers, self.stages() + 1)
     }
 
-    /// Bernstein coefficients of the collocation polynomials of the increments, of degree `s` on `[0, 1]`: one
-    /// polynomial per stage.
+    /// Returns the Bernstein coefficients of the collocation polynomials of the increments, of degree `s` on
+    /// `[0, 1]`: one polynomial per stage.
     pub fn bernstein(&self) -> &[Vec<f64>] {
         self.bernstein.get_or_init(|| {
             let s = self.stages();
             let of_stage = |i: usize| {
                 let others = self.c.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, &c)| c);
-                // theta times the product over the other nodes, by powers of theta.
+                // Power coefficients of theta times the product of (theta - c_j) over the other nodes c_j.
                 let mut powers = vec![0.0, self.barycentric[i + 1]];
                 for c in others {
                     powers.push(0.0);
@@ -163,19 +164,19 @@ impl Tableau {
         })
     }
 
-    /// `s`, the number of stages.
+    /// Returns the number of stages `s`.
     pub fn stages(&self) -> usize {
         self.c.len()
     }
 
-    /// The midpoints between the nodes `0, c_1, .., c_s`.
+    /// Returns the midpoints between the nodes `0, c_1, .., c_s`.
     pub fn middles(&self) -> impl Iterator<Item = f64> {
         let left = std::iter::once(0.0).chain(self.c.iter().copied());
         left.zip(&self.c).map(|(left, right)| 0.5 * (left + right))
     }
 
-    /// The weights of the increments at the stages in the slope of the collocation polynomial at the beginning of a step,
-    /// times the step size.
+    /// Returns the weights of the stage increments in the slope of the collocation polynomial at the beginning of a
+    /// step, times the step size.
     pub fn begin_weights(&self) -> Vec<f64> {
         let at_begin = |j: usize| {
             let others = (0..self.stages()).filter(|i| *i != j);
@@ -184,15 +185,16 @@ impl Tableau {
         (0..self.stages()).map(at_begin).collect()
     }
 
-    /// The weights of the increments at the stages in the slope of the collocation polynomial at the end of a step of size
-    /// `h`.
+    /// Returns the weights of the stage increments in the slope of the collocation polynomial at the end of a step of
+    /// size `h`.
     pub fn end_weights(&self, h: f64) -> Vec<f64> {
         let s = self.stages();
         (0..s).map(|j| self.a_inverse[(s - 1, j)] / h).collect()
     }
 
-    /// The values at `theta` of the Lagrange polynomials of the nodes `0, c_1, .., c_s` except the first polynomial,
-    /// into `values` of length `s`: the collocation polynomial of increments that vanish at `theta = 0`.
+    /// Writes the values at `theta` of the Lagrange polynomials of the nodes `0, c_1, .., c_s`, except the first
+    /// polynomial, to `values`, of length `s`: they give the collocation polynomial of increments that vanish at
+    /// `theta = 0`.
     pub fn increments_at(&self, theta: f64, values: &mut [f64]) {
         let mut at_node = None;
         let mut product = theta;
@@ -210,8 +212,8 @@ impl Tableau {
         }
     }
 
-    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` alone, into `values` of length
-    /// `s`: the polynomial through values at the stages.
+    /// Writes the values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` alone to `values`, of
+    /// length `s`: they give the polynomial through values at the stages.
     pub fn stages_at(&self, theta: f64, values: &mut [f64]) {
         for (i, value) in values.iter_mut().enumerate() {
             let others = self.c.iter().enumerate().filter(|&(j, _)| j != i);
@@ -220,13 +222,13 @@ impl Tableau {
     }
 }
 
-/// Interpolation error at a point: `value` minus the polynomial through `begin` and the values at the stages, with the
-/// `weights` that [`Tableau::increments_at`] writes for that point.
+/// Returns the interpolation error at a point: `value` minus the polynomial through `begin` and the values at the
+/// stages, with the `weights` that [`Tableau::increments_at`] writes for that point.
 pub fn interpolation_error(value: f64, begin: f64, at_stages: impl Iterator<Item = f64>, weights: &[f64]) -> f64 {
     value - begin - at_stages.zip(weights).map(|(stage, weight)| weight * (stage - begin)).sum::<f64>()
 }
 
-/// Converts power coefficients to the Bernstein basis of this degree: `b_k = sum_i C(k,i)/C(n,i) a_i`.
+/// Converts power coefficients to the Bernstein basis of degree `degree`: `b_k = sum_i C(k,i)/C(n,i) a_i`.
 fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
     let of = |k: usize| {
         let mut ratio = 1.0;
@@ -240,8 +242,8 @@ fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
     (0..=degree).map(of).collect()
 }
 
-/// Power coefficients of the integral of `prod_i (1 - theta / c_i)` from zero, without the constant term, which
-/// vanishes.
+/// Returns the power coefficients of the integral of `prod_i (1 - theta / c_i)` from zero, without the constant term,
+/// which vanishes.
 fn bubble(c: &[f64]) -> Vec<f64> {
     let mut product = vec![1.0];
     for node in c {
@@ -253,7 +255,7 @@ fn bubble(c: &[f64]) -> Vec<f64> {
     product.iter().enumerate().map(|(k, coefficient)| coefficient / (k + 1) as f64).collect()
 }
 
-/// The first `s + 1` orthonormal shifted Legendre polynomials at `x` in `[0, 1]`.
+/// Returns the values of the first `s + 1` orthonormal shifted Legendre polynomials at `x` in `[0, 1]`.
 fn legendre(x: f64, s: usize) -> Vec<f64> {
     let u = 2.0 * x - 1.0;
     let mut p = vec![1.0, u];
@@ -268,7 +270,8 @@ fn legendre(x: f64, s: usize) -> Vec<f64> {
     p
 }
 
-/// `P_s - P_{s-1}` in Legendre's own scaling, whose zeros are the nodes, and its derivative with respect to `x`.
+/// Returns the value at `x` of `P_s - P_{s-1}` in Legendre's own scaling, whose zeros are the nodes, and its
+/// derivative with respect to `x`.
 fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
     let u = 2.0 * x - 1.0;
     let (mut p0, mut p1) = (1.0, u);
@@ -282,7 +285,7 @@ fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
     (p1 - p0, 2.0 * (d1 - d0))
 }
 
-/// The nodes: zeros bracketed on a fine cosine grid, then refined by Newton's method.
+/// Computes the nodes: zeros bracketed on a fine cosine grid, then refined by Newton's method.
 fn nodes(s: usize) -> Vec<f64> {
     let cells = 40 * s;
     let grid = |k: usize| 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / cells as f64).cos());
@@ -309,7 +312,7 @@ fn nodes(s: usize) -> Vec<f64> {
     c
 }
 
-/// The entry `(i, j)` of `X`.
+/// Returns the entry `(i, j)` of the tridiagonal matrix `X` of the W-transformation.
 fn tridiagonal(s: usize, i: usize, j: usize) -> f64 {
     let xi = |k: usize| 0.5 / (4.0 * (k * k) as f64 - 1.0).sqrt();
     if i == j {
@@ -325,8 +328,8 @@ fn tridiagonal(s: usize, i: usize, j: usize) -> f64 {
     }
 }
 
-/// The eigenvalues of `X^-1`: the real one, if there is one, and that with positive imaginary part of each complex
-/// pair.
+/// Returns the eigenvalues of `X^-1`: the real one, if there is one, and the one with positive imaginary part of each
+/// complex pair.
 fn eigenvalues(x: &DMatrix<f64>) -> (Option<f64>, Vec<Complex<f64>>) {
     let s = x.nrows();
     let rough = x.complex_eigenvalues();
@@ -334,7 +337,7 @@ fn eigenvalues(x: &DMatrix<f64>) -> (Option<f64>, Vec<Complex<f64>>) {
     let mut pairs = Vec::new();
     for &mu in rough.iter() {
         let mu = refine(s, mu);
-        // X of odd s has just one real eigenvalue, of even s none.
+        // The matrix X has one real eigenvalue if s is odd, and none if s is even.
         if mu.im.abs() < 1e-9 {
             real = Some(1.0 / mu.re);
         } else if mu.im < 0.0 {
@@ -345,7 +348,8 @@ fn eigenvalues(x: &DMatrix<f64>) -> (Option<f64>, Vec<Complex<f64>>) {
     (real, pairs)
 }
 
-/// Newton's method on `det(X - mu I)`, by the three-term recurrence of a tridiagonal determinant.
+/// Refines an eigenvalue `mu` of `X` by Newton's method on `det(X - mu I)`, by the three-term recurrence of a
+/// tridiagonal determinant.
 fn refine(s: usize, mut mu: Complex<f64>) -> Complex<f64> {
     for _ in 0..3 {
         let one = Complex::new(1.0, 0.0);
@@ -363,7 +367,7 @@ fn refine(s: usize, mut mu: Complex<f64>) -> Complex<f64> {
     mu
 }
 
-/// `W v` with `X v = mu v`, scaled so that its last component is one.
+/// Returns `W v` for the eigenvector `v` with `X v = mu v`, scaled so that its last component is one.
 fn eigenvector(w: &DMatrix<f64>, mu: Complex<f64>) -> Vec<Complex<f64>> {
     let s = w.nrows();
     let mut v = vec![Complex::new(1.0, 0.0)];
@@ -398,7 +402,7 @@ mod tests {
         for (i, (computed, exact)) in tableau.estimate.iter().zip(d).enumerate() {
             assert!((computed - exact).abs() < 2e-14, "estimate {i}");
         }
-        // Constants of RADAU5.
+        // The eigenvalues of RADAU5.
         assert!((tableau.gamma.unwrap() - 3.637_834_252_744_496).abs() < 4e-15);
         assert!((tableau.pairs[0].re - 2.681_082_873_627_752).abs() < 4e-15);
         assert!((tableau.pairs[0].im - 3.050_430_199_247_41).abs() < 4e-15);

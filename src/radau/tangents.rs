@@ -40,18 +40,19 @@ use problem::{Dvi, Mass, MovingBound};
 /// accurate as the tolerances.
 const CONTINUOUS: f64 = 1e-9;
 
-/// The most attempts at a step for the sake of the derivatives, each at most half as long as the one before it.
+/// Maximum number of attempts at a step whose derivatives are not accurate enough, each at most half as long as the
+/// one before it.
 const MOST_ATTEMPTS: usize = 40;
 
 /// The directions of differentiation, one per column.
 pub struct Directions {
-    /// The derivatives of the states at the start.
+    /// The derivatives of the states at the start of the run.
     pub initial: DMatrix<f64>,
-    /// Writes the derivatives of `F`, `G` and the moving bounds at `(t, y)`, one row each.
+    /// Writes the derivatives of the rows `F`, `G` and the moving bounds at `(t, y)` with respect to the directions.
     pub rows: RowsBy,
     /// The nonzero derivatives of the mass matrix, as `((row, column), direction, value)`.
     pub mass: Vec<((usize, usize), usize, f64)>,
-    /// The nonzero derivatives of constant bounds.
+    /// The nonzero derivatives of constant bounds, as `(bound, direction, value)`.
     pub bounds: Vec<(MovingBound, usize, f64)>,
     /// The problem shifted forwards and backwards along each direction; `None` if its equations do not depend on the
     /// direction.
@@ -63,22 +64,22 @@ pub type RowsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
 /// A problem with a parameter above and below its value.
 pub struct Shifted {
-    /// Size of the shift.
+    /// Size of the shift of the parameter.
     pub by: f64,
     /// The problems with the parameter above and below its value.
     pub problems: [Box<dyn Dvi>; 2],
 }
 
-/// Why there is no derivative.
+/// Reason why a run has no derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoDerivative {
-    /// States without mass.
+    /// The mass matrix is singular: some states have no mass.
     #[error("the mass matrix is singular: the rates of some states are not determined")]
     SingularMass,
-    /// The states jumped.
+    /// The states jump, since they violate constraints.
     #[error("the states jump, because they violate the constraints")]
     Jump,
-    /// Switches were stepped over.
+    /// A switch was stepped over rather than located.
     #[error("a switch could not be located, and was stepped over")]
     Unlocated,
     /// A block of variables changes its face.
@@ -90,12 +91,12 @@ pub enum NoDerivative {
     /// Several monitors vanish at one time.
     #[error("several switches coincide, and their order depends on the direction")]
     Several,
-    /// A monitor touches zero.
+    /// A monitor touches zero without a change of sign.
     #[error(
         "a switching surface is touched and not crossed (grazing), so that the time of the switch has no derivative"
     )]
     Grazing,
-    /// The equations of a step, or of the variables, are singular.
+    /// The equations for the derivatives of a step, or those of the variables, are singular.
     #[error("the equations for the derivatives are singular")]
     Singular,
 }
@@ -109,7 +110,7 @@ impl From<NoSlope> for NoDerivative {
     }
 }
 
-/// The derivatives along a run.
+/// The derivatives of the states along a run with respect to the directions.
 pub struct Tangents {
     problem: Box<dyn Dvi>,
     directions: Directions,
@@ -117,17 +118,18 @@ pub struct Tangents {
     inverse_mass: LU<f64, Dyn, Dyn>,
     /// Derivatives of the states at the time reached, one direction per column.
     now: DMatrix<f64>,
-    /// The largest absolute value of each so far.
+    /// The largest absolute value of each derivative so far.
     largest: DMatrix<f64>,
     /// Derivatives of the states at the beginning of the last step, and at its stages.
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
-    /// Correction of the slope at the beginning of the last step, times the step size, and the slope at its end.
+    /// Slopes (time derivatives) of the derivatives: the correction at the beginning of the last step, times the step
+    /// size, and the slope at its end.
     slopes: [Option<DMatrix<f64>>; 2],
     /// Whether the directions are a basis of the states and parameters, some of which lead off the constraints of a
-    /// face: monitors of one switch need not agree along these.
+    /// face: along such directions the monitors of one switch need not agree.
     is_basis: bool,
-    /// What the derivatives are made of in the last step, if that is asked for.
+    /// Magnitudes of the terms of the derivatives in the last step, if they are measured.
     terms: Option<Terms>,
     /// Number of central differences, one for each direction, at breakpoints of time and of hidden constraints.
     differences: u64,
@@ -140,15 +142,15 @@ pub struct Tangents {
 struct Terms {
     /// Absolute values of the inverse of the mass matrix.
     inverse_mass: DMatrix<f64>,
-    /// The terms, one direction per column.
+    /// The absolute values of the terms, one direction per column.
     now: DMatrix<f64>,
 }
 
 impl Tangents {
-    /// Begins at the start of a run of a problem.
+    /// Creates the derivatives at the start of a run of a problem.
     ///
     /// # Errors
-    /// A singular mass matrix.
+    /// If the mass matrix is singular.
     pub fn new(problem: Box<dyn Dvi>, directions: Directions) -> Result<Self, NoDerivative> {
         let structure = problem.structure();
         let n = structure.states;
@@ -179,32 +181,33 @@ impl Tangents {
         })
     }
 
-    /// Measures the terms that the derivatives are made of.
+    /// Measures the magnitudes of the terms that add up to the derivatives as well.
     ///
     /// # Errors
-    /// A singular mass matrix.
+    /// If the mass matrix is singular.
     pub fn with_terms(mut self) -> Result<Self, NoDerivative> {
         let inverse_mass = self.inverse_mass.try_inverse().ok_or(NoDerivative::SingularMass)?.abs();
         self.terms = Some(Terms { inverse_mass, now: self.now.abs() });
         Ok(self)
     }
 
-    /// What the derivatives of the next steps depend on.
+    /// Returns a copy of the data on which the derivatives in later steps depend.
     fn point(&self) -> Point {
         Point { now: self.now.clone(), largest: self.largest.clone(), slope: self.slopes[1].clone() }
     }
 
-    /// Returns to a point.
+    /// Restores the data on which the derivatives in later steps depend.
     fn restore(&mut self, Point { now, largest, slope }: &Point) {
         self.now.copy_from(now);
         self.largest.copy_from(largest);
         self.slopes = [None, slope.clone()];
     }
 
-    /// Makes a step of a run in which the derivatives, too, are as accurate as the tolerance asks, unless its size is fixed.
+    /// Makes a step of a run in which the error of the derivatives, too, is within the tolerance, unless the step
+    /// size is fixed.
     ///
     /// # Errors
-    /// If no step is made; or why there is no derivative from the end of this step on.
+    /// If no step is made; the inner result tells why there is no derivative from the end of the step on.
     pub fn advance(&mut self, radau: &mut Radau<'_>) -> Result<Result<(), NoDerivative>, StepError> {
         let (mark, begin) = (radau.mark(), self.point());
         for attempt in 0.. {
@@ -221,7 +224,7 @@ impl Tangents {
         Ok(Ok(()))
     }
 
-    /// Follows the last accepted step of a run.
+    /// Updates the derivatives over the last accepted step of a run.
     fn follow(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         self.error = None;
         if !radau.last.is_smooth {
@@ -271,9 +274,9 @@ impl Tangents {
         }
     }
 
-    /// Sets the slope that the polynomial through the stages of a step lacks at the beginning, times the step size, and
-    /// the slope at the end. The slope at the beginning is that of the rates if there are no variables, and otherwise
-    /// that at the end of the step before.
+    /// Sets the slope that the polynomial through the derivatives at the stages of a step lacks at the beginning,
+    /// times the step size, and the slope at the end. The slope at the beginning is that of the rates if there are no
+    /// variables, and otherwise that at the end of the step before.
     fn find_slopes(&mut self, step: &Step, tableau: &Tableau) {
         let combine = |weight: &dyn Fn(usize) -> f64, stages: &[DMatrix<f64>], first: &DMatrix<f64>| {
             let mut sum = DMatrix::zeros(first.nrows(), first.ncols());
@@ -293,7 +296,8 @@ impl Tangents {
         self.slopes = [lacking, Some(combine(&|j| at_end[j], &self.stages, &self.before))];
     }
 
-    /// The slopes of derivatives `states` at `(t, y)`, if there are no variables.
+    /// Returns the slopes (time derivatives) of the derivatives `states` of the states at `(t, y)`, if there are no
+    /// variables.
     fn slopes_at(&mut self, t: f64, y: &[f64], states: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let (rows, (rates, _)) = (self.rows_at(t, y), self.rates(t, y));
         let mut right = rows.by_y * states + rows.by_directions;
@@ -307,7 +311,7 @@ impl Tangents {
         self.now.ncols()
     }
 
-    /// Continues the derivatives across the end of a step that the next step does not continue.
+    /// Continues the derivatives across a switch or breakpoint at the end of a step.
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         for Saltation { jump, times } in self.saltations(radau)? {
             for (direction, time) in times.iter().enumerate() {
@@ -324,8 +328,8 @@ impl Tangents {
         Ok(())
     }
 
-    /// What changes the derivatives at the end of a step that the next step does not continue: one change for each
-    /// switch of its own; none if the rates do not jump there.
+    /// Returns the changes of the derivatives at a switch or breakpoint at the end of a step: one change for each
+    /// independent switch; none if the rates do not jump.
     fn saltations(&mut self, radau: &mut Radau<'_>) -> Result<Vec<Saltation>, NoDerivative> {
         let (before, after) = (radau.before_switch(), radau.y().to_vec());
         let ends = [radau.last.t + radau.last.h, radau.t()];
@@ -339,7 +343,7 @@ impl Tangents {
         self.switches(radau, ends, Jump { ends: [&before, &after], by: &jump, none: &none })
     }
 
-    /// `M^-1 F` at a point, and the largest term of each row.
+    /// Returns the rates `M^-1 F` at a point, and the largest term of each row.
     fn rates(&mut self, t: f64, y: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let n = self.mass.nrows();
         let mut values = vec![0.0; self.problem.structure().rows()];
@@ -362,23 +366,24 @@ impl Tangents {
     }
 }
 
-/// A point of the derivatives along a run to which they can return.
+/// A point of a run to which its derivatives can return.
 struct Point {
     now: DMatrix<f64>,
     largest: DMatrix<f64>,
-    /// The slope at the end of the last step.
+    /// The slope (time derivative) of the derivatives at the end of the last step.
     slope: Option<DMatrix<f64>>,
 }
 
-/// The change `(x'- - x'+) dtau` of the derivatives where the rates jump at a time that moves.
+/// The change `(x'- - x'+) dtau` of the derivatives at a jump of the rates whose time `tau` depends on the
+/// directions.
 struct Saltation {
-    /// `x'- - x'+`
+    /// The jump `x'- - x'+` of the rates.
     jump: Vec<f64>,
-    /// The derivatives of the time, one per direction.
+    /// The derivatives of the time of the jump, one per direction.
     times: Vec<f64>,
 }
 
-/// The variables whose activity differs between two faces.
+/// Returns the variables whose activity differs between two faces.
 fn changed(from: &[Activity], to: &[Activity]) -> Vec<usize> {
     (0..from.len()).filter(|&k| from[k] != to[k]).collect()
 }

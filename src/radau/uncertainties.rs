@@ -5,25 +5,25 @@ use super::system::System;
 /// Errors of the unknowns within the tolerances, and their effect on the variables and on `G`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Uncertainties {
-    /// Error of each unknown under the tolerances; of a variable, which has no absolute tolerance, relative to its
-    /// largest value.
+    /// Error of each unknown under the tolerances; that of a variable, which has no absolute tolerance, is relative
+    /// to its largest value.
     pub errors: Vec<f64>,
-    /// The largest size of each unknown in the run so far.
+    /// The largest magnitude of each unknown in the run so far.
     pub largest: Vec<f64>,
     /// Change of each variable that affects no state over the longest step so far.
     pub without_effect: Vec<f64>,
-    /// The tolerance of the VI, relative to the magnitude of the terms of `G`.
+    /// The tolerance of the variational inequality, relative to the magnitude of the terms of `G`.
     pub vi_tolerance: f64,
 }
 
 impl Uncertainties {
-    /// Uncertainties of variable `k` and of its `G`, by the derivatives of the last differentiation.
+    /// Returns the uncertainties of variable `k` and of its `G`, by the derivatives of the last differentiation.
     pub fn at_last(&self, system: &System<'_>, k: usize) -> [f64; 2] {
         self.of(system, k, |at| system.derivatives[at].abs())
     }
 
-    /// Uncertainties of variable `k` and of its `G`, where `slope` returns the magnitude of the derivative that is stored
-    /// at a place of the Jacobian.
+    /// Returns the uncertainties of variable `k` and of its `G`, where `slope` returns the magnitude of the
+    /// derivative that is stored at a place of the Jacobian.
     pub fn of(&self, system: &System<'_>, k: usize, slope: impl Fn(usize) -> f64) -> [f64; 2] {
         let own = system.states + k;
         let [terms, by_errors] = system.terms_by(own, &slope, |j| [self.largest[j], self.errors[j]]);

@@ -21,17 +21,17 @@ use super::stepper::Radau;
 use super::tableau::{MOST_STAGES, interpolation_error};
 use numerics::{Interval, is_seen};
 
-/// Largest deviation of a row from the polynomial through its values at the stages, relative to its range there: within
-/// it, the stages show the shape of the row, and the error estimate bounds its error.
+/// Largest deviation of a row from the polynomial through its values at the stages, relative to its range at the
+/// stages: within it, the stages show the shape of the row, and the error estimate bounds its error.
 const SHOWN: f64 = 0.1;
 
-/// Largest phase that may pass within a step whose stages show it: half a turn, over which even three stages
-/// interpolate a sine to within 8 parts in 100, by `0.018 phase^4/4!` with the largest product of the distances to
-/// their nodes and to the beginning.
+/// Largest phase of a time dependence that may pass within a step whose stages show it: half a turn, over which even
+/// three stages interpolate a sine to within 8 parts in 100, by `0.018 phase^4/4!` with the largest product of the
+/// distances to their nodes and to the beginning.
 const SHOWN_PHASE: f64 = std::f64::consts::PI;
 
-/// Maximum number of parts of one step. A part that is still undecided then contributes the whole width of its
-/// enclosure in time, and its observed deviation in space.
+/// Maximum number of parts into which one step is divided in the search for missed variations. A part that is still
+/// undecided then contributes the whole width of its enclosure in time, and its observed deviation in space.
 const MOST_PARTS: usize = 400;
 
 /// Allowance for unsuccessful searches: `FREE` parts, those of two steps, and `SHARE` parts for each evaluation of the
@@ -42,16 +42,16 @@ const MOST_PARTS: usize = 400;
 const FREE: f64 = 2.0 * MOST_PARTS as f64;
 const SHARE: f64 = 0.005;
 
-/// One of the rows that are compared with their polynomials.
+/// A row of the problem that is compared with the polynomial through its values at the stages.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     at: usize,
-    /// The equation of the face in which the row stands, and its factor there.
+    /// The equation of the face in which the row occurs, and the factor of the row in that equation.
     equation: usize,
     factor: f64,
-    /// Admissible error of its mean over the step.
+    /// Admissible error of the mean of the row over the step.
     allowed: f64,
-    /// Whether the row is more than a polynomial of low degree in `y`.
+    /// Whether the row is more than a polynomial of low degree in the unknowns `y`.
     has_feature: bool,
 }
 
@@ -59,9 +59,9 @@ struct Row {
 struct Piece {
     part: Part,
     values: [Vec<f64>; 3],
-    /// Bound on the deviation of the mean of each row from the mean that these values show.
+    /// Bound on the deviation of the mean of each row from the mean that the values at three points show.
     unseen: Vec<f64>,
-    /// The largest of these bounds, relative to the admissible error of the mean over the whole step.
+    /// The largest bound on a deviation, relative to the admissible error of the mean over the whole step.
     size: f64,
 }
 
@@ -72,7 +72,7 @@ impl Piece {
     }
 }
 
-/// Samples of a step.
+/// Samples of the rows of the problem over a step.
 struct StepSamples {
     h: f64,
     /// Least distance of a sample from the ends of the step, where a breakpoint may be, as a fraction of the step.
@@ -82,12 +82,12 @@ struct StepSamples {
     still: Option<Vec<f64>>,
     /// Values of all rows at the beginning of the step, sampled at `end`, and at the stages.
     at_nodes: Vec<Vec<f64>>,
-    /// Admissible deviation of each row: a fraction of its range at the stages.
+    /// Admissible deviation of each row from its polynomial: a fraction of its range at the stages.
     shown: Vec<f64>,
 }
 
 impl StepSamples {
-    /// Writes the unknowns at `u` in `[0, 1]` of a part to `y`.
+    /// Writes the unknowns at the position `u` in `[0, 1]` within a part to `y`.
     fn unknowns_at(&self, part: &Part, u: f64, y: &mut [f64]) {
         match &self.still {
             Some(still) => y.copy_from_slice(still),
@@ -96,7 +96,7 @@ impl StepSamples {
     }
 }
 
-/// Workspace for enclosures, with an account of the parts enclosed.
+/// Workspace of the search for missed variations, with an account of the parts of steps enclosed.
 #[derive(Debug, Default)]
 pub(super) struct Unseen {
     y: Vec<Interval>,
@@ -106,19 +106,20 @@ pub(super) struct Unseen {
     /// The unknowns at both ends and at the midpoint of a part, and the variations of derivatives between these points.
     points: Vec<f64>,
     variations: Vec<(f64, f64)>,
-    /// Largest slope of each unknown over a part.
+    /// Largest slope of each unknown over a part of the step.
     slopes: Vec<f64>,
-    /// Number of parts enclosed in the last step, and in all steps in which nothing was found.
+    /// Number of parts enclosed in the last step, and in all steps in which no missed variation was found.
     looked: f64,
     spent: f64,
-    /// Whether functions of the states were left undecided in the last step.
+    /// Whether the search left functions of the states undecided in the last step.
     is_open: bool,
-    /// Fraction of the last step at which a variation begins that its stages miss; one if no part of it counts by itself.
+    /// Fraction of the last step at which a variation begins that its stages miss; one if no part of the variation
+    /// exceeds its admissible error by itself.
     pub seen: f64,
 }
 
 impl Unseen {
-    /// Charges the search of the last step to the allowance.
+    /// Charges the search for missed variations in the last step to the allowance.
     pub fn charge(&mut self) {
         self.spent += self.looked;
     }
@@ -134,7 +135,8 @@ impl Unseen {
 }
 
 impl Radau<'_> {
-    /// Largest error of a state from what the stages of the step of size `h` miss, in units of its tolerance.
+    /// Returns the largest error of a state from variations that the stages of the step of size `h` miss, in units of
+    /// its tolerance.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
         let missed = self.missed_errors(h).map_or(0.0, |errors| self.in_tolerances(&errors));
         if missed <= 1.0 {
@@ -143,8 +145,8 @@ impl Radau<'_> {
         missed
     }
 
-    /// Errors of the states from the variations of the rows that the stages of the step of size `h` miss; `None` if there
-    /// are none, if the rows neither depend on time nor have features, or if they cannot be enclosed.
+    /// Returns the errors of the states from the variations of the rows that the stages of the step of size `h` miss;
+    /// `None` if there are none, if the rows neither depend on time nor have features, or if they cannot be enclosed.
     pub(super) fn missed_errors(&mut self, h: f64) -> Option<Vec<f64>> {
         let rounding = self.clock.rounding(h);
         self.unseen.is_open = false;
@@ -161,7 +163,7 @@ impl Radau<'_> {
         room.looked = 0.0;
         let means = self.missed_means(h, rounding / h, whole, &mut room);
         self.unseen = room;
-        // Evidence is not part of the method: do not count its evaluations.
+        // Evaluations for the search for missed variations are not counted as work of the method.
         self.system.work.rates = evaluations;
         let means = means.filter(|means| means.iter().any(|mean| *mean != 0.0));
         means.map(|means| self.made_of(h, means))
@@ -172,9 +174,9 @@ impl Radau<'_> {
         !self.unseen.is_open
     }
 
-    /// Whether rates, inequalities or bounds, at the unknowns at the beginning of a step of size `h`, vary with time by
-    /// more than both ends and the midpoint of the step show. A step that is coupled over its stages keeps no face along
-    /// which they could be followed.
+    /// Whether rates, inequalities or bounds, at the unknowns at the beginning of a step of size `h`, vary with time
+    /// by more than their values at both ends and the midpoint of the step show. A step that is coupled over its
+    /// stages keeps no face along which these rows could be followed.
     pub(super) fn varies_unseen(&mut self, h: f64) -> bool {
         if !self.is_fast(h) {
             return false;
@@ -208,18 +210,19 @@ impl Radau<'_> {
             })
     }
 
-    /// Whether more phase passes within a step of size `h` than its stages can show of functions of time alone.
+    /// Whether the phase of functions of time alone advances within a step of size `h` by more than the stages can
+    /// show.
     fn is_fast(&self, h: f64) -> bool {
         self.system.pace * h > SHOWN_PHASE
     }
 
-    /// The largest of the errors of states, in units of their tolerances.
+    /// Returns the largest of the errors of states, in units of their tolerances.
     fn in_tolerances(&self, errors: &[f64]) -> f64 {
         let of_state = |(j, error): (usize, &f64)| error / self.uncertainty(j).max(f64::MIN_POSITIVE);
         errors.iter().enumerate().map(of_state).fold(0.0, f64::max)
     }
 
-    /// Errors of the states, for errors `means` of the means of the rates over a step.
+    /// Returns the errors of the states that errors `means` of the means of the rates over a step cause.
     fn made_of(&mut self, h: f64, mut means: Vec<f64>) -> Vec<f64> {
         match self.tableau().gamma {
             Some(gamma) if self.factors.solve_real(&mut means) => {
@@ -239,12 +242,12 @@ impl Radau<'_> {
         means
     }
 
-    /// The means over the step of the deviations of rows from the polynomial through their values at the stages; `None`
-    /// if no examination is necessary, or the rows cannot be enclosed.
+    /// Returns the means over the step of the deviations of rows from the polynomial through their values at the
+    /// stages; `None` if no examination is necessary, or the rows cannot be enclosed.
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         let effects = self.effects_through_others(h);
         let rows = self.rows_compared(h, &effects);
-        // If the examination of functions of the states is not affordable, only the dependence on time is examined.
+        // If the examination of functions of the states is not affordable, examine only the dependence on time.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
         room.is_open = !is_affordable && !self.system.features.is_empty();
         let unknowns = self.system.unknowns;
@@ -256,7 +259,7 @@ impl Radau<'_> {
         let still = (self.system.features.is_empty() || !is_affordable).then(middle);
         let mut samples = StepSamples { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
         let is_slow = !self.is_fast(h) || self.is_narrow_in_time(&samples, &whole, room)?;
-        // The squared gaps between the stages, for the chords between these.
+        // The sum of the squared gaps between the stages, for the bound on deviations from chords between the stages.
         let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
         let squares: f64 = gaps.zip(&self.tableau().c).map(|(left, right)| (right - left).powi(2)).sum();
         let unseen = self.unseen_in_space(&samples, &whole, squares, room)?;
@@ -275,8 +278,9 @@ impl Radau<'_> {
         self.missed_in_parts(&samples, whole, room)
     }
 
-    /// The largest error of a state, in tolerances, for a unit error of the mean of each equation over a step of size `h`;
-    /// `None` except for equations with features of variables that enter no rate, and act through other variables.
+    /// Returns the largest error of a state, in tolerances, for a unit error of the mean of each equation over a step
+    /// of size `h`; `None` except for equations with features of variables that enter no rate, and act through other
+    /// variables.
     fn effects_through_others(&mut self, h: f64) -> Vec<Option<f64>> {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
         let mut effects = Vec::with_capacity(unknowns - n);
@@ -295,7 +299,7 @@ impl Radau<'_> {
         effects
     }
 
-    /// The rows to be examined, with the admissible errors of their means over a step of size `h`.
+    /// Returns the rows to be examined, with the admissible errors of their means over a step of size `h`.
     fn rows_compared(&self, h: f64, effects: &[Option<f64>]) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
@@ -305,7 +309,7 @@ impl Radau<'_> {
             Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) }
         });
         let uncertainties = self.uncertainties(h);
-        // A variable whose change affects no state within the tolerances is not known better than that.
+        // A variable whose change affects no state within the tolerances is known only to within that change.
         let of_variable = |l: usize, k: usize| {
             let [of_z, of_g] = uncertainties.at_last(&self.system, l);
             let directly = self.system.place_of_own(l).map_or(0.0, |at| self.system.derivatives[at].abs() * of_z);
@@ -336,8 +340,8 @@ impl Radau<'_> {
         self.system.values.clone()
     }
 
-    /// Evaluates the rows at the beginning of the step and at its stages, and their ranges there apart from linear
-    /// terms.
+    /// Evaluates the rows at the beginning of the step and at its stages, and sets the admissible deviations from the
+    /// ranges of the rows at these points, apart from linear terms.
     fn look_at_nodes(&mut self, samples: &mut StepSamples, whole: &Part) {
         let mut y = vec![0.0; self.system.unknowns];
         let (mut lowest, mut highest) =
@@ -355,7 +359,8 @@ impl Radau<'_> {
             }
             samples.at_nodes.push(values);
         }
-        // If more than half a turn passes over every two stages, they show nothing, however small its part in the rows.
+        // If the phase advances by more than half a turn over every two stages, the stages show nothing, however
+        // small the oscillating part of the rows is.
         let part =
             if self.system.pace * samples.h > 0.5 * self.tableau().stages() as f64 * SHOWN_PHASE { 0.0 } else { SHOWN };
         for (shown, (low, high)) in samples.shown.iter_mut().zip(lowest.iter().zip(&highest)) {
@@ -363,7 +368,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Deviations of the rows at `theta` from the polynomial through their values at the nodes.
+    /// Returns the deviations of the rows at `theta` from the polynomial through their values at the nodes.
     fn off_at(&self, theta: f64, samples: &StepSamples, values: &[f64]) -> Vec<f64> {
         let mut weights = [0.0; MOST_STAGES];
         let weights = &mut weights[..self.tableau().stages()];
@@ -374,7 +379,8 @@ impl Radau<'_> {
         samples.rows.iter().map(off).collect()
     }
 
-    /// The means over the step of the deviations of rows from the polynomial through their values at the nodes.
+    /// Returns the means over the step of the deviations of rows from the polynomial through their values at the
+    /// nodes.
     fn missed_in_parts(&mut self, samples: &StepSamples, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         room.seen = 1.0;
         let mut missed = vec![0.0; self.system.unknowns];
@@ -414,7 +420,8 @@ impl Radau<'_> {
             }
             for (i, row) in samples.rows.iter().enumerate() {
                 let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
-                // For functions of the states, the enclosure is mostly too wide: the bound does not count as an error.
+                // For functions of the states, the enclosure is mostly too wide: its bound does not count as an
+                // error.
                 room.is_open |= samples.still.is_none() && is_open(i);
                 let counts = samples.still.is_some() && unseen[i].is_finite() && is_open(i);
                 let open = if counts { unseen[i] } else { 0.0 };

@@ -1,4 +1,4 @@
-//! Digests of stored data (SHA-256, FIPS 180-4), by which corruption is detected.
+//! SHA-256 digests (FIPS 180-4) of stored data, which detect corruption.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest as _, Sha256};
@@ -6,32 +6,32 @@ use specification::hexadecimal;
 use std::fmt;
 use std::io;
 
-/// The size of a digest, in bytes.
+/// The size of a SHA-256 digest, in bytes.
 pub const LENGTH: usize = 32;
 
-/// A SHA-256 digest.
+/// A SHA-256 digest, stored as text of 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Digest([u8; LENGTH]);
 
 impl Digest {
-    /// The digest of `bytes`.
+    /// Returns the SHA-256 digest of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
     }
 
-    /// The digest of parts that follow each other.
+    /// Returns the SHA-256 digest of the concatenation of `parts`.
     pub fn of_all(parts: &[&[u8]]) -> Self {
         let mut hash = Sha256::new();
         parts.iter().for_each(|part| hash.update(part));
         Self(hash.finalize().into())
     }
 
-    /// Its bytes.
+    /// The bytes of the SHA-256 digest.
     pub fn bytes(&self) -> &[u8; LENGTH] {
         &self.0
     }
 
-    /// Returns `bytes` if this is their digest.
+    /// Returns `bytes` if this is their SHA-256 digest.
     ///
     /// # Errors
     /// The digest of `bytes` differs.
@@ -72,23 +72,23 @@ impl<'de> Deserialize<'de> for Digest {
     }
 }
 
-/// The length and the digest of a byte string.
+/// The length and the SHA-256 digest of a byte string.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
-    /// The number of bytes.
+    /// The length of the byte string.
     pub bytes: usize,
-    /// The digest of the bytes.
+    /// The SHA-256 digest of the byte string.
     pub digest: Digest,
 }
 
 impl Fingerprint {
-    /// The fingerprint of `bytes`.
+    /// Returns the length and the SHA-256 digest of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self { bytes: bytes.len(), digest: Digest::of(bytes) }
     }
 }
 
-/// A writer that computes the fingerprint of its input, and refuses more bytes than a limit.
+/// A writer that computes the length and the digest of the bytes written, and refuses more bytes than a limit.
 pub struct Measure {
     limit: usize,
     bytes: usize,
@@ -96,12 +96,12 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// An empty input, with at most `limit` bytes to come.
+    /// Returns a writer without input, which accepts at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         Self { limit, bytes: 0, hash: Sha256::new() }
     }
 
-    /// The fingerprint of the input.
+    /// Returns the length and the digest of the bytes written so far.
     pub fn fingerprint(self) -> Fingerprint {
         Fingerprint { bytes: self.bytes, digest: Digest(self.hash.finalize().into()) }
     }
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_digest_is_written_as_its_digits_and_read_back() {
-        // FIPS 180-4, the digest of "abc".
+        // The SHA-256 digest of "abc" in FIPS 180-4.
         let text = "\"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad\"";
         let digest = Digest::of(b"abc");
         assert_eq!(serde_json::to_string(&digest).unwrap(), text);

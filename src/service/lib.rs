@@ -1,4 +1,4 @@
-//! The solver as a service over HTTP: jobs, the resources by which clients access them, and the server.
+//! The solver as an HTTP service: jobs, the HTTP resources by which clients access them, and the server.
 
 pub mod access;
 mod compiled;
@@ -35,30 +35,30 @@ use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
 use worker::{Checkers, Confinement, Launcher};
 
-/// A service with running workers, which stop when it is dropped.
+/// A service with running worker processes, which stop when the service is dropped.
 pub struct Service {
     shared: Shared,
     workers: Workers,
 }
 
-/// Who solves what is not solved inline.
+/// The processes that solve jobs, except for short solves that the serving process makes itself.
 enum Workers {
-    /// Processes of this one.
+    /// Worker processes that this process starts.
     Near(Pool),
-    /// Other processes, over NATS.
+    /// Workers on other machines, reached over NATS.
     Far {
-        /// The limits of the workers for checks, which are processes of this one.
+        /// The limits in force on the local worker processes that check specifications.
         confinement: Confinement,
         _gateway: Gateway,
     },
 }
 
 impl Service {
-    /// Starts workers by `launcher` on the jobs left in the data folder of `options`. Inline solves call `solver` in
-    /// this process.
+    /// Starts worker processes by `launcher`, which continue the jobs left in the data folder of `options`. Short
+    /// solves call `solver` in this process.
     ///
     /// # Errors
-    /// The folder is in use or cannot be written, the system provides no threads, or workers cannot be started.
+    /// The data folder is in use or cannot be written, the system provides no threads, or workers cannot be started.
     pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         options.check()?;
         let metrics = Arc::new(Metrics::default());
@@ -69,11 +69,12 @@ impl Service {
         Self::assemble(options, jobs, Workers::Near(pool), metrics, launcher)
     }
 
-    /// Starts a gateway, whose jobs are those on the NATS servers of `options`, and are solved by the workers there. Checks
-    /// are made by processes that `launcher` starts. Inline solves call `solver` in this process.
+    /// Starts a gateway: jobs are stored on the NATS servers of `options` and solved by the workers connected to
+    /// those servers. Processes started by `launcher` check specifications, and short solves call `solver` in this
+    /// process.
     ///
     /// # Errors
-    /// The servers do not answer, or refuse; or processes cannot be started.
+    /// The NATS servers do not answer or refuse the connection, or processes cannot be started.
     pub async fn join(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         options.check()?;
         let metrics = Arc::new(Metrics::default());
@@ -118,12 +119,12 @@ impl Service {
         Ok(Self { shared, workers })
     }
 
-    /// The HTTP resources of the service.
+    /// The router of all HTTP resources of the service.
     pub fn router(&self) -> Router {
         http::router(Arc::clone(&self.shared))
     }
 
-    /// The limits in force on the workers.
+    /// The limits in force on the worker processes.
     pub fn confinement(&self) -> &Confinement {
         match &self.workers {
             Workers::Near(pool) => pool.confinement(),
@@ -131,24 +132,24 @@ impl Service {
         }
     }
 
-    /// Includes the number of lost log lines in the metrics.
+    /// Includes the number of log lines that `log` has lost in the metrics.
     pub fn count_lost_lines(&self, log: &Log) {
         self.shared.metrics.count_lost_lines(log);
     }
 
-    /// The jobs of the service.
+    /// The jobs of the service, with their queue and their store.
     pub fn jobs(&self) -> &Jobs {
         &self.shared.jobs
     }
 
-    /// Serves connections until a message on `stop`, then lets jobs end within the grace time; a second message cuts
-    /// the grace time short.
+    /// Serves connections until a message on `stop`, then lets running jobs end within the grace time; a second
+    /// message cuts the grace time short.
     pub async fn serve(&self, listener: TcpListener, stop: Receiver<()>) {
         server::serve(listener, self.router(), Arc::clone(&self.shared), stop).await;
     }
 }
 
-/// `count`, or the largest number of permits of a semaphore.
+/// Returns `count`, limited to the largest number of permits that a semaphore can have.
 fn places(count: NonZeroUsize) -> usize {
     count.get().min(Semaphore::MAX_PERMITS)
 }

@@ -1,8 +1,8 @@
-//! The log of the process, written by a thread of its own. A log call leaves a line in memory and returns: a reader of
-//! the log that has stopped reading blocks nothing. Lines for which there is no room are lost, and counted.
+//! The log of the process, written by a thread of its own. A log call leaves a line in memory and returns, so that a
+//! reader of the log that has stopped reading blocks no other thread. Lines for which there is no room are dropped
+//! and counted.
 //!
-//! The lines that arrive during a write are written together, so that a busy service makes one system call for many
-//! lines.
+//! Lines that arrive during a write are written together: a busy service makes one system call for many lines.
 
 use std::fmt::{self, Write as _};
 use std::io::{self, Write};
@@ -16,27 +16,27 @@ use tracing_subscriber::field::RecordFields;
 use tracing_subscriber::fmt::FormatFields;
 use tracing_subscriber::fmt::format::Writer;
 
-/// The room for waiting lines, in bytes: enough for some thousand requests.
+/// The size limit of log lines that wait to be written, in bytes: enough for some thousand requests.
 const ROOM: usize = 1 << 20;
 
-/// The pause after each write, in which lines gather: to wake the thread for every line costs more than the line. The
-/// delay is too short for a reader to notice.
+/// The pause after each write of the log, in which lines gather: waking the thread for every line costs more than
+/// writing it. The delay is too short for a reader to notice.
 const GATHER: Duration = Duration::from_millis(2);
 
-/// A handle of the log; clones write to the same output.
+/// A handle of the log; all its clones write to one output.
 #[derive(Clone, Debug)]
 pub struct Log(Arc<Shared>);
 
-/// A writer of one line, which must be written by one call.
+/// A writer of one log line, which must be written by one call.
 #[derive(Debug)]
 pub struct Line(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
     waiting: Mutex<Waiting>,
-    /// Wakes the writer thread.
+    /// Wakes the thread that writes the log.
     arrived: Condvar,
-    /// Wakes those who wait until all lines are written.
+    /// Wakes the threads that wait until all log lines are written.
     written: Condvar,
     lost: AtomicU64,
 }
@@ -44,13 +44,13 @@ struct Shared {
 #[derive(Debug, Default)]
 struct Waiting {
     lines: Vec<u8>,
-    /// The thread is writing, or pauses afterwards, and will look for more lines without being woken.
+    /// Whether the log thread is writing, or pausing afterwards, so that it finds new lines without being woken.
     is_writing: bool,
     is_closed: bool,
 }
 
 impl Log {
-    /// Starts the thread that writes to `output`.
+    /// Starts the log thread, which writes to `output`.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -61,17 +61,18 @@ impl Log {
         Ok(Self(shared))
     }
 
-    /// A writer for the next line.
+    /// Returns a writer for the next log line.
     pub fn line(&self) -> Line {
         Line(Arc::clone(&self.0))
     }
 
-    /// The number of lines lost for want of room.
+    /// The number of log lines dropped because the buffer was full.
     pub fn lost(&self) -> u64 {
         self.0.lost.load(Relaxed)
     }
 
-    /// Accepts no more lines, and waits until all are written, at most for `time`; returns false if some are not.
+    /// Closes the log to new lines, and waits until all lines are written, at most for `time`; returns false if some
+    /// are not.
     pub fn close(&self, time: Duration) -> bool {
         let mut waiting = self.0.waiting();
         waiting.is_closed = true;
@@ -104,7 +105,7 @@ impl Write for Line {
 }
 
 impl Shared {
-    /// Writes lines as they come, until the log is closed and empty.
+    /// Writes log lines as they come, until the log is closed and all lines are written.
     fn write_all(&self, mut output: impl Write) {
         let (mut piece, mut told) = (Vec::new(), 0);
         loop {
@@ -121,7 +122,7 @@ impl Shared {
             waiting.is_writing = true;
             swap(&mut piece, &mut waiting.lines);
             drop(waiting);
-            // A closed output does not stop the service.
+            // Errors are ignored: a closed log output does not stop the service.
             let _ = output.write_all(&piece).and_then(|()| output.flush());
             piece.clear();
             thread::sleep(GATHER);
@@ -138,9 +139,9 @@ impl Shared {
     }
 }
 
-/// The fields of a line, as the library writes them for a file: the message as it is, the others as `name=value`, control
-/// characters escaped. The library chooses a style for every name and passes on every character by itself, which takes
-/// several times as long, twice a request.
+/// Formats the fields of a log line as `tracing_subscriber` does without colours: the message as it is, the others as
+/// `name=value`, control characters escaped. The library's own formatter takes several times as long, since it
+/// chooses a style for every name and passes on every character by itself, twice per request.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PlainFields;
 
@@ -152,7 +153,7 @@ impl<'w> FormatFields<'w> for PlainFields {
     }
 }
 
-/// The fields written so far.
+/// A formatter of the fields of one log line, with the result of the writes so far.
 struct PlainLine<'w> {
     writer: Writer<'w>,
     is_begun: bool,
@@ -160,7 +161,7 @@ struct PlainLine<'w> {
 }
 
 impl PlainLine<'_> {
-    /// Writes a field, by its name and by `value`, unless an earlier one has failed.
+    /// Writes a field as its name and `value`, unless an earlier write has failed.
     fn field(&mut self, field: &Field, value: impl FnOnce(&mut Writer<'_>) -> fmt::Result) {
         if self.result.is_ok() {
             self.result = self.write(field, value);
@@ -200,7 +201,7 @@ impl Visit for PlainLine<'_> {
     }
 }
 
-/// A writer of text in which control characters are escaped, so that a text from outside changes nothing on a terminal.
+/// A writer that escapes control characters, so that text from clients cannot change the state of a terminal.
 struct Escaped<'a, 'w>(&'a mut Writer<'w>);
 
 impl fmt::Write for Escaped<'_, '_> {
@@ -216,7 +217,7 @@ impl fmt::Write for Escaped<'_, '_> {
     }
 }
 
-/// Whether a byte is a printable character of ASCII.
+/// Whether a byte is a printable ASCII character.
 fn is_plain(byte: u8) -> bool {
     matches!(byte, b' '..=b'~')
 }
@@ -259,7 +260,8 @@ mod tests {
             assert_eq!(log.line().write(&line).unwrap(), line.len());
         }
         assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
-        // The waiting lines, and at most as much again in the buffer of the thread.
+        // At most the capacity of the buffer of waiting lines, and as much again in the buffer of the log thread, is
+        // kept.
         let kept = 10_000 - log.lost();
         assert!((1000..=2100).contains(&kept), "{kept} lines are kept");
         let start = Instant::now();

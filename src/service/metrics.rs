@@ -1,7 +1,7 @@
-//! Metrics of a service for Prometheus: counts and durations of solves, their endings, and responses.
+//! Metrics of the service for Prometheus: counts and durations of solves, their endings, and responses.
 //!
-//! Durations of solves are measured by the supervisors of the workers. Values that change by themselves, such as the
-//! length of the queue, are read when the metrics are requested.
+//! Durations of solves are measured by the supervisors of the worker processes. Values that change by themselves,
+//! such as the length of the queue, are read when the metrics are requested.
 
 use super::jobs::Jobs;
 use super::log::Log;
@@ -21,10 +21,10 @@ use std::sync::OnceLock;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-/// The name of a label and its value.
+/// The name and the value of a metric's label.
 type Label = (&'static str, Cow<'static, str>);
 
-/// The metrics.
+/// All metrics of the service, and the registry that encodes them.
 #[derive(Debug)]
 pub struct Metrics {
     registry: Registry,
@@ -61,7 +61,8 @@ pub struct Metrics {
     process: Process,
 }
 
-/// Buckets from a tenth of a millisecond to seven minutes, each twice the one before.
+/// Returns a histogram of durations, with buckets from a tenth of a millisecond to seven minutes, each twice the
+/// previous.
 fn durations() -> Histogram {
     Histogram::new(exponential_buckets(1e-4, 2.0, 23))
 }
@@ -202,7 +203,7 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// Counts a solve that returned after `time`.
+    /// Counts a solve that returned after `time`, with its steps and its ending.
     pub fn solved(&self, solved: &Solved, time: Duration) {
         let code = match (&solved.failed, solved.status) {
             (_, Status::Completed) => "completed".into(),
@@ -218,23 +219,23 @@ impl Metrics {
         self.ended(solved.problem.clone(), code, time);
     }
 
-    /// Counts a response with a stored solution.
+    /// Counts a request that was answered with the stored solution of an earlier one.
     pub fn repeated(&self) {
         self.repeated.inc();
     }
 
-    /// Counts a job that has yielded and goes back to the queue.
+    /// Counts a job that has yielded its worker to others and goes back to the queue.
     pub fn yielded(&self) {
         self.yielded.inc();
     }
 
-    /// Counts the end of a solve after `time`, with the code of its ending.
+    /// Counts the end of a solve after `time`, with the code of its ending, by problem type.
     pub fn ended(&self, problem: Cow<'static, str>, code: Cow<'static, str>, time: Duration) {
         self.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
         self.solve_seconds.get_or_create(&[("problem", problem)]).observe(time.as_secs_f64());
     }
 
-    /// Counts and logs an event of a worker.
+    /// Counts and logs an event of a worker process.
     pub fn notice(&self, event: Event<'_>) {
         match event {
             Event::Started(pid, _) => {
@@ -266,35 +267,37 @@ impl Metrics {
         self.lost.get_or_create(&[("reason", reason.into())]).inc();
     }
 
-    /// Counts the waiting time of a job.
+    /// Counts the time that a job waited in the queue before it started.
     pub fn waited(&self, time: Duration) {
         self.wait_seconds.observe(time.as_secs_f64());
     }
 
-    /// Records the numbers of jobs and results that a start found unreadable, damaged or orphaned.
+    /// Records the numbers of jobs and results that were found unreadable, damaged or orphaned when the store was
+    /// opened.
     pub fn found(&self, unreadable: usize, damaged: usize, orphaned: usize) {
         self.damaged.set(i64::try_from(damaged).unwrap_or(i64::MAX));
         self.unreadable.set(i64::try_from(unreadable).unwrap_or(i64::MAX));
         self.orphaned.set(i64::try_from(orphaned).unwrap_or(i64::MAX));
     }
 
-    /// Counts a job found to be damaged.
+    /// Counts a job whose stored bytes were found damaged.
     pub fn found_damaged(&self) {
         self.damaged.inc();
     }
 
-    /// The durations of the writes of the store, for its writer.
+    /// Returns the histogram of the durations of durable writes, for the thread that writes the job store.
     pub fn store_seconds(&self) -> Histogram {
         self.store_seconds.clone()
     }
 
-    /// Sets the log whose lost lines are counted.
+    /// Sets the log whose number of lost lines the metrics report.
     pub fn count_lost_lines(&self, log: &Log) {
-        // Set once: there is one log per process.
+        // `set` fails if the log is set already, which is harmless: there is one log per process.
         let _ = self.log.set(log.clone());
     }
 
-    /// Counts a response to a request of `route`, begun after `time`, and its problem code if it is an error.
+    /// Counts a response to a request of `route`, begun after `time`, and its problem code if it is an error
+    /// response.
     pub fn answered(
         &self,
         method: &Method,
@@ -304,7 +307,7 @@ impl Metrics {
         time: Duration,
     ) {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
-        // Methods invented by clients must not become label values.
+        // Methods invented by clients must not become values of the label `method`.
         let known = [Method::GET, Method::HEAD, Method::POST, Method::DELETE, Method::OPTIONS];
         let method = known.iter().find(|known| *known == method).map_or("other", Method::as_str).to_owned();
         let label = [("method", method.into()), ("route", route.to_owned().into())];
@@ -314,7 +317,7 @@ impl Metrics {
         }
     }
 
-    /// All metrics as `OpenMetrics` text, with the current numbers of open connections and running checks.
+    /// Returns all metrics as `OpenMetrics` text, with the current numbers of open connections and running checks.
     pub fn text(&self, jobs: &Jobs, connections: usize, checks: usize) -> String {
         let (waiting, running) = jobs.load();
         let (kept, kept_bytes) = jobs.kept();
@@ -322,7 +325,7 @@ impl Metrics {
         self.kept_bytes.set(i64::try_from(kept_bytes).unwrap_or(i64::MAX));
         self.busy.set(i64::try_from(running + checks).unwrap_or(i64::MAX));
         self.process.look();
-        // Saturate at `i64::MAX`, which no queue reaches.
+        // Counts saturate at `i64::MAX`, which no queue reaches.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.long.set(i64::try_from(jobs.long()).unwrap_or(i64::MAX));
@@ -334,7 +337,7 @@ impl Metrics {
         self.panics.inner().fetch_max(jobs.panics(), Relaxed);
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();
-        // Writing to a string cannot fail.
+        // Encoding into a string cannot fail.
         let _ = encode(&mut text, &self.registry);
         text
     }

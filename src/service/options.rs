@@ -1,5 +1,5 @@
-//! The options of the service: each is a flag with an environment variable, and a default that suits one machine shared
-//! by a few people.
+//! The options of the service: each is a command-line flag with an environment variable, and a default that suits one
+//! machine shared by a few people.
 
 use super::jobs::{Bounds, Nats, Retention, Room};
 use clap::builder::BoolishValueParser as FlagParser;
@@ -15,22 +15,22 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::Duration;
 
-/// A bound in force, described as in `--help`.
+/// A numerical limit in force on the service, described as in `--help`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Bound {
-    /// The flag that sets the bound.
+    /// The command-line flag that sets the limit.
     pub flag: String,
-    /// The environment variable that sets the bound.
+    /// The environment variable that sets the limit.
     pub variable: String,
-    /// The unit of the value.
+    /// The unit of the limit's value.
     pub unit: String,
-    /// The value in force.
+    /// The value of the limit in force.
     pub value: Value,
-    /// The help text of the flag.
+    /// The help text of the command-line flag.
     pub meaning: String,
 }
 
-/// The options of the service.
+/// The options of the service: its address, limits, folders and access rules.
 #[derive(Args, Clone, Debug, Serialize)]
 pub struct Options {
     /// Address and port to listen on
@@ -195,20 +195,20 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The folder of durable jobs, if there is one.
+    /// Returns the folder of durable jobs, or `None` if jobs are kept in memory or on NATS servers.
     pub fn jobs_folder(&self) -> Option<&Path> {
         self.data.as_deref().filter(|_| !self.ephemeral && !self.nats.is_used())
     }
 
-    /// The path prefix: empty, or a path that begins with a slash and ends without one.
+    /// The path prefix of the service: empty, or a path that begins with a slash and ends without one.
     pub fn prefix(&self) -> Arc<str> {
         self.path_prefix.trim_end_matches('/').into()
     }
 
-    /// Checks the flags whose value is not a number.
+    /// Checks the options whose value is not a number: the path prefix and the allowed origins.
     ///
     /// # Errors
-    /// The flag that is invalid, and an example.
+    /// The flag with an invalid value, and an example of a valid one.
     pub fn check(&self) -> io::Result<()> {
         let wrong = |what: String| Err(io::Error::new(io::ErrorKind::InvalidInput, what));
         let prefix = self.prefix();
@@ -226,42 +226,44 @@ impl Options {
         }
     }
 
-    /// Whether clients must present a token: if other machines can connect, or if the option demands it.
+    /// Whether clients must present a token: if other machines can connect, or if `--ask-tokens` demands it.
     pub fn asks_tokens(&self) -> bool {
         self.ask_tokens || !(self.insecure || self.listen.ip().is_loopback())
     }
 
-    /// The largest request body, in bytes.
+    /// The size limit of a request body, in bytes.
     pub fn body_bytes(&self) -> usize {
         bytes(self.body_mib)
     }
 
-    /// The time limit for the headers of a request, for its body, and for each piece of a response.
+    /// The time limit for a client to send the headers of a request, to send its body, and to receive each piece of a
+    /// response.
     pub fn read_time(&self) -> Duration {
         Duration::from_secs(self.read_seconds.get())
     }
 
-    /// The time limit of a job, and of the check of a specification.
+    /// The wall-clock time limit of a job, and of the check of a specification.
     pub fn wall(&self) -> Duration {
         Duration::from_secs(self.wall_seconds.get())
     }
 
-    /// The time from the signal to stop until running jobs are stopped.
+    /// The time from the signal to stop the service until running jobs are stopped.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
     }
 
-    /// The number of ordinary and express workers, without relief workers.
+    /// The number of ordinary and express worker processes, without relief workers.
     pub fn supervised(&self) -> NonZeroUsize {
         self.workers.saturating_add(self.express)
     }
 
-    /// The number of workers for checks, in addition to those that solve: a check is shorter than a solve.
+    /// The number of worker processes for checks, in addition to those that solve: half as many, since checks are
+    /// short.
     pub fn checkers(&self) -> usize {
         self.workers.get().div_ceil(2)
     }
 
-    /// All bounds in force: the flags whose value is a number.
+    /// All limits in force: the options whose value is a number.
     pub fn in_force(&self) -> Vec<Bound> {
         let values = serde_json::to_value(self).unwrap_or_default();
         let command = Self::augment_args(Command::new("dvi"));
@@ -278,7 +280,7 @@ impl Options {
         command.get_arguments().filter_map(bound).collect()
     }
 
-    /// The bounds on jobs.
+    /// The limits on jobs: workers, queue, steps, memory, time, size of results and retention.
     pub fn bounds(&self) -> Bounds {
         Bounds {
             workers: self.workers.get(),

@@ -1,5 +1,5 @@
-//! Metrics of this process under the names used by all exporters, read from `/proc/self`. Where that does not exist,
-//! they stay at zero.
+//! Metrics of this process (memory, files, CPU time) under the names used by all Prometheus exporters, read from
+//! `/proc/self`. They stay at zero on systems without `/proc`.
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
@@ -8,7 +8,7 @@ use rustix::param::{clock_ticks_per_second, page_size};
 use std::fs;
 use std::sync::atomic::AtomicU64;
 
-/// The metrics of the service process, without its workers.
+/// Memory, open files and CPU time of the service process, without its workers.
 #[derive(Debug, Default)]
 pub struct Process {
     resident: Gauge,
@@ -18,7 +18,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// Registers the metrics, under their standard names.
+    /// Registers the process metrics under their standard Prometheus names.
     pub fn register(&self, registry: &mut Registry) {
         let registry = registry.sub_registry_with_prefix("process");
         registry.register_with_unit(
@@ -37,11 +37,11 @@ impl Process {
         );
     }
 
-    /// Reads the present values.
+    /// Reads the current values of the process metrics.
     pub fn look(&self) {
         let pages = fs::read_to_string("/proc/self/statm").ok().and_then(|text| text.split(' ').nth(1)?.parse().ok());
         self.resident.set(pages.map_or(0, |pages: i64| pages.saturating_mul(page_size() as i64)));
-        // One descriptor is that of the folder being read.
+        // One of the open file descriptors is that of the folder `/proc/self/fd` being read.
         let files = fs::read_dir("/proc/self/fd").map_or(0, |files| files.count().saturating_sub(1));
         self.files.set(i64::try_from(files).unwrap_or(i64::MAX));
         self.most_files.set(most_files().unwrap_or_default());
@@ -56,7 +56,8 @@ fn most_files() -> Option<i64> {
     limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next()?.parse().ok())
 }
 
-/// The CPU time: fields 14 and 15 of `stat`, in ticks, counted after the program name, which may contain spaces.
+/// Returns the CPU time of the process: fields 14 and 15 of `/proc/self/stat`, in clock ticks, counted after the
+/// program name, which may contain spaces.
 fn cpu_seconds() -> Option<f64> {
     let stat = fs::read_to_string("/proc/self/stat").ok()?;
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();

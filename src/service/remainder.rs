@@ -1,8 +1,10 @@
-//! The remainder of a request body after the response has been decided: the body is too large, or was not asked for.
+//! The unread remainder of a request body whose response has been decided early, because the body is too large or was
+//! not needed.
 //!
-//! Most clients read no response before they have sent everything, and a connection that is closed with unread bytes is
-//! reset, which loses the response (RFC 9112, section 9.6). So the rest of the body is read and dropped before the
-//! response is sent, up to a bound. A client that waits to be asked (`Expect: 100-continue`) sends no body.
+//! Most clients read no response before they have sent everything, and a connection that is closed with unread bytes
+//! is reset, which loses the response (RFC 9112, section 9.6). So the rest of the body is read and dropped before the
+//! response is sent, up to a bound. A client that waits for permission to send (`Expect: 100-continue`) sends no
+//! body.
 
 use axum::body::{Bytes, HttpBody};
 use hyper::body::{Frame, Incoming, SizeHint};
@@ -15,18 +17,19 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// The largest number of dropped bytes.
+/// The largest number of bytes of a request body that are read and dropped.
 const MOST: u64 = 256 << 20;
 
-/// The longest pause between two pieces of the body.
+/// The longest pause between two pieces of a request body that is being dropped.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// A body lent to a handler, whose remainder can be recovered.
+/// A request body lent to a handler, whose unread remainder can be recovered afterwards.
 #[derive(Clone)]
 pub struct Lent(Arc<Mutex<Incoming>>);
 
 impl Lent {
-    /// The request with its body lent, and the body itself, unless it has ended or the client waits to be asked for it.
+    /// Returns the request with its body lent, and a second handle of the body unless the body has ended or the
+    /// client waits for permission to send it (`Expect: 100-continue`).
     pub fn of(request: Request<Incoming>) -> (Request<Self>, Option<Self>) {
         let (parts, body) = request.into_parts();
         let comes = !body.is_end_stream() && !parts.headers.contains_key(EXPECT);
@@ -34,7 +37,7 @@ impl Lent {
         (Request::from_parts(parts, body.clone()), comes.then_some(body))
     }
 
-    /// Reads and drops the rest of the body, for at most `limit`.
+    /// Reads and drops the rest of the request body, for at most the time `limit`.
     pub async fn drop_rest(mut self, limit: Duration) {
         if self.is_end_stream() || self.size_hint().lower() > MOST {
             return;
@@ -47,7 +50,7 @@ impl Lent {
                 dropped += frame.data_ref().map_or(0, |data| data.len() as u64);
             }
         };
-        // After the time limit, the rest is left unread.
+        // If the time limit is exceeded, the rest of the body stays unread.
         let _ = timeout(limit, dropping).await;
     }
 

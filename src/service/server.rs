@@ -1,9 +1,10 @@
-//! The life of the server, from the first connection to the last.
+//! The life cycle of the HTTP server, from the first connection to the last.
 //!
-//! 1. Accept connections, and serve each on a task of its own; a client that does not send its headers in time, or does
-//!    not take its response, is cut off. At the limit of open connections, further ones wait in the system's backlog.
-//! 2. On a signal to stop: refuse new jobs, and give the others the grace time. Connections are still accepted, so that
-//!    clients can fetch results and a load balancer sees `/readyz` fail.
+//! 1. Accept connections, and serve each on a task of its own; a client that does not send its headers in time, or
+//!    does not take its response, is disconnected. At the limit of open connections, further ones wait in the
+//!    system's backlog.
+//! 2. On a signal to stop: refuse new jobs, and give running ones the grace time. Connections are still accepted, so
+//!    that clients can fetch results and a load balancer sees `/readyz` fail.
 //! 3. When no job is left, at the end of the grace time, or on a second signal: leave the remaining jobs to the next
 //!    process, or cancel them if they are not durable.
 //! 4. End the event streams, let pending responses complete, and close.
@@ -27,19 +28,19 @@ use tokio::sync::mpsc::Receiver;
 use tokio::time::{sleep, timeout};
 use tower_service::Service;
 
-/// The time for cancelled solves to reach their next step, and then for pending responses to be sent.
+/// The time limit for cancelled solves to reach their next step, and again for pending responses to be sent.
 const LAST_CALL: Duration = Duration::from_secs(5);
 
-/// The interval between two searches for expired jobs.
+/// The interval between two searches for jobs whose retention time has expired.
 const TIDY: Duration = Duration::from_secs(60);
 
-/// The interval between two attempts to recover a store that could not be written.
+/// The interval between two attempts to recover a job store that could not be written.
 const HEAL: Duration = Duration::from_secs(1);
 
-/// The pause after a failed `accept`, which fails at once as long as there are no free file descriptors.
+/// The pause after a failed `accept`: while no file descriptor is free, the next `accept` would fail at once.
 const BREATH: Duration = Duration::from_millis(50);
 
-/// Serves until a message on `stop`; a second message cuts the grace time short.
+/// Serves connections until a message on `stop`; a second message cuts the grace time for running jobs short.
 pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut stop: Receiver<()>) {
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(shared.options.read_time());
@@ -48,7 +49,8 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
         loop {
             match listener.accept().await {
                 Ok((stream, from)) => {
-                    // The semaphore is never closed.
+                    // `acquire_owned` fails only on a closed semaphore, and the semaphore of connections is never
+                    // closed.
                     let Ok(place) = Arc::clone(&shared.connections).acquire_owned().await else { return };
                     let client = Client::at(from.ip());
                     serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router, place);

@@ -1,5 +1,5 @@
-//! The trace that a request belongs to (W3C Trace Context): it comes from the client, identifies the log lines and the
-//! spans of the request and its job, and is passed on to the worker and back to the client.
+//! The trace that a request belongs to (W3C Trace Context): it comes from the client, identifies the log lines and
+//! the spans of the request and its job, and is passed on to the worker process and back to the client.
 
 use std::fmt::{self, Display};
 use tracing::Span;
@@ -8,16 +8,17 @@ use uuid::Uuid;
 /// The reference to a span of a trace, as passed from one program to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trace {
-    /// The id of the trace, 32 hexadecimal digits.
+    /// The id of the trace, written with 32 hexadecimal digits.
     pub id: u128,
-    /// The id of the span, 16 hexadecimal digits.
+    /// The id of the span within the trace, written with 16 hexadecimal digits.
     pub span: u64,
-    /// The trace flags; bit 0 says whether the trace is recorded.
+    /// The flags of W3C Trace Context; bit 0 says whether the trace is recorded.
     pub flags: u8,
 }
 
 impl Trace {
-    /// Parses a `traceparent`, `VERSION-TRACE-PARENT-FLAGS`; `None` if it is malformed or zero.
+    /// Parses a `traceparent` header, `VERSION-TRACE-PARENT-FLAGS`; returns `None` if it is malformed or has a zero
+    /// id.
     pub fn read(traceparent: &str) -> Option<Self> {
         let mut parts = traceparent.trim().split('-');
         let hexadecimal = |part: &str, length| {
@@ -32,33 +33,33 @@ impl Trace {
         (version > 0 || parts.next().is_none()).then_some(Self { id, span, flags })
     }
 
-    /// The `traceparent` for the next program.
+    /// Returns the `traceparent` header to pass to the next program of the trace.
     pub fn traceparent(&self) -> String {
         let Self { id, span, flags } = self;
         format!("00-{id:032x}-{span:016x}-{flags:02x}")
     }
 
-    /// A new span of this program in the trace.
+    /// Returns the trace with the id of a new span of this program.
     fn continued(self) -> Self {
         let (_, span) = Uuid::now_v7().as_u64_pair();
         Self { span, ..self }
     }
 }
 
-/// The id of the trace, which connects log lines.
+/// Writes the id of the trace, which connects log lines.
 impl Display for Trace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:032x}", self.id)
     }
 }
 
-/// Makes `span` part of the trace, and returns the trace with that span. If the client gave no trace and spans are
-/// exported to a collector, a trace begins here.
+/// Adds `span` to the trace, and returns the trace with the id of that span. If the client gave no trace and spans
+/// are exported to a collector, a new trace begins with `span`.
 pub fn join(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     exported(span, trace).or_else(|| trace.map(Trace::continued))
 }
 
-/// The span as exported to a collector; `None` without a collector.
+/// Returns the trace and span ids under which a collector receives `span`; `None` if no collector is configured.
 #[cfg(feature = "otlp")]
 fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt, TraceFlags, TraceId, TraceState};
@@ -67,7 +68,7 @@ fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     if let Some(Trace { id, span: parent, flags }) = trace {
         let (id, parent) = (TraceId::from(id), SpanId::from(parent));
         let parent = SpanContext::new(id, parent, TraceFlags::new(flags), true, TraceState::default());
-        // Fails if no collector is configured.
+        // `set_parent` fails if no collector is configured.
         let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(parent));
     }
     let context = span.context();
@@ -79,7 +80,7 @@ fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     })
 }
 
-/// Without the feature `otlp`, no span is exported.
+/// Returns `None`: without the feature `otlp`, no span is exported.
 #[cfg(not(feature = "otlp"))]
 fn exported(_span: &Span, _trace: Option<Trace>) -> Option<Trace> {
     None
@@ -89,7 +90,7 @@ fn exported(_span: &Span, _trace: Option<Trace>) -> Option<Trace> {
 mod tests {
     use super::*;
 
-    /// The example of W3C Trace Context, section 3.2.2.
+    /// The example `traceparent` of W3C Trace Context, section 3.2.2.
     const EXAMPLE: &str = "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01";
 
     #[test]

@@ -1,27 +1,27 @@
-//! How far bodies in space get from their ways by impacts: where directions or speeds are off, and where the order of impacts is not
-//! known.
+//! Displacements of rigid bodies by errors of impacts: errors of the direction or speed after an impact, and
+//! uncertain orders of impacts.
 
 use super::misdirection::Misdirection;
 use super::order_of_impacts::{Mistake, OrderOfImpacts};
 use models::rigid_bodies::{MoreauStepping, Motion, MultibodySystem, OF_BODY};
 use nalgebra::Vector3;
 
-/// The errors of the motions of bodies by impacts so far.
+/// The errors of the motions of all bodies due to impacts so far.
 pub(super) struct Astray {
-    /// For each moving body, the errors of the directions of its velocity and its angular velocity.
+    /// For each moving body, the errors of its velocity and of its angular velocity.
     bodies: Vec<[Misdirection; 2]>,
-    /// The order of the impacts, if they are located.
+    /// The order of the impacts, compared with a run with longer steps; `None` if impacts are not located.
     order: Option<OrderOfImpacts>,
 }
 
 impl Astray {
-    /// Prepares the errors of a number of moving bodies, whose impacts are located or not.
+    /// Creates the errors of the given number of moving bodies, whose impacts are located in time or not.
     pub fn new(bodies: usize, are_located: bool) -> Self {
         let order = are_located.then(|| OrderOfImpacts::new(bodies));
         Self { bodies: vec![Default::default(); bodies], order }
     }
 
-    /// Takes the last step of a run, of length `h` from the motions `starts` to the time `t`.
+    /// Adds the errors of the last step of a run, of length `h` from the motions `starts` to the time `t`.
     pub fn step(&mut self, scene: &MultibodySystem, run: &MoreauStepping<'_>, starts: &[Motion], [h, t]: [f64; 2]) {
         let directions = run.misdirected(starts, h);
         let errors = directions.into_iter().zip(run.restituted(starts, h)).zip(damped(scene, [starts, &run.ends], h));
@@ -42,8 +42,9 @@ impl Astray {
         }
     }
 
-    /// Takes the last step of a run with longer steps, from the time `begin` to `end`, and compares its impacts with those of the run,
-    /// which has come to the motions `ends` at the time `t`. Returns whether the order of some is not known.
+    /// Adds the last step of a run with longer steps, from `begin` to `end`, and compares its impacts with those of
+    /// the run, which has reached the motions `ends` at the time `t`. Returns whether the order of some impacts is
+    /// uncertain.
     pub fn compare(
         &mut self,
         longer: &MoreauStepping<'_>,
@@ -66,7 +67,7 @@ impl Astray {
         !mistakes.is_empty()
     }
 
-    /// Writes the displacements of the states of the bodies, which have come to the motions `ends`; returns false if all are zero.
+    /// Writes the displacements of the states of the bodies at their motions `ends`; returns false if all are zero.
     pub fn displace(&self, ends: &[Motion], out: &mut [f64]) -> bool {
         let mut is_any = false;
         for ((of, motion), out) in self.bodies.iter().zip(ends).zip(out.chunks_exact_mut(OF_BODY.len())) {
@@ -82,14 +83,14 @@ impl Astray {
     }
 }
 
-/// The speed of a body, and its angular speed.
+/// Returns the speed and the angular speed of a body.
 fn speeds_of(motion: &Motion) -> [f64; 2] {
     [motion.velocity.norm(), motion.omega.norm()]
 }
 
-/// For each moving body, what bounces would take of the speed and the angular speed of a body that has them, while contacts press it
-/// as in a step of length `h`. Under an acceleration `a`, bounces with a speed `v` take `2 v/a` each and leave `e v`: they lose
-/// `(1 - e) a/2` in a time, until the body rests.
+/// Returns, for each moving body, the speed and the angular speed that a bouncing body would lose in a step of length
+/// `h`, pressed by the contact forces of the step. Under an acceleration `a`, a bounce with speed `v` takes the time
+/// `2 v/a` and leaves the speed `e v`: the speed decreases at the rate `(1 - e) a/2` until the body rests.
 fn damped<'a>(
     scene: &MultibodySystem,
     [starts, ends]: [&'a [Motion]; 2],

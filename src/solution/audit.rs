@@ -1,26 +1,27 @@
-//! Measurements of a Radau IIA run for its verdict: the residual of the law at the ends of steps and at outputs, events
-//! between the stages, the integral of rates with kinks, accumulations of switches, and states below their tolerance.
+//! Measurements of a Radau IIA run for its verdict: the residual of the variational inequality at the ends of steps
+//! and at outputs, events between the stages, the integral of rates with kinks, accumulations of switches, and states
+//! below their tolerance.
 
 use super::given_steps::{GivenSteps, rounding_of};
 use super::{CheckCode, Checks, Plan, Screening};
 use hybrid::OneStep;
 use radau::{ALLOWED, End, Excess, Radau, Screened};
 
-/// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
+/// Multiple of its absolute tolerance below which the maximum of a state is hardly distinguishable from zero.
 pub(super) const SMALL: f64 = 10.0;
 
-/// The measurements of a run in progress.
+/// The measurements of a run in progress for its verdict.
 pub(super) struct Audit<'p> {
     plan: &'p Plan,
-    /// Whether the rates have kinks in states, which the error estimate may miss.
+    /// Whether the rates, as functions of the states, have kinks, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
     /// Number of steps that qualified for a proof of freedom from events and failed it.
     open: u32,
-    /// Number of steps in which rates may vary between the stages more than their values there show.
+    /// Number of steps in which rates may vary between the stages more than their values at the stages show.
     hidden: u32,
     given_steps: GivenSteps,
-    /// Whether values between the ends of steps are in use all along the run.
+    /// Whether interpolated values within steps are in use throughout the run.
     is_dense: bool,
     checks: Checks,
 }
@@ -42,7 +43,7 @@ impl<'p> Audit<'p> {
         }
     }
 
-    /// Measures an accepted step and the values at its end.
+    /// Measures an accepted step of Radau IIA and the values at its end.
     pub fn step(&mut self, radau: &mut Radau<'_>) {
         let t = radau.t();
         if let Some(found) = radau.law_excess_at_end() {
@@ -71,7 +72,8 @@ impl<'p> Audit<'p> {
         }
     }
 
-    /// Records a step across a switch that could not be located; `distance` is in units of the tolerance.
+    /// Records the check of a step across a switch that could not be located; `distance` is in units of the
+    /// tolerance.
     fn record_unlocated(&mut self, t: f64, distance: f64, accumulates: bool) {
         let (code, why) = match accumulates {
             true => (CheckCode::AccumulationPassed, "an accumulation of switches was stepped over"),
@@ -115,10 +117,10 @@ impl<'p> Audit<'p> {
         }
     }
 
-    /// Measures the values `y` at an output time within a step.
+    /// Measures the residual of the variational inequality for the values `y` at an output time within a step.
     pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
-        // Within rounding of an end of the step, data that jump may be on the other side of their jump than the face. At the
-        // end of a step the law is measured with the step.
+        // Within rounding errors of an end of the step, data that jump may be on the other side of their jump than
+        // the active face. At the end of a step the residual is measured together with the step.
         let t = match radau.end_at(t) {
             Some(End::After) => return,
             Some(End::Before) => radau.begin(),
@@ -147,7 +149,7 @@ impl<'p> Audit<'p> {
         });
     }
 
-    /// Completes the measurements of a run with the given absolute tolerances.
+    /// Completes the measurements of a run with the given absolute tolerances, and moves them to `checks`.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
         self.look_for_small_states(radau, atol);
         self.given_steps.judge(|| radau.held_at_zero(), &mut self.checks);
@@ -175,7 +177,7 @@ impl<'p> Audit<'p> {
         (proven + undecided + missed > 0).then_some(self.screening)
     }
 
-    /// Records the state that is smallest relative to its absolute tolerance.
+    /// Records the check of the state that is smallest relative to its absolute tolerance.
     fn look_for_small_states(&mut self, radau: &Radau<'_>, atol: &[f64]) {
         let largest = radau.largest();
         for state in states_above_zero(radau, atol) {
@@ -190,7 +192,7 @@ impl<'p> Audit<'p> {
     }
 }
 
-/// The states that were at some time larger than rounding errors of zero.
+/// Returns the states that exceeded rounding errors of zero at some time.
 pub(super) fn states_above_zero(radau: &Radau<'_>, atol: &[f64]) -> Vec<usize> {
     let states = &radau.largest()[..atol.len()];
     let rounding = rounding_of(states);

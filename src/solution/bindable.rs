@@ -1,5 +1,5 @@
-//! Problems that are solved for many values of their parameters, with derivatives: those that are fitted, and orbits along a
-//! branch.
+//! Problems that are solved with derivatives for many values of their parameters: in fits, and along branches of
+//! orbits.
 
 use super::Solution;
 use super::contact::{ContactPlan, integrate_contact, integrate_contact_once};
@@ -11,17 +11,17 @@ use models::{DviModel, MechanicalModel};
 use problem::Control;
 use radau::Settings;
 
-/// A model whose parameters can be bound, of a motion with how it meets impacts.
+/// A model whose parameters can be bound to values; for a motion, with its contact settings.
 #[derive(Clone)]
 pub(super) enum Bindable<'a> {
-    /// A differential variational inequality.
+    /// The model of a differential variational inequality.
     Dvi(Box<DviModel>),
-    /// A motion with located impacts.
+    /// The model of a motion with located impacts, with its contact settings.
     Motion(Box<MechanicalModel>, &'a ContactPlan),
 }
 
 impl<'a> Bindable<'a> {
-    /// The values of its parameters.
+    /// Returns the values of the parameters.
     pub fn values(&self) -> &[f64] {
         let parameters = match self {
             Self::Dvi(model) => model.parameters.as_ref(),
@@ -30,7 +30,7 @@ impl<'a> Bindable<'a> {
         parameters.map_or(&[][..], |parameters| parameters.values())
     }
 
-    /// The initial states.
+    /// Returns the initial states.
     pub fn initial(&self) -> &[f64] {
         match self {
             Self::Dvi(model) => &model.initial,
@@ -38,7 +38,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// The same problem with other values of its parameters; or why these have no meaning.
+    /// Returns the problem with other values of its parameters, or the reason why these are invalid.
     pub fn bound(&self, values: &[f64]) -> Result<Self, String> {
         if values.is_empty() {
             return Ok(self.clone());
@@ -52,7 +52,7 @@ impl<'a> Bindable<'a> {
         .map_err(|why| why.to_string())
     }
 
-    /// The structural analysis at the start.
+    /// Returns the structural analysis at the start time.
     pub fn analyse(&self, start: f64) -> Analysis {
         match self {
             Self::Dvi(model) => model.analyse(start),
@@ -60,7 +60,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// What is shot with.
+    /// Returns the problem as the subject of runs over one period (shooting).
     pub fn subject<'m>(&'m self, settings: &'m Settings) -> Subject<'m> {
         match self {
             Self::Dvi(model) => Subject::Dvi(model, settings),
@@ -68,7 +68,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// A run with all evidence.
+    /// Runs the problem, with all checks of accuracy.
     pub fn run(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Solution {
         match self {
             Self::Dvi(model) => integrate(model, plan, settings, analysis, control),
@@ -76,7 +76,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// A run without the checks that need other runs.
+    /// Runs the problem once, without the checks that need other runs.
     pub fn run_once(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Ended {
         match self {
             Self::Dvi(model) => integrate_once(model, plan, settings, analysis, control),

@@ -1,23 +1,23 @@
-//! What of a run is asked for, as columns that can be evaluated along any run: the outputs of the problem, the user's
-//! definitions, integrands and monitors, and the expressions that are collected.
+//! The requested quantities of a run as columns that can be evaluated along any run: the outputs of the problem, the
+//! user's definitions, integrands and monitors, and the expressions that a sweep collects.
 
 use super::longer_steps::{Kind, Measure, Quantity};
 use super::reducers::{Over, Reduction};
 use super::run::Plan;
 use expression::Tape;
 
-/// The columns, and the programs of those that are no outputs of the problem.
+/// The columns of a run: the outputs of the problem, and the programs that compute the other columns.
 pub(super) struct Columns {
     outputs: usize,
     programs: [Tape; 2],
-    /// For each column of the programs, the outputs that it depends on.
+    /// For each column that a program computes, the outputs that it depends on.
     inputs: Vec<Vec<usize>>,
     counts: [usize; 2],
     changed: Vec<f64>,
 }
 
 impl Columns {
-    /// The columns of a plan.
+    /// Creates the columns of a plan.
     pub fn new(plan: &Plan) -> Self {
         let of = &plan.observables;
         let mut inputs = of.inputs.clone();
@@ -31,17 +31,17 @@ impl Columns {
         Self { outputs: plan.names.len(), programs, inputs, counts, changed: Vec::new() }
     }
 
-    /// The number of outputs of the problem, which are the first columns.
+    /// Returns the number of outputs of the problem, which are the first columns.
     pub fn outputs(&self) -> usize {
         self.outputs
     }
 
-    /// The number of columns.
+    /// Returns the number of columns.
     pub fn count(&self) -> usize {
         self.outputs + self.inputs.len()
     }
 
-    /// Evaluates the columns that are no outputs of the problem, which precede them in `y`.
+    /// Evaluates the columns after the outputs of the problem, which `y` already contains.
     pub fn evaluate(&mut self, t: f64, y: &mut [f64]) {
         let (outputs, mut rest) = y.split_at_mut(self.outputs);
         for (program, count) in self.programs.iter_mut().zip(self.counts) {
@@ -53,7 +53,8 @@ impl Columns {
         }
     }
 
-    /// Completes the changes of outputs in `by` by those that they make of the other columns, where `y` are all.
+    /// Completes `by`, small changes of the outputs, with the resulting changes of the other columns; `y` are the
+    /// unchanged columns.
     pub fn displace(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
         if self.inputs.is_empty() {
             return;
@@ -68,7 +69,8 @@ impl Columns {
         self.changed = changed;
     }
 
-    /// Completes which outputs are held, with a number other than zero, by the other columns: those whose outputs are all held.
+    /// Completes `held`, nonzero for outputs that are held fixed, with the other columns: those that depend on held
+    /// outputs only.
     pub fn hold(&self, held: &mut [f64]) {
         for (place, inputs) in self.inputs.iter().enumerate() {
             let is_held = inputs.iter().all(|&k| held[k] != 0.0);
@@ -76,8 +78,8 @@ impl Columns {
         }
     }
 
-    /// Completes bounds on small changes of outputs in `by` by bounds on those of the other columns, where `y` are all: the sum
-    /// of what each of the outputs makes.
+    /// Completes `by`, bounds on small changes of the outputs, with bounds on the changes of the other columns: the
+    /// sum of the effects of all outputs; `y` are the unchanged columns.
     pub fn spread(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
         if self.inputs.is_empty() {
             return;
@@ -100,13 +102,14 @@ impl Columns {
         }
     }
 
-    /// Whether a plan makes no choice of the outputs of the problem, but has them all.
+    /// Whether a plan keeps all outputs of the problem, which is the default.
     fn has_all(&self, plan: &Plan) -> bool {
         (0..self.outputs).all(|output| plan.fields.contains(&output))
     }
 
-    /// What a plan asks for, where the outputs have the given kinds; all states if it is nothing. Of outputs that nobody chose
-    /// the states are compared, of which all others are made.
+    /// Returns the quantities that a plan requests, for outputs of the given kinds; all states if it requests
+    /// nothing. If all outputs are kept by default, only the states are compared, since they determine all other
+    /// outputs.
     pub fn asked(&self, plan: &Plan, kinds: &[Kind]) -> Vec<Quantity> {
         let of = &plan.observables;
         let is_passed_over = |field: usize| {

@@ -1,4 +1,4 @@
-//! Integration of a mechanical system: contacts, energies and failures by name.
+//! Integration of a mechanical system with contacts: named outputs, energies and failures.
 
 use super::given_steps::{GIVEN_STEPS, GivenSteps};
 use super::longer_run::{LongerRun, TimeStepped};
@@ -24,13 +24,14 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
-/// The part of a displacement that is rounding, once contacts and joints have taken away what they do not allow.
+/// Fraction of a displacement that counts as a rounding error after contacts and joints have removed the components
+/// that they do not allow.
 const HELD: f64 = 1e-9;
 
 /// The plan for the integration of a mechanical system.
 #[derive(Clone, Debug)]
 pub struct ContactPlan {
-    /// Step size and contact laws.
+    /// Step size of time stepping, and contact laws.
     pub settings: Settings,
     /// Settings of Radau IIA for smooth motion, if impacts are located.
     pub located: Option<radau::Settings>,
@@ -51,7 +52,7 @@ pub fn integrate_contact(
     ended.solution
 }
 
-/// One run.
+/// Runs a mechanical system once, without checking its sensitivities against other runs.
 pub(super) fn integrate_contact_once(
     model: &MechanicalModel,
     plan: &Plan,
@@ -206,7 +207,7 @@ fn judge_located(
     }
 }
 
-/// A failure in terms of the names of the model.
+/// Converts an error of a contact method to a failure with the names of the model.
 pub(super) fn failure_of(model: &MechanicalModel, error: ContactError, time: f64, states: &[f64]) -> Failure {
     let message = match error {
         ContactError::Force { component, t } => format!(
@@ -229,13 +230,13 @@ pub(super) fn failure_of(model: &MechanicalModel, error: ContactError, time: f64
     Failure { code: error.code().into(), message, time, state: states.to_vec() }
 }
 
-/// Named outputs, common to time stepping and located impacts.
+/// Computes the named outputs of a mechanical system, for time stepping and for located impacts.
 struct Outputs<'p> {
     model: &'p MechanicalModel,
     control: &'p Control,
     problem: Box<dyn Mechanical>,
     constraints: Constraints,
-    /// `q` and `v` at the current time.
+    /// Coordinates `q` and velocities `v` at the current time.
     states: Vec<f64>,
 }
 
@@ -255,7 +256,7 @@ impl<'p> Outputs<'p> {
         failure_of(self.model, error, time, &self.states)
     }
 
-    /// Writes gaps, impulses and energies after `q` and `v`, which are in `out` already.
+    /// Writes gaps, impulses and energies to `out`, which already begins with `q` and `v`.
     fn write(&mut self, t: f64, impulses: &[Vector3<f64>], energy: &Energy, out: &mut [f64]) {
         let structure = self.model.structure();
         let n = structure.coordinates;
@@ -278,7 +279,7 @@ impl<'p> Outputs<'p> {
         ]);
     }
 
-    /// Converts events to those of the user's clock, by adding `start`.
+    /// Converts events to the user's time, by adding `start`, and to named contacts.
     fn events(&self, start: f64, new_events: &mut Vec<ContactEvent>, events: &mut Vec<Event>) {
         let name = |k: usize| self.model.contacts[k].clone();
         events.extend(new_events.drain(..).map(|ContactEvent { t, kind, contact }| Event {
@@ -289,7 +290,7 @@ impl<'p> Outputs<'p> {
     }
 }
 
-/// Time stepping with named outputs.
+/// A run by time stepping, with named outputs and estimates of its errors.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     longer: Option<Box<LongerRun<Self>>>,
@@ -300,8 +301,9 @@ struct TimeSteppingRun<'p> {
 }
 
 impl TimeSteppingRun<'_> {
-    /// The speed at the end of the last step, of length `h`, in the metric of the masses, and by what the velocities after its
-    /// impacts would differ if each impact happened where its gap closes, with the normal and the approach there.
+    /// Returns the speed at the end of the last step, of length `h`, in the norm of the mass matrix, and the errors
+    /// of the velocities due to the position at which impacts are taken: each impact uses normal and approach
+    /// velocity at the beginning of the step, and not where its gap closes.
     fn misdirected(&mut self, h: f64) -> Option<(f64, Vec<f64>)> {
         let TimeStepping { state, last, impulses, .. } = &self.stepper;
         let structure = self.outputs.model.structure();
@@ -338,7 +340,7 @@ impl TimeSteppingRun<'_> {
         Some((speed, error.as_slice().to_vec()))
     }
 
-    /// Writes all outputs where the coordinates are displaced by `by` from those of the end of the last step.
+    /// Writes all outputs at the end of the last step with the coordinates displaced by `by`.
     fn write_displaced(&mut self, by: impl Fn(usize) -> f64, out: &mut [f64]) {
         let TimeStepping { state, impulses, energy, .. } = &self.stepper;
         let n = state.q.len();
@@ -370,7 +372,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
             kinds.push(Continuous);
             kinds.resize(kinds.len() + 1 + contact.slips, Jumping);
         }
-        // Kinetic and potential energy, work of forces and of drives, friction, impacts.
+        // The kinds of kinetic and potential energy, work of forces, work of drives, friction losses and impact
+        // losses.
         kinds.extend([Jumping, Continuous, Continuous, Jumping, Jumping, Jumping]);
         kinds
     }
@@ -384,7 +387,7 @@ impl TimeStepped for TimeSteppingRun<'_> {
         out.iter_mut().zip(&at).for_each(|(out, at)| *out = (*out - at).abs());
         let n = kicks.len();
         out[n..2 * n].iter_mut().zip(&kicks).for_each(|(out, kick)| *out = kick.abs());
-        // What forces do to a body at rest in a step: its energy, and their impulse.
+        // Changes by the forces on a body at rest in one step: kinetic energy, and impulse.
         let State { t, q, .. } = &self.stepper.state;
         let energy = 2.0 * self.outputs.problem.energies(*t, q, &kicks).kinetic;
         let first = out.len() - ENERGIES.len();
@@ -394,7 +397,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
 
     fn strike(&mut self, out: &mut [f64]) -> bool {
         let TimeStepping { state, last, step, .. } = &self.stepper;
-        // What contacts carry throughout the step is no larger than the forces, and is not displaced in time.
+        // An impulse that contacts transmit throughout the step is no larger than that of the forces, and has no
+        // error of timing; the rest of the velocity change is due to impacts.
         let displaced: Vec<f64> = (0..state.q.len())
             .map(|k| {
                 let (change, kick) = (state.v[k] - last.v[k] - step.kicks[k], step.kicks[k].abs());
@@ -418,7 +422,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
             let mut by = vec![0.0; n];
             by[k] = 1.0;
             self.stepper.hold_back(&mut by, false);
-            // What is left of a displacement is rounding.
+            // A displacement of the coordinate below `HELD` is a rounding error: contacts and joints hold the
+            // coordinate fixed.
             out[k] = if by[k].abs() <= HELD { 1.0 } else { 0.0 };
         }
         let mut place = 2 * n;
@@ -494,7 +499,8 @@ impl Stepper for TimeSteppingRun<'_> {
         Ok(())
     }
 
-    /// Values within a step: velocities are constant and those of the end, as in the scheme `q+ = q + h v+`.
+    /// Writes the outputs within a step; velocities are constant and equal those at the end, as in the scheme
+    /// `q+ = q + h v+`.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let TimeStepping { state, last, impulses, impulses_before, energy, energy_before, .. } = &self.stepper;
         let h = state.t - last.t;
@@ -521,7 +527,7 @@ impl Stepper for TimeSteppingRun<'_> {
         tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
         if let Some(mut longer) = self.longer.take() {
             longer.finish(self);
-            // Coordinates are measured in one unit where a gap is a difference of them.
+            // Coordinates whose difference is a gap have one unit, and share the scale of their errors.
             let n = self.stepper.state.q.len();
             let groups = self.stepper.step.alike();
             let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
@@ -535,7 +541,7 @@ impl Stepper for TimeSteppingRun<'_> {
     }
 }
 
-/// The user's clock; the clock of located motion begins with zero.
+/// The user's time at the start and the end of a run; a motion with located impacts counts time from zero.
 #[derive(Clone, Copy, Debug)]
 struct Clock {
     start: f64,
@@ -547,18 +553,18 @@ impl Clock {
         self.end - self.start
     }
 
-    /// The user's time after an elapsed time.
+    /// Returns the user's time for the time elapsed since the start.
     fn shows(self, elapsed: f64) -> f64 {
         if elapsed >= self.length() { self.end } else { (self.start + elapsed).min(self.end) }
     }
 
-    /// The elapsed time at the user's time `t`.
+    /// Returns the time elapsed since the start at the user's time `t`.
     fn elapsed(self, t: f64) -> f64 {
         t - self.start
     }
 }
 
-/// Motion in one contact mode, with named outputs.
+/// Motion in one contact mode, with located impacts and named outputs.
 struct EventDrivenRun<'l, 'p, 'o> {
     phase: SmoothPhase<'l, 'p>,
     clock: Clock,
@@ -614,7 +620,7 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let n = self.phase.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
-        // A time that rounding puts before the start of the step is within it.
+        // A time that rounding moves before the start of the step counts as the start.
         let elapsed = self.clock.elapsed(t).max(self.phase.located.last.t);
         let (impulses, energy) = self.phase.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
@@ -642,7 +648,7 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn finish(&mut self, _: &mut Diagnostics) {}
 }
 
-/// Copies the counters of a run to the diagnostics, with warnings at times shifted by `ahead`.
+/// Copies the counters of a run to the diagnostics, and adds warnings; their times are shifted by `ahead`.
 fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
@@ -688,7 +694,8 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
     }
 }
 
-/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
+/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
+/// reasons.
 pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis: &Analysis) -> Diagnostics {
     let ContactPlan { settings, located } = contact;
     let structure = model.structure();

@@ -1,13 +1,14 @@
-//! Integration of a problem with memory: outputs, switches and failures by name, and the choice of the step.
+//! Integration of a problem with memory (a convolution): named outputs, switches and failures, and the choice of the
+//! step size.
 //!
 //! Without a step given, and with variables in intervals, switches are located, and each segment between them has its
-//! own mesh ([`segments`]). All other cases have a uniform mesh, since the weights of convolution quadrature belong to
-//! one step size: a given `step` or `min_step`, variables in balls, cones and other blocks, more variables than dense
-//! matrices allow, a start that needs an impulse, and problems for which no two runs by segments agree. Without a step
-//! given, the run is repeated with half the step until three runs agree in the mean over time: where a bound is left,
-//! `z` behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every time. The run with the least
-//! estimated error is returned, which need not be the last: kernels of high order amplify rounding errors as the step
-//! decreases.
+//! own mesh ([`segments`]). All other cases have a uniform mesh, since the weights of convolution quadrature belong
+//! to one step size: a given `step` or `min_step`, variables in balls, cones and other blocks, more variables than
+//! dense matrices allow, a start that needs an impulse, and problems for which no two runs by segments agree. Without
+//! a step given, the run is repeated with half the step until three runs agree in the mean over time: where a
+//! variable leaves a bound, `z` behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every time.
+//! The run with the least estimated error is returned, which need not be the last: kernels of high order amplify
+//! rounding errors as the step decreases.
 
 mod halving;
 mod segments;
@@ -23,18 +24,18 @@ use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
 use std::time::Instant;
 
-/// The division of the horizon into steps.
+/// The division of the time horizon into steps.
 #[derive(Clone, Debug)]
 pub enum Mesh {
-    /// A given number of steps.
+    /// A uniform mesh with a given number of steps.
     Fixed(usize),
-    /// Steps halved until three runs agree.
+    /// A uniform mesh whose steps are halved until three runs agree.
     Halved {
         /// Number of steps of the first run.
         first: usize,
-        /// Most steps.
+        /// Largest number of steps of the last run.
         most: usize,
-        /// Relative tolerance.
+        /// Relative tolerance of the mean distance between runs.
         rtol: f64,
         /// Absolute tolerance of each variable.
         atol: Vec<f64>,
@@ -44,17 +45,17 @@ pub enum Mesh {
 /// The plan for the integration of a problem with memory.
 #[derive(Clone, Debug)]
 pub struct ConvolutionPlan {
-    /// Settings of a step.
+    /// Settings of the steps on a uniform mesh.
     pub settings: Settings,
-    /// The mesh.
+    /// The uniform mesh: given or refined.
     pub mesh: Mesh,
     /// Settings for segments between located switches, if these are tried before a uniform mesh.
     pub segments: Option<SegmentSettings>,
-    /// Most steps that fit into memory.
+    /// Largest number of steps whose history fits into memory.
     pub most: usize,
 }
 
-/// Integrates a problem with memory.
+/// Integrates a problem with memory (a convolution).
 pub fn integrate_convolution(
     model: &ConvolutionModel,
     plan: &Plan,
@@ -105,7 +106,7 @@ pub fn integrate_convolution(
         && steps % 2 == 0
         && steps <= convolution.most
     {
-        // A run with half as many steps, a fraction of the work, shows what the steps are worth.
+        // A run with half as many steps, at a fraction of the work, serves as the estimate of the error.
         before_halvings = HALF_AS_MANY;
         before = control.part(0.0..HALF_AS_MANY, || {
             let mut run = Run::new(plan, control, diagnostics.clone());
@@ -115,7 +116,7 @@ pub fn integrate_convolution(
         });
     }
     loop {
-        // The number of runs is unknown: assign half of the remaining progress to each.
+        // The number of runs is unknown in advance: each run takes half of the remaining progress.
         let share = if steps * 2 > most { 1.0 } else { 0.5 };
         let done = before_halvings.max(1.0 - 0.5_f64.powi(halvings));
         let mut run = Run::new(plan, control, diagnostics.clone());
@@ -139,8 +140,8 @@ pub fn integrate_convolution(
             (Ok(coarse), Mesh::Halved { rtol, atol, .. }) => {
                 let found = before.as_ref().map(|before| before.refined(&coarse, plan, *rtol, atol, halvings));
                 let scaled = found.as_ref().map_or(f64::INFINITY, |(refinement, _)| refinement.scaled);
-                // The position of a switch within its step, and with it the error, varies from run to run, so that a
-                // single distance may be small by chance.
+                // The position of a switch within its step varies from run to run, and with it the error, so that a
+                // single distance between runs may be small by chance.
                 let agrees = halvings > 1 && scaled <= 1.0;
                 let (refinement, distances) = found.unzip();
                 let coarse = coarse.after(before.take(), distances);
@@ -181,11 +182,12 @@ pub fn integrate_convolution(
     }
 }
 
-/// The share of the progress of a run with half as many steps as were given: a quarter of the work of the run itself, since
-/// each step takes in all earlier ones.
+/// Fraction of the progress for the run with half as many steps as given: a quarter of the work of the run itself,
+/// since each step sums over all earlier ones.
 const HALF_AS_MANY: f64 = 0.2;
 
-/// Records the difference between a run with steps of a given size and `before`, a run with half as many steps.
+/// Records the check of the difference between a run with steps of a given size and `before`, a run with half as many
+/// steps.
 fn judge_given_steps(before: Option<&Coarse>, fine: &Coarse, plan: &Plan, diagnostics: &mut Diagnostics) {
     let Some(before) = before else {
         diagnostics.checks.caveat(
@@ -207,7 +209,7 @@ fn judge_given_steps(before: Option<&Coarse>, fine: &Coarse, plan: &Plan, diagno
     });
 }
 
-/// A run with the names of its columns.
+/// A run on a uniform mesh, with named outputs.
 struct ConvolutionRun<'p> {
     convolution: Convolution<'p>,
     names: &'p [String],
@@ -215,21 +217,23 @@ struct ConvolutionRun<'p> {
     set: ConvexSet,
     bounded: Vec<usize>,
     is_constant: bool,
-    /// Number of steps reported. The first is computed immediately, since `z` at the start comes from its polynomial.
+    /// Number of steps reported. The first step is computed immediately, since `z` at the start comes from its
+    /// polynomial.
     told: usize,
     total: usize,
     end: f64,
-    /// Last position of each interval variable: -1 at the lower bound, 0 inside, 1 at the upper bound.
+    /// Last position of each variable in an interval: -1 at the lower bound, 0 inside, 1 at the upper bound.
     places: Vec<Option<i8>>,
-    /// Largest absolute value so far, the scale for rounding in distances from bounds.
+    /// Largest absolute value of a variable so far, the scale of rounding errors in distances from bounds.
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
-    /// Tolerance of the natural-map residual of a step.
+    /// Permitted residual of the natural map in a step.
     tolerance: f64,
 }
 
-/// A variable this close to a bound, relative to the largest absolute value so far, counts as being at it.
+/// A variable whose distance from a bound is below this fraction of the largest absolute value so far counts as being
+/// at the bound.
 const AT_BOUND: f64 = 1e-12;
 
 impl<'p> ConvolutionRun<'p> {
@@ -271,7 +275,7 @@ impl<'p> ConvolutionRun<'p> {
         Ok(course)
     }
 
-    /// Records changes of position from stage to stage of the last step.
+    /// Records the switches of variables between the stages of the last step.
     fn find_switches(&mut self) {
         let convolution = &self.convolution;
         let m = self.names.len();
@@ -333,7 +337,7 @@ impl Stepper for ConvolutionRun<'_> {
             ((t - self.convolution.time(last - 1)) / self.convolution.h).clamp(0.0, 1.0)
         };
         if self.convolution.interpolate(theta, &mut self.set, out).is_err() {
-            // Bounds that cross between two stages are ignored: report the values at the stages.
+            // Bounds that cross between two stages are ignored: the values at the last stage are reported.
             let m = self.names.len();
             out[..m].copy_from_slice(self.ends());
         }
@@ -391,7 +395,8 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
+/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
+/// reasons.
 pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
     if plan.segments.is_some() {
         return segments::describe(model, analysis);

@@ -1,64 +1,64 @@
-//! Interpolants of a run: polynomials through the values of the fields at Chebyshev points of each step, so that values at other
-//! times cost no solve.
+//! Interpolants of a run: polynomials through the values of the fields at Chebyshev points of each step, so that
+//! values at other times need no further solve.
 //!
-//! Radau IIA itself has polynomials for the states, but variables and outputs are functions of them. So all fields are sampled alike: on
-//! `n + 1` points `cos(pi k/n)`, with `n` doubled until the interpolant meets the values halfway between its points (Trefethen
-//! 2013, *Approximation Theory and Approximation Practice*, chapters 2 and 5; there the barycentric formula). What is a polynomial of
-//! degree `n` is met to rounding.
+//! Radau IIA itself has polynomials for the states, but variables and outputs are functions of the states. So all
+//! fields are sampled in the same way: at `n + 1` points `cos(pi k/n)`, with `n` doubled until the interpolant agrees
+//! with the values halfway between its points (Trefethen 2013, *Approximation Theory and Approximation Practice*,
+//! chapters 2 and 5, with the barycentric formula). A polynomial of degree `n` is reproduced up to rounding.
 
 use std::f64::consts::PI;
 
-/// The first number of intervals between points: exact for three stages of Radau IIA.
+/// The first number of intervals between Chebyshev points: exact for three stages of Radau IIA.
 const FIRST: usize = 4;
-/// The largest: what it does not meet is not smooth within the step.
+/// The largest number of intervals between Chebyshev points: a field that needs more is not smooth within the step.
 const MOST: usize = 64;
-/// Differences below this part of the largest value of a field are rounding.
+/// Differences below this fraction of the largest value of a field are rounding errors.
 const ROUNDING: f64 = 1e-13;
 
-/// The fields of a run as functions of time.
+/// The fields of a run as functions of time, by piecewise interpolation.
 #[derive(Clone, Debug)]
 pub struct Dense {
     fields: usize,
-    /// The time of the first row, and that row: variables may be others right behind it.
+    /// The start time with its row of fields: variables may jump immediately after the start.
     start: (f64, Vec<f64>),
     pieces: Vec<Piece>,
-    /// Rows at the points of all pieces, one after the other.
+    /// The rows of fields at the Chebyshev points of all pieces, one after the other.
     values: Vec<f64>,
-    /// By how much interpolants differ from the values of the run at most, in parts of the largest value of a field.
+    /// The largest difference of an interpolant from the values of the run, relative to the largest value of a field.
     pub deviation: f64,
 }
 
-/// An interpolant of one step.
+/// The interpolant of one step.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     begin: f64,
     end: f64,
-    /// The place of its first value, and the number of intervals between its points.
+    /// The index of the first value of the piece, and the number of intervals between its points.
     first: usize,
     intervals: usize,
 }
 
-/// Interpolants in the making.
+/// The construction of the interpolants of a run.
 #[derive(Debug)]
 pub(super) struct Sampling {
     dense: Dense,
-    /// By how much an interpolant may differ from the values, in parts of the largest value of a field.
+    /// The permitted difference of an interpolant from the values, relative to the largest value of a field.
     tolerance: f64,
     most_values: usize,
-    /// The largest value of each field so far.
+    /// The largest absolute value of each field so far.
     largest: Vec<f64>,
-    /// Whether a step was met that has no interpolant.
+    /// Whether a step could not be interpolated.
     is_broken: bool,
 }
 
 impl Dense {
-    /// Writes the fields at a time of the run; false where there is none.
+    /// Writes the fields at a time of the run; returns false for a time outside the run.
     pub fn at(&self, t: f64, out: &mut [f64]) -> bool {
         if t == self.start.0 {
             out.copy_from_slice(&self.start.1);
             return true;
         }
-        // An output at the end of a step is of that step, as in a run.
+        // An output at the end of a step takes the values of that step, as in a run.
         let place = self.pieces.partition_point(|piece| piece.end < t);
         match self.pieces.get(place).filter(|piece| piece.begin <= t) {
             Some(piece) => {
@@ -69,26 +69,26 @@ impl Dense {
         }
     }
 
-    /// The number of fields.
+    /// Returns the number of fields.
     pub fn fields(&self) -> usize {
         self.fields
     }
 }
 
 impl Piece {
-    /// A time as a number from -1 to 1.
+    /// Maps a time of the step to the interval from -1 to 1.
     fn position(&self, t: f64) -> f64 {
         2.0 * ((t - self.begin) / (self.end - self.begin)) - 1.0
     }
 }
 
-/// Point `k` of `n + 1`, rising from -1 to 1.
+/// Returns Chebyshev point `k` of `n + 1` points, which increase from -1 to 1.
 fn point(k: usize, n: usize) -> f64 {
-    // Symmetric, and exactly zero in the middle (Trefethen 2013, chapter 2).
+    // The sine is symmetric, and exactly zero in the middle (Trefethen 2013, chapter 2).
     (0.5 * PI * (2.0 * k as f64 - n as f64) / n as f64).sin()
 }
 
-/// The barycentric formula, with weights of alternating sign, half as large at the ends.
+/// Interpolates by the barycentric formula; weights have alternating signs, and half the size at the ends.
 fn interpolate(values: &[f64], n: usize, x: f64, out: &mut [f64]) {
     let fields = out.len();
     out.fill(0.0);
@@ -108,7 +108,7 @@ fn interpolate(values: &[f64], n: usize, x: f64, out: &mut [f64]) {
 }
 
 impl Sampling {
-    /// Begins at the first row.
+    /// Creates the interpolants with the row of fields at the start.
     pub fn new(start: f64, row: Vec<f64>, tolerance: f64, most_values: usize) -> Self {
         let largest = row.iter().map(|value| value.abs()).collect();
         let dense =
@@ -116,7 +116,7 @@ impl Sampling {
         Self { dense, tolerance: tolerance.max(ROUNDING), most_values, largest, is_broken: false }
     }
 
-    /// Samples a step; `row` writes the fields at a time within it.
+    /// Samples and interpolates a step; `row` writes the fields at a time within the step.
     pub fn step(&mut self, begin: f64, end: f64, mut row: impl FnMut(f64, &mut [f64])) {
         let fields = self.dense.fields;
         if self.is_broken || fields == 0 || end <= begin {
@@ -151,7 +151,7 @@ impl Sampling {
                 interpolate(&flat, n, point(2 * k + 1, 2 * n), &mut found);
                 for ((found, value), largest) in found.iter().zip(row).zip(&self.largest) {
                     let difference = (found - value).abs();
-                    // Of a field that was zero so far there is nothing to compare with.
+                    // A field that has been zero so far has no scale to compare with.
                     let part = if difference == 0.0 { 0.0 } else { difference / largest };
                     deviation = if part > deviation || part.is_nan() { part } else { deviation };
                 }
@@ -183,7 +183,7 @@ impl Sampling {
         }
     }
 
-    /// The interpolants, if there is one of every step.
+    /// Returns the interpolants, if every step could be interpolated.
     pub fn finish(self) -> Option<Dense> {
         (!self.is_broken).then_some(self.dense)
     }
@@ -225,7 +225,7 @@ mod tests {
                 assert!(dense.at(t, &mut out));
                 worst = worst.max((out[0] - f(t)[0]).abs()).max((out[1] - f(t)[1]).abs());
             }
-            // Between the points that were compared it may differ by a small multiple of what was measured there.
+            // Between the compared points, the error may be a small multiple of that at the compared points.
             assert!(worst < 4.0 * tolerance, "{worst:e} at {tolerance:e}");
         }
     }
@@ -234,7 +234,7 @@ mod tests {
     fn what_jumps_within_a_step_has_no_interpolant() {
         assert!(sampled(&[0.0, 1.0], 1e-6, |t| [f64::from(t > 0.37), 0.0]).is_none());
         assert!(sampled(&[0.0, 1.0], 1e-6, |t| [1.0 / (t - 0.5), 0.0]).is_none());
-        // Between two steps it may.
+        // A field may jump between two steps.
         let dense = sampled(&[0.0, 0.5, 1.0], 1e-9, |t| [t, t]).unwrap();
         let mut out = [0.0; 2];
         assert!(dense.at(0.5, &mut out) && out == [0.5; 2]);

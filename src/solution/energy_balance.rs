@@ -5,8 +5,8 @@
 //! ```
 //!
 //! with the powers integrated over each step by Gauss quadrature, and the rates that are not states obtained by
-//! differentiating the polynomial through its points. The defect is zero for an exact solution, so it measures the
-//! discretisation error.
+//! differentiating the interpolating polynomial through the quadrature points. The defect is zero for an exact
+//! solution, so it measures the discretisation error.
 
 use super::Checks;
 use super::mechanical_checks::{Accuracy, check_energy};
@@ -15,7 +15,7 @@ use hybrid::OneStep;
 use models::elastic::{EnergyForm, Power};
 use radau::Radau;
 
-/// Points and weights of Gauss quadrature on `[-1, 1]`.
+/// Points and weights of Gauss quadrature with five points on `[-1, 1]`.
 const POINTS: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
     (-0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
@@ -27,7 +27,7 @@ const POINTS: [(f64, f64); 5] = [
 /// The energy balance of a run in progress.
 pub(super) struct EnergyBalance {
     form: EnergyForm,
-    /// The balance so far.
+    /// The energies, work and losses so far.
     pub energy: Energy,
     reached: f64,
     samples: [Vec<f64>; POINTS.len()],
@@ -35,7 +35,7 @@ pub(super) struct EnergyBalance {
 }
 
 impl EnergyBalance {
-    /// Begins a balance at the current state of the run.
+    /// Begins an energy balance at the current state of the run.
     pub fn new(form: EnergyForm, radau: &Radau<'_>) -> Self {
         let (kinetic, potential) = form.at(radau.y());
         let unknowns = radau.y().len();
@@ -48,7 +48,7 @@ impl EnergyBalance {
         }
     }
 
-    /// Adds the last step to the balance.
+    /// Adds the last step to the energy balance.
     pub fn step(&mut self, radau: &mut Radau<'_>) {
         if !self.form.is_closed() {
             self.integrate(radau);
@@ -58,7 +58,7 @@ impl EnergyBalance {
         self.energy.close(kinetic, potential);
     }
 
-    /// Records the defect of the balance at the end of a run with these tolerances; `rtol` is `None` for fixed steps.
+    /// Records the check of the defect of the balance at the end of a run; `rtol` is `None` for fixed steps.
     pub fn judge(&self, radau: &Radau<'_>, rtol: Option<f64>, atol: &[f64], checks: &mut Checks) {
         let mut tolerances = vec![0.0; radau.y().len()];
         tolerances.iter_mut().zip(atol).for_each(|(tolerance, atol)| *tolerance = *atol);
@@ -87,7 +87,7 @@ impl EnergyBalance {
     }
 }
 
-/// The derivative at point `i` of the Lagrange polynomial of point `j`.
+/// Returns the derivative at point `i` of the Lagrange polynomial of point `j`.
 fn derivative(i: usize, j: usize) -> f64 {
     let at = |k: usize| POINTS[k].0;
     let others = |j: usize| (0..POINTS.len()).filter(move |&k| k != j);
@@ -112,7 +112,7 @@ mod tests {
                 assert!((found - exact).abs() < 1e-12, "{power}: {found} {exact}");
             }
         }
-        // Gauss quadrature with five points has order 10.
+        // Gauss quadrature with five points integrates polynomials of degree 9 exactly.
         let integral: f64 = POINTS.iter().map(|(point, weight)| weight * (2.0 + point).powi(9)).sum();
         assert!((integral - (3_f64.powi(10) - 1.0) / 10.0).abs() < 1e-9 * integral);
     }

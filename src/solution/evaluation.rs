@@ -5,22 +5,22 @@ use expression::{IntervalWorkspace, Sight, Tape};
 use hybrid::Followed;
 use numerics::Interval;
 
-/// A program in `t` and the outputs of a problem, with buffers for one evaluation.
+/// A compiled program of functions of `t` and the outputs of a problem, with buffers for its evaluation.
 pub(super) struct EvaluationBuffer {
     program: Tape,
     sight: Sight,
     boxes: IntervalWorkspace,
-    /// The outputs of the problem.
+    /// The outputs of the problem at the last evaluation.
     pub outputs: Vec<f64>,
-    /// The values of the program.
+    /// The values of the program at the last evaluation.
     pub values: Vec<f64>,
     output_ranges: Vec<Interval>,
     ranges: Vec<Interval>,
 }
 
 impl EvaluationBuffer {
-    /// Buffers for a program with so many values, of a problem with so many outputs; `integrates` if its values are
-    /// integrated.
+    /// Creates the buffers for a program with `values` values, of a problem with `outputs` outputs; `integrates` is
+    /// set if the values are integrated.
     pub fn new(program: &Tape, [outputs, values]: [usize; 2], integrates: bool) -> Self {
         Self {
             program: program.clone(),
@@ -33,22 +33,22 @@ impl EvaluationBuffer {
         }
     }
 
-    /// Evaluates at a time within the last step.
+    /// Evaluates the program at a time within the last step.
     pub fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
         stepper.values(t, &mut self.outputs);
         self.program.evaluate(t, &self.outputs, &mut self.values);
         &self.values
     }
 
-    /// Evaluates where the problem has the given outputs.
+    /// Evaluates the program at a time with given outputs of the problem.
     pub fn take(&mut self, t: f64, outputs: &[f64]) -> &[f64] {
         self.outputs.copy_from_slice(outputs);
         self.program.evaluate(t, outputs, &mut self.values);
         &self.values
     }
 
-    /// Encloses outputs and values between two times within the last step, where the first outputs are uncertain by these
-    /// amounts; `None` if they cannot be enclosed.
+    /// Encloses outputs and values between two times within the last step, with the first outputs widened by their
+    /// uncertainties `uncertain`; returns `None` if they cannot be enclosed.
     pub fn enclose(
         &mut self,
         stepper: &mut impl Stepper,
@@ -61,7 +61,8 @@ impl EvaluationBuffer {
         Some([output_ranges, ranges])
     }
 
-    /// The same at the time of the last evaluation, with values on the side of their jumps that it took.
+    /// Encloses outputs and values at the time of the last evaluation, with functions that jump on the side of the
+    /// last evaluation.
     fn enclose_at(&mut self, stepper: &mut impl Stepper, t: f64, uncertain: &[f64]) -> Option<[&[Interval]; 2]> {
         self.enclose_outputs(stepper, (t, t), uncertain)?;
         let Self { program, boxes, output_ranges, ranges, .. } = self;
@@ -80,21 +81,22 @@ impl EvaluationBuffer {
         Some(())
     }
 
-    /// Begins with the samples of a part of a step for integrals.
+    /// Begins sampling a part of a step, for integrals.
     pub fn begin(&mut self) {
         if self.sight.is_needed() {
             self.sight.begin();
         }
     }
 
-    /// Adds what was evaluated last to the samples.
+    /// Adds the last evaluation to the samples of the part.
     pub fn sample(&mut self) {
         if self.sight.is_needed() {
             self.sight.sample(&self.program);
         }
     }
 
-    /// Bounds what the samples do not show of the values, between two times; returns whether there is anything.
+    /// Bounds the variation of the values between two times that the samples do not show; returns whether any value
+    /// may hide variation.
     pub fn judge(&mut self, from: f64, to: f64) -> bool {
         if self.sight.is_needed() {
             self.sight.judge(&self.program, Interval::new(from, to));
@@ -102,30 +104,31 @@ impl EvaluationBuffer {
         self.sight.is_needed()
     }
 
-    /// A bound on what the samples do not show at a place among outputs, which are smooth, then values; and its size.
+    /// Returns a bound on the hidden variation at an index into the outputs followed by the values, and the size of
+    /// the function there; zero for outputs, which are smooth.
     pub fn hidden(&mut self, place: usize) -> (f64, f64) {
         let value = place.checked_sub(self.outputs.len());
         value.map_or((0.0, 0.0), |value| self.sight.hidden(&self.program, value))
     }
 
-    /// What was evaluated last, by its place among outputs, then values.
+    /// Returns the value of the last evaluation at an index into the outputs followed by the values.
     pub fn got(&self, place: usize) -> f64 {
         of_both([&self.outputs, &self.values], place)
     }
 }
 
-/// What stands at a place among outputs, then values.
+/// Returns the element at an index into the outputs followed by the values.
 fn of_both<T: Copy>([outputs, values]: [&[T]; 2], place: usize) -> T {
     place.checked_sub(outputs.len()).map_or_else(|| outputs[place], |value| values[value])
 }
 
-/// Some of the outputs and values along the last step of a method.
+/// Selected outputs and values as functions of time along the last step of a method.
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// Their places among outputs, then values.
+    /// The selected functions, as indices into the outputs followed by the values.
     pub places: &'a [usize],
-    /// By how much the first outputs are uncertain.
+    /// The uncertainties of the first outputs.
     pub uncertain: &'a [f64],
 }
 

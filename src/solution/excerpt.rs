@@ -1,45 +1,46 @@
-//! A part of a trajectory: some of its fields, and every `n`-th of the times within an interval.
+//! Excerpts of a trajectory: some of its fields, and every `n`-th of the times within an interval.
 
 use super::columnar::{Columns, Rows};
 use std::io;
 use std::num::NonZeroUsize;
 use std::ops::RangeInclusive;
 
-/// The request for a part of a trajectory.
+/// The request for an excerpt of a trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Excerpt {
-    /// The fields in this order; `None` for all.
+    /// The names of the fields to include, in this order; `None` for all fields.
     pub fields: Option<Vec<String>>,
-    /// The earliest time.
+    /// The earliest time to include.
     pub from: f64,
-    /// The latest time.
+    /// The latest time to include.
     pub to: f64,
-    /// Keep one in this many of the times within, beginning with the first.
+    /// Include one in this many of the times in the interval, beginning with the first.
     pub every: NonZeroUsize,
 }
 
 impl Default for Excerpt {
-    /// The whole trajectory.
+    /// Requests the whole trajectory.
     fn default() -> Self {
         Self { fields: None, from: f64::NEG_INFINITY, to: f64::INFINITY, every: NonZeroUsize::MIN }
     }
 }
 
-/// An excerpt of given columns.
+/// The fields and rows of an excerpt, selected from given columns.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// Indices of the fields.
+    /// Indices of the selected fields.
     pub fields: Vec<usize>,
-    /// The rows.
+    /// The selected rows.
     pub rows: Rows,
 }
 
 /// The reasons why an excerpt cannot be made.
 #[derive(Debug)]
 pub enum ExcerptError {
-    /// There is no field with the first name; the second entry lists the existing ones.
+    /// The requested field, named by the first entry, does not exist; the second entry lists the names of the
+    /// existing fields.
     NoSuchField(String, Vec<String>),
-    /// The columns cannot be read.
+    /// The columns cannot be read from the disk.
     Unreadable(io::Error),
 }
 
@@ -50,10 +51,10 @@ impl From<io::Error> for ExcerptError {
 }
 
 impl Excerpt {
-    /// Selects the excerpt of `columns`.
+    /// Selects the fields and rows of the excerpt from `columns`.
     ///
     /// # Errors
-    /// A field that does not exist, or an error of the columns.
+    /// A requested field does not exist, or the columns cannot be read.
     pub fn of(&self, columns: &dyn Columns) -> Result<Selection, ExcerptError> {
         let names = columns.names();
         let find = |name: &String| {
@@ -70,7 +71,7 @@ impl Excerpt {
         Ok(Selection { fields, rows: Rows { first, end, every: self.every.get() } })
     }
 
-    /// The interval of times.
+    /// Returns the interval of times to include.
     pub fn times(&self) -> RangeInclusive<f64> {
         self.from..=self.to
     }

@@ -1,31 +1,36 @@
-//! Minima and maxima of functions along the dense output of a run. Samples and local searches find candidates; enclosures
-//! over parts of a step show whether anything between them is larger, as a pulse much narrower than the step, and where.
+//! Minima and maxima of functions along the dense output of a run. Samples and local searches find candidates;
+//! interval enclosures over parts of a step show whether and where a larger value may lie between samples, such as a
+//! pulse much narrower than the step.
 
 use hybrid::Followed;
 use numerics::{Interval, kronrod};
 
-/// Relative accuracy of the location of a smooth extreme within its bracket, whose value is then accurate to the square of
-/// that, which is rounding; and the part of its size by which an extreme may be exceeded between the samples.
+/// Relative accuracy of the location of a smooth extreme in its bracket, whose value is then accurate to rounding
+/// errors (the square of this number); also the permitted excess over an extreme between samples, relative to its
+/// size.
 const KNOWN: f64 = 1e-8;
-/// Reduction of a bracket by a golden-section step.
+/// Reduction of a bracket by one golden-section step.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
-/// Most parts of a step that are enclosed. A pulse takes two for each binary digit of its width.
+/// Largest number of parts of a step that are enclosed. A pulse needs two parts for each binary digit of its width.
 const MOST_PARTS: usize = 1000;
 
-/// The minima and maxima of several functions so far.
+/// The minima and maxima of several functions over the part of a run that has been examined.
 #[derive(Clone, Debug)]
 pub(super) struct Extremes {
     least: Vec<f64>,
     largest: Vec<f64>,
     samples: Samples,
-    /// The enclosures over a part of a step, and their widths at one time, which are rounding.
+    /// Enclosures of the functions over a part of a step, and the widths of their enclosures at one time, which are
+    /// due to rounding.
     ranges: Vec<Interval>,
     rounding: Vec<f64>,
-    /// Parts of a step still to be enclosed, as a stack: the earliest is last.
+    /// Parts of a step that remain to be enclosed, as a stack with the earliest part on top.
     left: Vec<(f64, f64)>,
-    /// The parts in the middle of which the minimum and the maximum of each function are, if they were found in this step.
+    /// For each function, the parts of the step whose middle is its minimum and its maximum, if these were found in
+    /// this step.
     found: Vec<[Option<[f64; 2]>; 2]>,
-    /// The function whose extremes may be exceeded by most, by what part of its size, and when.
+    /// The function whose extreme is least certain: by how much it may be exceeded, relative to its size, and at what
+    /// time.
     open: Option<(usize, f64, f64)>,
 }
 
@@ -33,14 +38,14 @@ pub(super) struct Extremes {
 #[derive(Clone, Debug, Default)]
 struct Samples {
     times: Vec<f64>,
-    /// The values at the first time, then at the second, and so on.
+    /// The values of all functions at the first time, then at the second, and so on.
     values: Vec<f64>,
     order: Vec<usize>,
     at_one: Vec<f64>,
 }
 
 impl Extremes {
-    /// Extremes of `count` functions, without samples.
+    /// Creates the extremes of `count` functions, without samples.
     pub fn new(count: usize) -> Self {
         Self {
             least: vec![f64::INFINITY; count],
@@ -54,17 +59,18 @@ impl Extremes {
         }
     }
 
-    /// The minimum and the maximum of function `k`.
+    /// Returns the minimum and the maximum of function `k`.
     pub fn of(&self, k: usize) -> (f64, f64) {
         (self.least[k], self.largest[k])
     }
 
-    /// The function whose extremes may be exceeded by most, by what part of its size, and when.
+    /// Returns the function whose extreme is least certain, by how much it may be exceeded, relative to its size, and
+    /// at what time.
     pub fn open(&self) -> Option<(usize, f64, f64)> {
         self.open
     }
 
-    /// Adds a step between two times, along which the functions are followed.
+    /// Adds a step between two times, along which the functions `of` are defined.
     pub fn step(&mut self, from: f64, to: f64, of: &mut impl Followed) {
         if self.least.is_empty() {
             return;
@@ -99,7 +105,7 @@ impl Extremes {
         }
     }
 
-    /// Searches a step for larger and smaller values, wherever its enclosures do not exclude them.
+    /// Searches a step for larger and smaller values, wherever interval enclosures do not exclude them.
     fn search(&mut self, from: f64, to: f64, of: &mut impl Followed) {
         self.rounding.fill(0.0);
         if !of.enclose(from, to, &mut self.ranges) || self.exceeded().is_none() {
@@ -109,7 +115,8 @@ impl Extremes {
         if !of.enclose_at(from, &mut self.ranges) {
             return;
         }
-        // What cannot be enclosed at one time is not known over any; beside a jump, the one side is.
+        // A function that cannot be enclosed at one time cannot be enclosed over an interval; beside a jump, one side
+        // can be.
         self.rounding.iter_mut().zip(&self.ranges).for_each(|(rounding, range)| *rounding = range.width());
         self.found.fill([None; 2]);
         self.left.clear();
@@ -149,8 +156,8 @@ impl Extremes {
         }
     }
 
-    /// The function whose enclosure exceeds its extremes by most, and by what part of its size; `None` if all are within
-    /// what is known.
+    /// Returns the function whose enclosure exceeds its extremes most, and by how much relative to its size; `None`
+    /// if all enclosures are within the accuracy of the extremes.
     fn exceeded(&self) -> Option<(usize, f64)> {
         let beyond = |k: usize| {
             let (range, least, largest) = (self.ranges[k], self.least[k], self.largest[k]);
@@ -170,7 +177,7 @@ impl Samples {
         self.at_one.resize(count, 0.0);
     }
 
-    /// Adds a sample.
+    /// Adds a sample of all functions at the time `t`.
     fn take(&mut self, t: f64, of: &mut impl Followed) {
         let begin = self.values.len();
         self.times.push(t);
@@ -179,8 +186,9 @@ impl Samples {
     }
 }
 
-/// The maximum of a function, times a sign, in an interval where it is unimodal, by golden-section search until two values differ
-/// by rounding, which is later at a kink than at a smooth extreme; `at_one` has room for all functions.
+/// Returns the maximum of a function, times a sign, in an interval where it is unimodal, by golden-section search
+/// until two values differ only by rounding errors, which takes longer at a kink than at a smooth extreme; `at_one`
+/// is a buffer for all functions.
 fn highest(of: &mut impl Followed, (k, sign): (usize, f64), [mut a, mut b]: [f64; 2], at_one: &mut [f64]) -> f64 {
     let mut value = |t: f64| {
         of.monitors(t, at_one);
@@ -210,7 +218,7 @@ mod tests {
     use hybrid::Followed;
     use numerics::Interval;
 
-    /// A ramp, and a hat of the height 1 and this width at 1/3.
+    /// A ramp, and a triangular pulse of height 1 at 1/3 with the given half-width.
     struct Hat(f64);
 
     impl Followed for Hat {
@@ -226,7 +234,7 @@ mod tests {
         }
     }
 
-    /// `2 + 3 sin t` and `t^2`, without enclosures.
+    /// The functions `2 + 3 sin t` and `t^2`, without enclosures.
     struct Smooth;
 
     impl Followed for Smooth {

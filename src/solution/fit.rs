@@ -28,89 +28,91 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Positive bounds whose ratio is at least this are filled on a logarithmic scale.
+/// Least ratio of positive bounds of a parameter for which starting points are chosen on a logarithmic scale.
 const FAR_APART: f64 = 100.0;
 /// Relative tolerance of the rank of the Jacobian, in units of `rtol`, since derivatives are as accurate as a run.
 const TOLERANCES: f64 = 10.0;
-/// Share of the progress for the search; the rest is for the final run and its sensitivity check.
+/// Fraction of the progress for the search; the rest is for the final run and its sensitivity check.
 const SHARE: f64 = 0.9;
-/// Beginning of the search in the progress. It is above 0 because only the events of a run that begins at 0 are
-/// recorded as those of the answer.
+/// Progress at which the search begins. It is above 0 because only the events of a run that begins at 0 are recorded
+/// as those of the answer.
 const BEGIN: f64 = 1e-9;
-/// Largest share of the errors of runs in the sum of squares at which residuals are those of the data.
+/// Largest ratio of the squared errors of the runs to the sum of squares at which the residuals are attributed to the
+/// data.
 const EXACT: f64 = 0.01;
-/// Relative tolerance for the loss at minima that count as equal.
+/// Relative difference of the losses of two minima below which they count as equal.
 const SAME: f64 = 1e-3;
 
-/// The fitted quantities and the data.
+/// A request for a fit: the fitted quantities and the data.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// The fitted parameters and initial values.
+    /// The parameters and initial values to fit.
     pub parameters: Vec<Fitted>,
     /// The times of the data, increasing, within the horizon.
     pub t: Vec<f64>,
-    /// The data.
+    /// The measured values of each fitted output.
     pub data: Vec<DataColumn>,
-    /// Whether the standard deviations of the data are known; otherwise all are set to one.
+    /// Whether the standard deviations of the data are known; otherwise all of them are set to one.
     pub is_scaled: bool,
-    /// The loss to minimise.
+    /// The loss to be minimised by the fit.
     pub loss: Loss,
-    /// The number of starting points.
+    /// The number of starting points of the search.
     pub starts: u64,
 }
 
 /// A fitted parameter or initial value.
 #[derive(Clone, Debug)]
 pub struct Fitted {
-    /// The name of the parameter or of the state.
+    /// The name of the fitted parameter, or of the state with a fitted initial value.
     pub name: String,
-    /// The quantity to differentiate with respect to.
+    /// The parameter or initial value with respect to which residuals are differentiated.
     pub by: By,
-    /// Starting value of the search.
+    /// Starting value of the parameter in the search.
     pub initial: f64,
-    /// Lower bound.
+    /// Lower bound of the fitted parameter.
     pub lower: f64,
-    /// Upper bound.
+    /// Upper bound of the fitted parameter.
     pub upper: f64,
 }
 
-/// A measured quantity.
+/// An output with measured values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// A state, by its index.
+    /// A measured state, by its index.
     State(usize),
-    /// A user's definition, by its index; it depends on states, parameters and time alone.
+    /// A measured definition of the user, by its index; it depends on states, parameters and time alone.
     Definition(usize),
 }
 
-/// The data of a state or a definition.
+/// The measured values of a state or a definition.
 #[derive(Clone, Debug)]
 pub struct DataColumn {
-    /// The name of the state or definition.
+    /// The name of the measured state or definition.
     pub name: String,
-    /// The measured quantity.
+    /// The output to which the measured values belong.
     pub of: Quantity,
-    /// The values; `None` where there is no measurement.
+    /// The measured values; `None` where there is no measurement.
     pub values: Vec<Option<f64>>,
-    /// The standard deviations of the values.
+    /// The standard deviations of the measured values.
     pub sd: Vec<f64>,
 }
 
 /// The result of a fit.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct FitAnswer {
-    /// The estimates by name.
+    /// The estimates of the fitted parameters, by name.
     pub parameters: BTreeMap<String, Estimate>,
-    /// The names in the order of the rows and columns of `covariance`.
+    /// The names of the fitted parameters, in the order of the rows and columns of `covariance`.
     pub names: Vec<String>,
-    /// The covariance of the estimates. Null where the data do not determine an estimate, or it is at a bound.
+    /// The covariance matrix of the estimates. Null for an estimate that the data do not determine, or that is at a
+    /// bound.
     pub covariance: Vec<Vec<Option<f64>>>,
     /// The sum of the loss over all residuals, in units of standard deviations if `sd` is given.
     pub loss: f64,
     /// The root of the sum of squared residuals over the degrees of freedom: about 1 if `sd` is given and correct,
     /// otherwise the standard deviation of the data.
     pub spread: f64,
-    /// The number of values that were fitted.
+    /// The number of measured values that were fitted.
     pub observations: u64,
     /// Singular values, in decreasing order, of the Jacobian with respect to relative changes of the parameters, in
     /// units of standard deviations: the inverse of each is the standard error of a combination of relative changes.
@@ -124,34 +126,34 @@ pub struct FitAnswer {
     pub starts: Vec<FitStart>,
 }
 
-/// The estimate of one parameter.
+/// The estimate of one fitted parameter, with its confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Estimate {
-    /// The point estimate.
+    /// The estimated value of the parameter.
     pub estimate: f64,
-    /// Standard error. Absent if the data do not determine the parameter, or it is at a bound.
+    /// The standard error of the estimate. Absent if the data do not determine the parameter, or it is at a bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sd: Option<f64>,
-    /// Lower end of the 95 % confidence interval, within the bounds.
+    /// Lower end of the 95 % confidence interval of the parameter, within its bounds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<f64>,
-    /// Upper end of the 95 % confidence interval, within the bounds.
+    /// Upper end of the 95 % confidence interval of the parameter, within its bounds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
 }
 
-/// The search from one starting point.
+/// The search for a minimum of the loss from one starting point.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct FitStart {
-    /// The starting point.
+    /// The starting point, by the names of the parameters.
     pub from: BTreeMap<String, f64>,
-    /// The minimum; absent if the problem could not be solved at the starting point.
+    /// The minimum, by the names of the parameters; absent if the problem could not be solved at the starting point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<BTreeMap<String, f64>>,
-    /// The loss at the minimum.
+    /// The loss at the minimum that the search found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss: Option<f64>,
-    /// The number of runs.
+    /// The number of runs in the search.
     pub runs: u64,
 }
 
@@ -164,7 +166,7 @@ impl Fit {
         self.parameters.iter().map(|fitted| fitted.name.clone()).zip(point.iter().copied()).collect()
     }
 
-    /// Starting point by its number, from zero.
+    /// Returns the starting point with the given number, counted from zero.
     fn start(&self, number: u64) -> Vec<f64> {
         if number == 0 {
             return self.parameters.iter().map(|fitted| fitted.initial).collect();
@@ -179,10 +181,10 @@ impl Fit {
     }
 }
 
-/// The positive root of `x^(d+1) = x + 1`.
+/// Returns the positive root of `x^(d+1) = x + 1`.
 fn generalised_golden_ratio(d: usize) -> f64 {
     let mut x = 2.0_f64;
-    // The iteration contracts by at least a factor of two per step.
+    // The fixed-point iteration contracts by at least a factor of two per step.
     for _ in 0..f64::MANTISSA_DIGITS {
         x = (1.0 + x).powf(1.0 / (d as f64 + 1.0));
     }
@@ -209,7 +211,8 @@ impl Definitions {
         self.values[definition]
     }
 
-    /// The central difference of a definition, without division, along `dx` in the states and `step` in a parameter.
+    /// Returns the central difference of a definition, without division by the increment, along `dx` in the states
+    /// and `step` in a parameter.
     fn difference(
         &mut self,
         definition: usize,
@@ -233,7 +236,7 @@ impl Definitions {
     }
 }
 
-/// A search in progress.
+/// The search for the minimum of the loss, with the problem and the plan of its runs.
 struct Search<'a> {
     model: Bindable<'a>,
     settings: &'a Settings,
@@ -243,7 +246,7 @@ struct Search<'a> {
     control: &'a Control,
 }
 
-/// Fits a problem to data, and runs it with the estimates.
+/// Fits a differential variational inequality to data, and runs it with the estimates.
 pub fn fit(
     model: &DviModel,
     plan: &Plan,
@@ -268,7 +271,7 @@ pub fn fit_motion(
 }
 
 impl<'a> Search<'a> {
-    /// Searches from all starting points, and runs the problem with what was found.
+    /// Searches from all starting points, and runs the problem with the best estimates.
     fn run(&self) -> Solution {
         let began = Instant::now();
         let (found, starts) = self.best_of_all_starts();
@@ -303,7 +306,8 @@ impl<'a> Search<'a> {
         [of(|fitted| fitted.lower), of(|fitted| fitted.upper)]
     }
 
-    /// The best of the minima from all starting points, or the failure at the first one if there is none.
+    /// Returns the best minimum from all starting points, or the failure at the first starting point if no search
+    /// succeeds.
     fn best_of_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
         let bounds = self.bounds();
         let problem = self.problem(&bounds);
@@ -354,7 +358,8 @@ impl<'a> Search<'a> {
         Failure { code: "no_fit".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
     }
 
-    /// The sensitivities to compute: of the states that the data depend on, with respect to the fitted quantities.
+    /// Returns the sensitivities to compute: those of the states that the data depend on, with respect to the fitted
+    /// quantities.
     fn columns(&self) -> Sensitivities {
         let states = || self.fit.data.iter().map(|column| column.of);
         let of: Vec<usize> = match states().all(|of| matches!(of, Quantity::State(_))) {
@@ -372,7 +377,7 @@ impl<'a> Search<'a> {
         Sensitivities { names: names.collect(), by, to, of, objective: None }
     }
 
-    /// Binds the model to the given values, and adapts the plan of its run.
+    /// Binds the model to given parameter values, and sets the initial values in the plan of its run.
     fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(Bindable<'a>, Plan), Failure> {
         let mut values = self.model.values().to_vec();
         for (fitted, &value) in self.fit.parameters.iter().zip(point) {
@@ -392,12 +397,12 @@ impl<'a> Search<'a> {
     }
 
     fn at(&self, point: &[f64], run: u64) -> Option<Residuals> {
-        // The number of runs is unknown: assign a part of the remaining progress to each.
+        // The number of runs is unknown in advance: each run takes a fraction of the remaining progress.
         let done = |run: u64| 1.0 - 1.0 / run as f64;
         self.control.part(done(run)..done(run + 1), || self.residuals(point).ok())
     }
 
-    /// Computes the residuals and their derivatives by one run up to the last time of the data.
+    /// Computes the residuals and their derivatives at a point by one run up to the last time of the data.
     fn residuals(&self, point: &[f64]) -> Result<Residuals, Failure> {
         let (fit, p) = (self.fit, point.len());
         let columns = self.columns();
@@ -425,7 +430,7 @@ impl<'a> Search<'a> {
                 let Some(value) = value else { continue };
                 let (found, error) = match column.of {
                     Quantity::State(state) => {
-                        // If all columns are states, they are in the order of the data.
+                        // If all measured quantities are states, the columns are in the order of the data.
                         let at = of.iter().position(|of| *of == state).unwrap_or(number);
                         derivatives[at * p..][..p]
                             .iter()
@@ -454,7 +459,7 @@ impl<'a> Search<'a> {
                 row += 1;
             }
         }
-        // Check finiteness of the squares, since these are summed.
+        // The squares are checked for finiteness, since they are summed.
         if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
             let message = "a residual or its derivative, divided by the standard deviation and squared, is not finite";
             return Err(self.failure(message.to_owned()));
@@ -462,7 +467,7 @@ impl<'a> Search<'a> {
         Ok(Residuals { values, jacobian, noise: noise.sqrt() })
     }
 
-    /// Writes a minimum to the answer, with its checks and caveats.
+    /// Writes the estimates at a minimum to the answer, with checks and caveats.
     fn answer(&self, minimum: &Minimum, starts: Vec<FitStart>, solution: &mut Solution) {
         let (fit, bounds) = (self.fit, self.bounds());
         let problem = self.problem(&bounds);
@@ -521,7 +526,7 @@ impl<'a> Search<'a> {
         solution.fit = Some(answer);
     }
 
-    /// Adds caveats about the estimates.
+    /// Adds caveats about the estimates of a fit.
     fn warn(&self, minimum: &Minimum, answer: &FitAnswer, (held, freedoms): (&[bool], usize), solution: &mut Solution) {
         let (fit, checks) = (self.fit, &mut solution.diagnostics.checks);
         for parts in &answer.undetermined {
@@ -552,7 +557,7 @@ impl<'a> Search<'a> {
             checks.caveat("misfit", message);
         }
         let noise = minimum.residuals.noise;
-        // The errors of runs are no chance.
+        // Signs of residuals that are due to the errors of runs are not random, and are not tested.
         if noise.powi(2) < EXACT * squares {
             for (name, residuals) in &answer.residuals {
                 let Some(Stretches { count, expected }) = long_stretches(residuals.iter().flatten().copied()) else {
@@ -587,7 +592,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The scale of relative changes of a parameter.
+/// Returns the scale of relative changes of a parameter.
 fn size(value: f64, fitted: &Fitted) -> f64 {
     let span = fitted.upper - fitted.lower;
     [value.abs(), fitted.initial.abs(), span].into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0)

@@ -1,24 +1,24 @@
-//! Evidence of the error of steps of a given size, which no tolerance controls.
+//! Evidence of the error of a run whose step size is given by the user, without control by a tolerance.
 
 use super::{CheckCode, Checks};
 use radau::{GivenStep, Radau};
 
 /// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
-/// for the other checks of such runs, which have no tolerance.
+/// for the other checks of runs without a tolerance.
 pub(super) const GIVEN_STEPS: f64 = 1e-3;
 
-/// A state this small beside the others is rounding of zero.
+/// Returns the size, relative to the largest state, below which a state counts as a rounding error of zero.
 pub(super) fn rounding_of(largest: &[f64]) -> f64 {
     1e-12 * largest.iter().copied().fold(0.0, f64::max)
 }
 
-/// Whether an error is larger than the largest so far; NaN is larger than any.
+/// Whether an error exceeds the largest error so far, `most`; NaN exceeds any number.
 pub(super) fn is_worse(error: f64, most: f64) -> bool {
     error > most || error.is_nan()
 }
 
-/// Records the sum of the estimated errors of steps of a given size, relative to the largest values of the states; NaN is
-/// not trusted.
+/// Records the check of the sum of the estimated errors of steps of a given size, relative to the largest values of
+/// the states; a sum of NaN is not trusted.
 pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
     checks.record(CheckCode::LocalError, sum, GIVEN_STEPS, || {
         format!(
@@ -28,25 +28,27 @@ pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
     });
 }
 
-/// Evidence of the error of steps of a given size, for each state.
+/// Evidence of the error of a run with steps of a given size, for each state.
 #[derive(Default)]
 pub(super) struct GivenSteps {
-    /// Sum of the estimated errors at the ends of steps, raised to the power that gives them the order of the method.
+    /// For each state, the sum of the estimated errors at the ends of steps, each raised to the power that gives it
+    /// the order of the method.
     at_ends: Vec<f64>,
-    /// Largest estimated error at a time within a step whose values are in use.
+    /// For each state, the largest estimated error at a time within a step whose interpolated values are in use.
     within: Vec<f64>,
-    /// Sum of the errors from variations that the stages miss.
+    /// For each state, the sum of the errors from variations of the rates that the stages miss.
     missed: Vec<f64>,
-    /// Number of steps coupled over their stages within which data vary unseen.
+    /// Number of steps with a switch within which data vary by more than their ends and middle show.
     blind: u32,
-    /// The largest values of the states.
+    /// The largest absolute value of each state.
     largest: Vec<f64>,
-    /// The power to which the sums of errors at ends of steps are raised.
+    /// The power to which the estimated errors at the ends of steps are raised.
     power: f64,
 }
 
 impl GivenSteps {
-    /// Adds the last step of a method, be it the same method throughout or one for each phase of a motion.
+    /// Adds the last step of `radau`; successive calls may pass different methods, such as one for each phase of a
+    /// motion.
     pub fn add(&mut self, radau: &Radau<'_>) {
         let step = radau.given_step();
         let states = step.at_end.len();
@@ -62,15 +64,15 @@ impl GivenSteps {
         self.power = radau.error_power();
     }
 
-    /// Notes that values within the step are in use.
+    /// Records that interpolated values within the step are in use.
     pub fn use_within(&mut self, step: &GivenStep) {
         self.within.resize(step.within.len(), 0.0);
         let errors = self.within.iter_mut().zip(&step.within);
         errors.filter(|(most, error)| is_worse(**error, **most)).for_each(|(most, error)| *most = *error);
     }
 
-    /// Records the largest errors relative to the largest values of the states, apart from those held at zero; nothing if no
-    /// step had a given size.
+    /// Records checks of the largest errors relative to the largest values of the states, except for states that are
+    /// held at zero; records nothing if no step had a given size.
     pub fn judge(&self, held_at_zero: impl FnOnce() -> Vec<bool>, checks: &mut Checks) {
         if self.at_ends.is_empty() {
             return;

@@ -16,16 +16,17 @@ use models::DviModel;
 use problem::Control;
 use radau::{Settings, StageChoice};
 
-/// The factor of the tolerances for the second run, and the least relative tolerance, below which rounding errors
-/// dominate.
+/// The factor of the tolerances for the second, more accurate run, and the least relative tolerance, below which
+/// rounding errors dominate.
 const TIGHTER: f64 = 0.01;
 const LEAST_RTOL: f64 = 1e-14;
 
-/// The approximate fraction of the total work that the first run takes.
+/// The approximate fraction of the total work that the first run takes, out of the first run and its more accurate
+/// reference.
 pub const SHARE: f64 = 0.5;
 
-/// Makes the second run, for the rest of the progress, and records the estimate in the diagnostics of the first run, or
-/// a warning if the second run does not reach the end.
+/// Makes the second, more accurate run and records the estimate of the global error in the diagnostics of the first
+/// run, or a warning if the second run does not reach the end.
 pub fn estimate(
     model: &DviModel,
     plan: &Plan,
@@ -63,7 +64,8 @@ pub fn estimate(
     });
 }
 
-/// The settings of the second run, and the factor of the difference of the runs.
+/// Returns the settings of the second, more accurate run, and the factor that converts the difference of the runs to
+/// the error of the first.
 fn more_accurate(settings: &Settings) -> (Settings, f64) {
     let mut second = settings.clone();
     let tighter = TIGHTER.max(LEAST_RTOL / settings.rtol).min(1.0);

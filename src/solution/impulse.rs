@@ -1,25 +1,27 @@
-//! Impulses: what functions of the outputs gain over a jump of the states that a bound forces.
+//! Impulses of the variables at jumps of the states: the integrals of functions of the outputs over a jump that a
+//! bound forces.
 
-/// A jump of the states by impulses, as the outputs of the problem with multiples of these impulses as their variables.
+/// A jump of the states by an impulse, given by the outputs of the problem with multiples of the impulse as its
+/// variables.
 #[derive(Clone, Debug)]
 pub struct Impulse {
-    /// Time of the jump.
+    /// Time of the jump of the states.
     pub at: f64,
-    /// Time from which on the states are those behind the jump.
+    /// First time at which the states are those after the jump.
     pub t: f64,
-    /// With the states before the jump: the impulses times 0 and 1.
+    /// The outputs with the states before the jump and the impulse times 0 and 1 as variables.
     pub before: [Vec<f64>; 2],
-    /// With the states behind it: the impulses times 0, 1 and 2.
+    /// The outputs with the states after the jump and the impulse times 0, 1 and 2 as variables.
     pub after: [Vec<f64>; 3],
 }
 
-/// Difference of the effects of one impulse that is rounding, relative to their terms.
+/// Relative difference of the effects of an impulse below which they count as equal, the level of rounding errors.
 pub(super) const SAME_IMPULSE: f64 = 1e-9;
 
 impl Impulse {
-    /// The integrals of `count` functions over the impulse; `evaluate` writes them for a time and outputs of the problem. A
-    /// function has an integral if it is affine in the impulses, with the same slope on both sides of the jump; of others, as
-    /// the square of a variable, the integral is undefined: `None`.
+    /// Returns the integrals of `count` functions over the impulse; `evaluate` writes the functions for a time and
+    /// outputs of the problem. The integral of a function exists if the function is affine in the impulse, with equal
+    /// slopes on both sides of the jump; for others, such as the square of a variable, it is undefined: `None`.
     pub(super) fn integrals(
         &self,
         count: usize,

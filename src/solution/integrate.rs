@@ -1,4 +1,4 @@
-//! Integration of a differential variational inequality by Radau IIA: failures, switches and evidence by name.
+//! Integration of a differential variational inequality by Radau IIA, with named failures, switches and evidence.
 
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
@@ -18,7 +18,7 @@ use problem::{Control, Mass, Structure};
 use radau::{Activity, Jump, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
-/// Most faces analysed in one run.
+/// Largest number of active faces analysed in one run.
 const MOST_FACES: usize = 16;
 
 /// Integrates a differential variational inequality by Radau IIA.
@@ -40,7 +40,8 @@ pub fn integrate(
     ended.solution
 }
 
-/// Integrates once, without the runs for sensitivity checks and the global error.
+/// Integrates a differential variational inequality once, without the further runs that check sensitivities and
+/// estimate the global error.
 pub(super) fn integrate_once(
     model: &DviModel,
     plan: &Plan,
@@ -62,7 +63,7 @@ pub(super) fn integrate_once(
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
-        // The active set at the start is not a switch, and integrals begin behind a jump there.
+        // The active set at the start is not a switch, and integrals begin after a jump at the start.
         radau.take_switches();
         radau.take_jumps();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
@@ -94,19 +95,19 @@ pub(super) fn integrate_once(
     })
 }
 
-/// A Radau IIA run with the names of its columns.
+/// A run of Radau IIA with named outputs.
 struct RadauRun<'p> {
     radau: Radau<'p>,
-    /// The jumps at the end of the last step.
+    /// The jumps of the states at the end of the last step.
     jumps: Vec<Jump>,
-    /// The switches at the present time, which the next step may undo at once, and whether the last step has any.
+    /// The switches at the current time, which the next step may revoke, and whether the last step has any.
     switches: Vec<Switch>,
     has_switched: bool,
     followed: Option<Followed>,
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
     atol: &'p [f64],
-    /// The relative tolerance; `None` for a fixed step.
+    /// The relative tolerance of the run; `None` for a fixed step size.
     rtol: Option<f64>,
     audit: Audit<'p>,
     outputs: Outputs,
@@ -116,8 +117,8 @@ struct RadauRun<'p> {
 }
 
 impl RadauRun<'_> {
-    /// A jump at the end of the last step in which the rate of a state has another part of the impulse before the jump than
-    /// behind it.
+    /// Returns the time and the state of a jump at the end of the last step at which the effect of the impulse on the
+    /// rate of the state differs between the sides of the jump.
     fn ambiguous_jump(&mut self) -> Option<(f64, usize)> {
         let Self { radau, jumps, plan, .. } = self;
         let n = plan.initial.len();
@@ -141,7 +142,7 @@ impl RadauRun<'_> {
     }
 }
 
-/// A switch as an event: a variable is activated where fewer equations hold it.
+/// Converts a switch to an event: a variable is activated if the number of equations that hold it decreases.
 fn event(plan: &Plan, &Switch { t, variable, from, to }: &Switch) -> Event {
     let kind = if to.equations() < from.equations() { EventKind::Activated } else { EventKind::Deactivated };
     Event { t, kind, of: plan.names[plan.initial.len() + variable].clone() }
@@ -259,7 +260,8 @@ impl Stepper for RadauRun<'_> {
         self.has_switched = !self.jumps.is_empty();
         for switch in self.radau.take_switches() {
             self.has_switched = true;
-            // Where a face is left as soon as it is entered, rounding has chosen it.
+            // If a face is left at the time at which it is entered, it was chosen by rounding errors: both switches
+            // are removed.
             let is_undone = |last: &Switch| {
                 last.t == switch.t
                     && last.variable == switch.variable
@@ -335,7 +337,8 @@ impl Stepper for RadauRun<'_> {
 }
 
 impl RadauRun<'_> {
-    /// Names a state whose absolute tolerance is below the rounding of its values.
+    /// Returns advice about a state whose absolute tolerance is below the rounding errors of its values; empty if
+    /// there is none.
     fn atol_below_rounding(&self) -> String {
         let states = self.plan.names.iter().zip(self.atol).zip(self.radau.largest());
         let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
@@ -350,7 +353,7 @@ impl RadauRun<'_> {
     }
 }
 
-/// Adds the end of a step to the evidence; after a switch, also the analysis of the new face.
+/// Adds the values at the end of a step to the evidence; after a switch, also the analysis of the new active face.
 fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut Diagnostics) {
     let smooth = radau.kept_face() && !switched && radau.problem().structure().moving.is_empty();
     if let Some(Variables { set, bounded, z, g }) = radau.variables() {
@@ -360,7 +363,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    // Sweeps do not report the faces of a member; `FaceWatch` analyses those that it needs.
+    // Sweeps do not report the active faces of their members; `FaceWatch` analyses those that it needs.
     if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());
@@ -447,7 +450,8 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
+/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
+/// reasons.
 pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
     let mut diagnostics = Diagnostics {
@@ -494,7 +498,7 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
     diagnostics
 }
 
-/// Warns of states whose absolute tolerance leaves hardly a correct digit.
+/// Adds a warning about states that hardly exceed their absolute tolerance.
 fn warn_of_small_states(plan: &Plan, atol: &[f64], radau: &Radau<'_>, diagnostics: &mut Diagnostics) {
     let largest = radau.largest();
     let states =
@@ -511,7 +515,7 @@ fn warn_of_small_states(plan: &Plan, atol: &[f64], radau: &Radau<'_>, diagnostic
     }
 }
 
-/// Copies the counters of a run to the diagnostics.
+/// Copies the counters of a run of Radau IIA to the diagnostics.
 fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
     let (counts, work) = (radau.counts, radau.work());
     diagnostics.stages = radau.stages();

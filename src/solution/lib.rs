@@ -1,4 +1,5 @@
-//! The answer of a solve: the trajectory in columns, events, diagnostics, and the status.
+//! The answer of a solve, and the methods that produce it: trajectory in columns, events, diagnostics, verdict and
+//! status.
 
 mod astray;
 mod audit;
@@ -112,14 +113,14 @@ pub enum Status {
 /// The reason why a solve did not reach its end time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failure {
-    /// A stable code for programs, such as `step_too_small`.
+    /// A stable code of the failure for programs, such as `step_too_small`.
     #[schema(value_type = String)]
     pub code: Cow<'static, str>,
-    /// What happened and what to change, in words.
+    /// The cause of the failure and what to change, in words.
     pub message: String,
-    /// The time reached.
+    /// The time that the solve reached.
     pub time: f64,
-    /// The states at that time, in the order of the specification.
+    /// The states at the time of the failure, in the order of the specification.
     pub state: Vec<f64>,
 }
 
@@ -135,7 +136,7 @@ pub struct Solution {
     /// Whether the answer may be relied upon, and the reasons against it.
     #[serde(default)]
     pub verdict: Verdict,
-    /// The specification and the program that the answer comes from.
+    /// The specification and the program that produced the answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub provenance: Option<Provenance>,
     /// The reason why the solve stopped or failed.
@@ -144,15 +145,16 @@ pub struct Solution {
     /// The monitor of `stop` that ended the run before the end time, if one did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_by: Option<EndedBy>,
-    /// Values over time.
+    /// Times, values and events of the run.
     pub trajectory: Trajectory,
-    /// The evidence. It is written for people and not read back.
+    /// The evidence for the accuracy of the answer. It is written for people, and skipped when an answer is read
+    /// back.
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
-    /// Comparison of the derivatives with a difference of runs, on request.
+    /// Comparison of the derivatives with a finite difference of runs, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
-    /// The derivatives of the objective, by the names of what it is differentiated by, in adjoint mode.
+    /// The derivatives of the objective, by the names of the parameters and initial values, in adjoint mode.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub gradient: BTreeMap<String, f64>,
     /// The value of the objective, in adjoint mode.
@@ -170,7 +172,7 @@ pub struct Solution {
     /// The branch of orbits or steady states, if `continue` requested one; the trajectory is that of its last point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub branch: Option<Branch>,
-    /// One row per member of a sweep.
+    /// One row of collected numbers per member of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<Table>,
     /// Summary statistics of each number that a sweep collects.
@@ -179,7 +181,7 @@ pub struct Solution {
     /// The fitted parameters, if a fit was requested; the trajectory is the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<FitAnswer>,
-    /// The solution of a static problem, if there is one.
+    /// The solution of a static problem; absent for other problems.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solution: Option<StaticSolution>,
     /// Error against run time, if a study was requested.
@@ -188,20 +190,20 @@ pub struct Solution {
     /// The values collected by reducers, in the order of [`Plan::reducers`]; not part of the written answer.
     #[serde(skip)]
     pub collected: Vec<Collected>,
-    /// The fields as functions of time, where [`Plan::interpolants`] asks for them and every step has one; no part of an answer that
-    /// is written.
+    /// The fields as functions of time, if [`Plan::interpolants`] asks for them and every step has an interpolant;
+    /// not part of the written answer.
     #[serde(skip)]
     pub dense: Option<Dense>,
 }
 
-/// Skips a value and returns the default.
+/// Skips a value while deserialising, and returns the default of its type.
 fn passed_over<'de, T: Default, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
     IgnoredAny::deserialize(deserializer).map(|_| T::default())
 }
 
 impl Solution {
-    /// Derives the verdict from all measurements, after the last of them. `end` is the requested end time, if a run was
-    /// asked for and not a search.
+    /// Derives the verdict from all checks, and is called after the last of them. `end` is the requested end time of
+    /// a run, and `None` for a search.
     pub fn judge(&mut self, end: Option<f64>) {
         self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
     }

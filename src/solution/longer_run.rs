@@ -1,6 +1,6 @@
-//! A run with steps twice as long, made beside time stepping for comparison with it. It follows the run by a few steps, so that
-//! it knows in which parts the run made its own. The last step of an odd number is joined with the two before it.
-//! A single step is compared with two steps of half its length.
+//! A run with steps twice as long as those of time stepping, made beside it for comparison. It lags behind the run by
+//! a few steps, so that the substeps of the run are known. If the number of steps is odd, the last step is joined
+//! with the two before it. A run of a single step is compared with two steps of half its length.
 
 use super::compared_columns::Columns;
 use super::longer_steps::{Comparison, Kind, part_of};
@@ -8,106 +8,111 @@ use super::reducers::{Reduction, Selected};
 use super::run::{Plan, Stepper};
 use super::{Checks, Event, Failure};
 
-/// Output times this close to the end of a step, as a part of it, are at the end.
+/// An output time within this fraction of a step from one of its ends counts as that end.
 const WITHIN: f64 = 1e-6;
 
-/// Time stepping that can be compared with longer steps.
+/// A time-stepping method whose run can be compared with a run with longer steps.
 pub(super) trait TimeStepped: Stepper + Sized {
-    /// The time at which the last step began.
+    /// Returns the time at which the last step began.
     fn begin(&self) -> f64;
 
-    /// Makes one step, up to the time `end`.
+    /// Makes one step that ends at the time `end`.
     ///
     /// # Errors
     /// The reason why the step failed, for the user.
     fn step_to(&mut self, end: f64) -> Result<(), Failure>;
 
-    /// The kinds of all outputs.
+    /// Returns the behaviour in time of each output.
     fn kinds(&self) -> Vec<Kind>;
 
-    /// Groups of outputs that are components of one vector, and are measured by the largest of them where all are asked for.
+    /// Returns groups of outputs that are the components of one vector; if all components are requested, their errors
+    /// are relative to the largest of them.
     fn vectors(&self) -> Vec<Vec<usize>> {
         Vec::new()
     }
 
-    /// Writes for each output what the forces of the last step make of it.
+    /// Writes, for each output, its change by the forces of the last step.
     fn resolve(&mut self, out: &mut [f64]);
 
-    /// Writes for each output by what it is displaced if the impacts in the last step are off by the step; returns false if
-    /// there are none.
+    /// Writes, for each output, its displacement if all impacts of the last step had a timing error of one step;
+    /// returns false if the step has no impacts.
     fn strike(&mut self, out: &mut [f64]) -> bool;
 
-    /// Writes a number other than zero for each output that contacts hold at the end of the last step, whatever earlier impacts
-    /// were off by.
+    /// Writes a nonzero number for each output that contacts hold fixed at the end of the last step, so that errors
+    /// of earlier impacts no longer displace it.
     fn hold(&mut self, _out: &mut [f64]) {}
 
-    /// Writes for each output the displacement at the end of the last step by all impacts so far, each in the direction at the
-    /// beginning of its step; returns false without such impacts.
+    /// Writes, for each output, the displacement at the end of the last step by the errors of direction of all
+    /// impacts so far, since each impact takes its directions at the beginning of its step; returns false without
+    /// such impacts.
     fn mislead(&mut self, _out: &mut [f64]) -> bool {
         false
     }
 
-    /// Compares the order of the impacts with that of another run, which has made longer steps over the same time. Writes for each
-    /// output the displacement at the end of the last step by those so far whose order is not known; returns false if there
-    /// are no new ones.
+    /// Compares the order of the impacts with that in a run with longer steps over the same time. Writes, for each
+    /// output, the displacement at the end of the last step by all impacts so far whose order is uncertain; returns
+    /// false if there are no new ones.
     fn reorder(&mut self, _longer: &mut Self, _out: &mut [f64]) -> bool {
         false
     }
 
-    /// Writes for each output the change of its rate by impacts in the last step, times the step: at a time within the step, it
-    /// may be off the line between the ends of the step by as much as this times both parts of the step. Returns false if
-    /// there are no impacts, or outputs within steps know of them.
+    /// Writes, for each output, the change of its rate by impacts in the last step, times the step size. At a time
+    /// that divides the step into the fractions `a` and `1 - a`, the output may differ from the linear interpolation
+    /// between the step ends by up to `a (1 - a)` times this number. Returns false if the step has no impacts, or if
+    /// outputs within steps account for them.
     fn bend(&mut self, _out: &mut [f64]) -> bool {
         false
     }
 
-    /// Writes for each output by what it is displaced at the end of the last step by data that vary within steps, beyond
-    /// what the steps see of them; returns false if there are none.
+    /// Writes, for each output, the displacement at the end of the last step by variations of data between the
+    /// evaluation points of the steps; returns false if there are none.
     fn miss(&mut self, _out: &mut [f64]) -> bool {
         false
     }
 
-    /// The number of first outputs that are known within the last step as at its ends, where it has located what makes them
-    /// jump; its events then have their own times. All other outputs that jump are held throughout a step.
+    /// Returns the number of leading outputs that are as accurate within the last step as at its ends, because the
+    /// step has located their jumps in time. All other outputs that jump are constant within a step.
     fn known_within(&self) -> usize {
         0
     }
 
-    /// The events of the last step.
+    /// Returns the events of the last step.
     fn events(&self) -> Vec<Event>;
 
-    /// Lets the next step, up to the time `end`, be made in longer parts than those of another run.
+    /// Prepares the next step, which ends at `_end`, to have substeps at least twice as long as those of `_run` over
+    /// the same time.
     fn exceed(&mut self, _run: &mut Self, _end: f64) {}
 
-    /// The time of the last step in which it was made in parts that are not longer than those of another run, which has made
-    /// shorter steps over the same time.
+    /// Returns the part of the last step, as a length of time, in which its substeps are not longer than those of
+    /// `_shorter`, which has made shorter steps over the same time.
     fn repeats(&mut self, _shorter: &mut Self) -> f64 {
         0.0
     }
 }
 
-/// The columns at the end of a step.
+/// The columns (recorded quantities) at the end of a step.
 struct Row {
     t: f64,
-    /// The length of the step.
+    /// The length of the step, which ends at `t`.
     h: f64,
     y: Vec<f64>,
 }
 
-/// The run with longer steps.
+/// The run with longer steps, for comparison.
 pub(super) struct LongerRun<S> {
     stepper: S,
     columns: Columns,
-    /// The comparison so far.
+    /// The comparison of the two runs so far.
     pub comparison: Comparison,
-    /// The steps of the run that this one has not made yet, and room for others.
+    /// The steps of the compared run that the longer run has not made yet (`open`), and row buffers for reuse
+    /// (`free`).
     open: Vec<Row>,
     free: Vec<Row>,
     y: Vec<f64>,
     changes: Vec<f64>,
-    /// The columns at the end of the last step of the run.
+    /// The columns at the end of the last step of the compared run.
     last: Vec<f64>,
-    /// The output times, and the index of the next one.
+    /// The output times, and the index of the next output time.
     times: Vec<f64>,
     next: usize,
     start: f64,
@@ -115,16 +120,16 @@ pub(super) struct LongerRun<S> {
     events: Vec<SelectedEvents>,
 }
 
-/// The events of a selection that is collected, of both runs.
+/// Events of both runs that a sweep collects by one selection.
 struct SelectedEvents {
     name: String,
-    /// Whether their number is collected, else the time of the first or the last.
+    /// Whether the number of the events is collected; otherwise the time of the first or the last event is collected.
     is_count: bool,
     of: Selected,
     counts: [u32; 2],
-    /// The times of the first and the last.
+    /// For both runs, the times of the first and the last event.
     times: [Option<[f64; 2]>; 2],
-    /// The longest step in which one of them was not located.
+    /// The longest step with an event whose time was not located.
     h: f64,
 }
 
@@ -156,8 +161,8 @@ impl SelectedEvents {
         }
     }
 
-    /// The relative error of what is collected, and how it is told; an event that is not located is off by a step wherever both
-    /// runs have it.
+    /// Returns the relative error of the collected number, with a message. The time of an event that is not located
+    /// has an error of at least one step, even where the two runs agree.
     fn error(&self, start: f64) -> (f64, String) {
         let [own, other] = self.counts.map(f64::from);
         let name = &self.name;
@@ -176,7 +181,7 @@ impl SelectedEvents {
 }
 
 impl<S: TimeStepped> LongerRun<S> {
-    /// Prepares a comparison with `stepper`, which has not made a step.
+    /// Creates a comparison with `stepper`, which must be at the start.
     pub fn new(mut stepper: S, plan: &Plan, is_default: bool) -> Self {
         let mut columns = Columns::new(plan);
         let quantities = columns.asked(plan, &stepper.kinds());
@@ -193,7 +198,7 @@ impl<S: TimeStepped> LongerRun<S> {
         Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
     }
 
-    /// Follows the last step of a run.
+    /// Adds the last step of `run` to the comparison, and makes a longer step if enough steps are waiting.
     pub fn follow(&mut self, run: &mut S) {
         let (t, h) = (run.t(), run.t() - run.begin());
         if h <= 0.0 || !self.comparison.goes_on() {
@@ -269,8 +274,8 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Whether values at the output times depend on a step: it reaches into the latter half of the time up to one of them, or there
-    /// are outputs at all steps.
+    /// Whether values at the output times depend on the step from `begin` to `end`: the step reaches into the latter
+    /// half of the time up to the next output time, or every step is an output.
     fn counts(&self, [begin, end]: [f64; 2]) -> bool {
         let next = self.times.get(self.times.partition_point(|time| *time <= begin));
         self.times.is_empty() || next.is_some_and(|next| end - self.start >= 0.5 * (next - self.start))
@@ -282,7 +287,7 @@ impl<S: TimeStepped> LongerRun<S> {
         self.columns.evaluate(t, y);
     }
 
-    /// Makes one step over the first steps of the run, `count` of those that are open.
+    /// Makes one longer step over the first `count` of the waiting steps of `run`, and compares the two runs over it.
     fn join(&mut self, run: &mut S, count: usize) {
         let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
         self.stepper.exceed(run, end);
@@ -300,7 +305,7 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Makes a step up to `end`; returns false if it fails.
+    /// Makes a step of the longer run up to `end`; returns false if it fails.
     fn advance(&mut self, end: f64) -> bool {
         if let Err(failure) = self.stepper.step_to(end) {
             self.comparison.fail(failure.message);
@@ -313,7 +318,7 @@ impl<S: TimeStepped> LongerRun<S> {
         true
     }
 
-    /// Compares the first `count` steps that are open, all of which the last step spans.
+    /// Compares the first `count` waiting steps of the run with the last longer step, which spans them all.
     fn compare(&mut self, count: usize) {
         let length = self.stepper.t() - self.stepper.begin();
         self.changes.fill(0.0);
@@ -331,14 +336,15 @@ impl<S: TimeStepped> LongerRun<S> {
         self.free.extend(rows);
     }
 
-    /// Completes the comparison at the end of the run.
+    /// Completes the comparison at the end of the run: compares the waiting steps, and sets the scales of errors.
     pub fn finish(&mut self, run: &mut S) {
         if self.comparison.goes_on() && self.open.len() == 1 {
-            // The error of two steps of half the length is half of that of the one step, at first order.
+            // At first order two steps of half the length have half the error of the single step, so that their
+            // difference is half of the error.
             self.comparison.share(2.0);
             let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
             if self.advance(t - 0.5 * h) && self.advance(t) {
-                // The second half is compared.
+                // Only the second half step is compared with the single step.
                 self.comparison.repeat(0.5 * run.repeats(&mut self.stepper));
                 self.compare(1);
             }
@@ -348,7 +354,7 @@ impl<S: TimeStepped> LongerRun<S> {
             self.join(run, count);
         }
         self.comparison.settle();
-        // The error of a whole vector, relative to it, is the same in any frame.
+        // The error of a whole vector relative to its length does not depend on the frame.
         let mut vectors = self.stepper.vectors();
         vectors.retain(|vector| vector.iter().all(|&column| self.comparison.compares(column)));
         self.comparison.share_units(&vectors);
@@ -358,7 +364,7 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Judges the comparison; see [`Comparison::judge`].
+    /// Records the result of the comparison as checks; see [`Comparison::judge`].
     pub fn judge(&self, allowed: f64, checks: &mut Checks) {
         self.comparison.judge(allowed, checks);
     }

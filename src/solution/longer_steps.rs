@@ -1,108 +1,118 @@
 //! Evidence of the error of time stepping over impacts: a second run with steps twice as long
 //! ([`longer_run`](super::longer_run)), made beside the first at half its cost.
 //!
-//! For a method of first order the difference of the two runs is the error of the first, on the average: an impact happens at
-//! any point of its step, and where both runs move it to the same time, they do not differ. So an impact also counts by
-//! what a step misplaces it, beside the time at which the gap closes. Impacts add up like independent errors; what they have
-//! in common, the runs show. Impacts that are located in time are not misplaced; at second order the difference of the runs is
-//! three times the error of the first, and the whole of it counts.
+//! For a method of first order the difference of the two runs equals the error of the first run, on average. But an
+//! impact may happen at any point of its step, and where both runs move an impact to the same time they do not
+//! differ. So each impact also contributes the displacement that follows from its distance in time from the closing
+//! of the gap. Contributions of single impacts are summed as independent errors; their systematic part shows in the
+//! difference of the runs. Impacts that are located in time contribute nothing. At second order the difference of the
+//! runs is three times the error of the first run, and the whole difference counts.
 //!
-//! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
-//! collects. What is continuous in time is compared at every common time, relative to its largest change over the run, or to its
-//! largest value if that is smaller: where it is zero may be a convention. Velocities, energies and forces jump, at times that
-//! differ from run to run by up to a step, and are compared in the mean over time, relative to their largest values. What never changes by more than what the forces of a single step would make of it is relative to that, since no step
-//! resolves less.
+//! Every requested quantity is compared: a state, another output, a user's definition, an integral, a monitor, or a
+//! number that a sweep collects. Quantities that are continuous in time are compared at every common time, relative
+//! to their largest change over the run, or to their largest value if that is smaller, since the place of zero may be
+//! a convention. Velocities, energies and forces jump, at times that differ between the runs by up to a step; their
+//! difference is averaged over time, and is relative to their largest value. A quantity that never changes by more
+//! than the forces of a single step would change it is compared with that change, since no step resolves less.
 
 use super::given_steps::{GIVEN_STEPS, is_worse};
 use super::{CheckCode, Checks};
 
-/// The number of moving bodies up to which rigid bodies are compared. What many bodies that collide with each other do one by
-/// one is not reproducible: each collision multiplies a difference several times, so that some tens of collisions in a
-/// row make one of rounding as large as a body. Such runs are also the long ones.
+/// Largest number of moving rigid bodies for which the runs are compared. The single trajectories of many colliding
+/// bodies are not reproducible: each collision multiplies a difference several times, so that some tens of collisions
+/// in a row amplify a rounding error to the size of a body. Such runs are also the long ones.
 pub const MOST_COMPARED: usize = 100;
 
-/// The part of the time in which both runs may have the same steps. What these hide is then no more than what the others
-/// show.
+/// Largest fraction of the time in which both runs may have identical steps. The error hidden there is then at most
+/// the error that the remaining steps show.
 const MOST_REPEATED: f64 = 0.5;
 
-/// The part of the largest energy below which energies are not compared with themselves: losses that are zero, such as those of
-/// elastic impacts, are known up to the tolerance of the law of contact, 1e-10, which is then a small part of what is permitted.
+/// Fraction of the largest energy that is the least scale for errors of energies. Losses that are zero, such as those
+/// of elastic impacts, are only known up to the tolerance of the contact law, 1e-10, which is small compared with the
+/// permitted part of this scale.
 pub(super) const KNOWN_ENERGY: f64 = 1e-6;
 
-/// A change this small beside the largest value is rounding.
+/// Changes below this fraction of the largest value are treated as rounding errors.
 const ROUNDING: f64 = 1e-12;
 
-/// The kind of an output of a problem.
+/// Behaviour of an output in time, which decides how two runs are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// It is continuous in time.
+    /// An output that is continuous in time.
     Continuous,
-    /// It jumps, or is a mean over a step.
+    /// An output that jumps in time, or is a mean over a step.
     Jumping,
-    /// It is a sum over a step, such as an impulse, and is compared in the mean over the step.
+    /// An output that is a sum over a step, such as an impulse, and is compared as a mean over the step.
     OfStep,
-    /// It is zero but for the error of the steps, and has a check of its own.
+    /// An output that is zero up to the error of the steps, such as a violation of a constraint, and has a check of
+    /// its own.
     Residual,
 }
 
-/// What of a column is compared.
+/// The functional of a column (one recorded quantity over time) that is compared between two runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Measure {
-    /// Its values.
+    /// The values of the column.
     Values,
-    /// Its integral over time, or that of its square.
+    /// The integral over time of the column, or of its square.
     Integral { is_squared: bool },
-    /// The times at which it changes its sign.
+    /// The times at which the column changes sign.
     Crossings,
 }
 
-/// What is compared, and its distance from that of the run with longer steps.
+/// A compared quantity, with its distance from the run with longer steps.
 #[derive(Clone, Debug)]
 pub(super) struct Quantity {
-    /// What it is called in messages.
+    /// The name of the quantity in messages.
     pub name: String,
-    /// The column of its values.
+    /// The index of the column that holds the values.
     pub column: usize,
-    /// The kind of the column.
+    /// The behaviour of the column in time.
     pub kind: Kind,
-    /// What of it is compared.
+    /// The functional of the column that is compared.
     pub measure: Measure,
-    /// The value at the start, once the run has started.
+    /// The value of the quantity at the start of the run; `None` before the run starts.
     start: Option<f64>,
-    /// Its size so far: its largest change if it is continuous, else its largest value; and the largest value.
+    /// The scale of errors, `size`: the largest change so far of a continuous quantity, or the largest absolute value
+    /// of another; and the largest absolute value, `largest`.
     size: f64,
     largest: f64,
-    /// What the forces of a step make of it.
+    /// Largest change of the quantity by the forces of one step: the least scale of errors.
     least: f64,
-    /// The largest distance of what is continuous; the integral over time of that of what jumps.
+    /// The largest difference of the two runs, for continuous quantities; its integral over time, for quantities that
+    /// jump.
     distance: f64,
-    /// The integral over time, and how far the integrals are apart.
+    /// The integral over time of the quantity, and the difference of this integral between the two runs.
     integrals: [f64; 2],
-    /// Whether nothing but its values at the output times is asked for.
+    /// Whether only values at the output times are requested.
     pub is_at_times: bool,
-    /// The time over which it was compared.
+    /// The length of time over which the two runs were compared.
     compared: f64,
-    /// The sum of the squares of what impacts so far, each off by a step, change of it, and the largest such sum.
+    /// The sum of the squares of the displacements by all impacts so far, each with a timing error of one step
+    /// (`carried`), and the largest such sum (`impacts`).
     carried: f64,
     impacts: f64,
-    /// The largest displacement by impacts in a wrong direction; for what jumps, its integral over time.
+    /// The largest displacement by impacts in a wrong direction; for a quantity that jumps, the integral of this
+    /// displacement over time.
     misled: f64,
-    /// The largest displacement by data that steps do not see.
+    /// The largest displacement by variations of data between the evaluation points of the steps.
     missed: f64,
-    /// The sum of the distances of values within steps from the lines between the ends.
+    /// The sum, over output times within steps, of the distances of the values from the linear interpolation between
+    /// the step ends.
     held: f64,
-    /// The largest distance of values within steps from them by impacts.
+    /// The largest distance, within a step, of a value from the linear interpolation between the step ends, due to
+    /// impacts.
     bent: f64,
-    /// The value at the end of the last step.
+    /// The value of the quantity at the end of the last step.
     last: f64,
-    /// The numbers of changes of sign of both runs, and the largest error of the time of one, relative to the time since the
-    /// start.
+    /// The numbers of sign changes in both runs, and the largest error of the time of a sign change, relative to the
+    /// time since the start.
     crossings: [u32; 2],
     late: f64,
 }
 
 impl Quantity {
-    /// Something to compare.
+    /// Creates a quantity to compare, with no measurements.
     pub fn new(name: String, column: usize, kind: Kind, measure: Measure) -> Self {
         Self {
             name,
@@ -129,7 +139,7 @@ impl Quantity {
         }
     }
 
-    /// The value of the column, with sums over a step of length `h` as means.
+    /// Returns the value of the column; a sum over a step of length `h` is converted to its mean.
     fn value(&self, y: &[f64], h: f64) -> f64 {
         let value = y[self.column];
         match (self.kind, self.measure) {
@@ -139,12 +149,12 @@ impl Quantity {
         }
     }
 
-    /// Whether it is compared by its largest distance.
+    /// Whether the quantity is compared by its largest distance, and not by a mean over time.
     fn is_continuous(&self) -> bool {
         self.kind == Kind::Continuous || self.measure != Measure::Values
     }
 
-    /// Notes a value of the run.
+    /// Updates the size and the largest value of the quantity by a value of the run.
     fn meet(&mut self, value: f64) {
         let start = *self.start.get_or_insert(value);
         let from = if self.kind == Kind::Continuous { start } else { 0.0 };
@@ -152,8 +162,9 @@ impl Quantity {
         self.largest = self.largest.max(value.abs());
     }
 
-    /// Notes values of both runs at the end of a step of length `h` of the run, at a time `elapsed` since the start, where the
-    /// step of the run with longer steps is of length `over`, or goes on; places are compared if they are `known`.
+    /// Adds the difference of the values of both runs at the end of a step of length `h`, at the time `elapsed` since
+    /// the start. `over` is the length of the longer step if it ends at this time, and `None` within the longer step;
+    /// values of continuous quantities are compared only if they are `known`.
     fn differ(&mut self, [value, other]: [f64; 2], [h, elapsed]: [f64; 2], over: Option<f64>, known: bool) {
         let distance = (value - other).abs();
         match self.measure {
@@ -183,7 +194,9 @@ impl Quantity {
         }
     }
 
-    /// The error relative to its size, and how it is told.
+    /// Returns the relative errors from four sources with their messages: impacts, interpolation within steps, unseen
+    /// data, and the difference of the two runs, of which a fraction `repeated` of the time had identical steps;
+    /// `within` counts the output times within steps.
     fn errors(&self, repeated: f64, within: u32) -> [(f64, String); 4] {
         let over = if self.is_continuous() || self.compared == 0.0 { 1.0 } else { self.compared };
         let size = self.size.max(self.least).max(ROUNDING * self.largest);
@@ -197,7 +210,7 @@ impl Quantity {
         let part = |error: f64| part_of(error, &format!("its largest {of}"));
         let impacts =
             format!("and impacts whose times or order the steps do not resolve move {name} by {}", part(by_impacts));
-        // Where both runs have the same steps they do not differ, whatever their error.
+        // Where both runs have identical steps they do not differ, whatever their error.
         let apart = relative(self.distance / over) / (1.0 - repeated);
         let apart = if self.measure == Measure::Crossings { self.late } else { apart };
         let what = format!(
@@ -216,33 +229,34 @@ impl Quantity {
     }
 }
 
-/// The comparison of a run with one whose steps are twice as long.
+/// The comparison of a run with another whose steps are twice as long.
 #[derive(Clone, Debug)]
 pub(super) struct Comparison {
-    /// What is compared.
+    /// The compared quantities.
     pub quantities: Vec<Quantity>,
-    /// Whether the steps have the default size.
+    /// Whether the steps have the default size, and not a size that the user gave.
     is_default: bool,
-    /// What to do about errors.
+    /// Advice to the user on how to reduce the errors, for messages.
     pub remedy: &'static str,
     start: f64,
-    /// The time over which velocities were compared, and the time in which both runs had the same steps.
+    /// The length of time over which velocities were compared, and the length of time in which both runs had
+    /// identical steps.
     compared: f64,
     repeated: f64,
-    /// The part of a difference that is the error.
+    /// Factor that converts a difference of the two runs to the error of the first run.
     share: f64,
-    /// The number of output times within steps.
+    /// Number of output times that lie within steps.
     within: u32,
-    /// Whether what is asked for at the output times depends on the present time.
+    /// Whether values at the output times depend on the current time; see [`Comparison::count`].
     counts: bool,
-    /// Errors of other kinds, relative, with what they are errors of.
+    /// Relative errors from other sources, each with a message that names the quantity in error.
     others: Vec<(f64, String)>,
-    /// Why the other run came to an end.
+    /// The reason why the run with longer steps failed; `None` if it did not.
     failed: Option<String>,
 }
 
 impl Comparison {
-    /// Prepares a comparison from the time `start` on.
+    /// Creates a comparison that begins at the time `start`.
     pub fn new(quantities: Vec<Quantity>, start: f64, is_default: bool) -> Self {
         let (compared, repeated, share) = (0.0, 0.0, 1.0);
         let (others, remedy) = (Vec::new(), "give a smaller `step`");
@@ -261,7 +275,8 @@ impl Comparison {
         }
     }
 
-    /// Notes the columns of the run at the end of a step of length `h`, or at the start.
+    /// Updates sizes by the columns `y` of the run at the end of a step of length `h`, or at the start if `h` is
+    /// zero.
     pub fn meet(&mut self, y: &[f64], h: f64) {
         for quantity in &mut self.quantities {
             let value = quantity.value(y, h);
@@ -272,13 +287,13 @@ impl Comparison {
         }
     }
 
-    /// Notes what the forces of a step make of the columns.
+    /// Raises the least scale of each quantity to the change of its column by the forces of one step.
     pub fn resolve(&mut self, least: &[f64]) {
         self.quantities.iter_mut().for_each(|of| of.least = of.least.max(least[of.column]));
     }
 
-    /// Takes the sizes of what is continuous: its largest change, or its largest value if that is smaller, as of a swing between
-    /// two sides of zero.
+    /// Reduces the scale of each continuous quantity from its largest change to its largest absolute value if that is
+    /// smaller, as for an oscillation about zero.
     pub fn settle(&mut self) {
         for quantity in
             self.quantities.iter_mut().filter(|of| of.kind == Kind::Continuous && of.measure == Measure::Values)
@@ -287,20 +302,20 @@ impl Comparison {
         }
     }
 
-    /// Whether the values of a column are compared.
+    /// Whether the values of a column are compared between the two runs.
     pub fn compares(&self, column: usize) -> bool {
         self.quantities.iter().any(|of| of.column == column && of.measure == Measure::Values)
     }
 
-    /// Lets columns be measured in one unit, as the coordinates of two bodies along the line on which they meet: none of them
-    /// counts as smaller than the others.
+    /// Makes all columns of a group, which have one unit, share the largest scale among them, as for the coordinates
+    /// of two bodies along the line on which they meet.
     pub fn share_units(&mut self, groups: &[Vec<usize>]) {
         let members = |group: &Vec<usize>| -> Vec<usize> {
             let is_member = |of: &Quantity| group.contains(&of.column) && of.measure == Measure::Values;
             (0..self.quantities.len()).filter(|&k| is_member(&self.quantities[k])).collect()
         };
         let groups: Vec<Vec<usize>> = groups.iter().map(members).collect();
-        // A size passes through one group a round.
+        // Groups may overlap: a scale is passed on through one group per round.
         let mut grows = true;
         while grows {
             grows = false;
@@ -314,7 +329,8 @@ impl Comparison {
         }
     }
 
-    /// Notes by what impacts of a step, each off by the step, displace the columns; the time `remaining` is left of the run.
+    /// Adds the squared displacements of the columns by the impacts of a step, each with a timing error of one step,
+    /// where `remaining` is the time to the end of the run.
     pub fn strike(&mut self, displaced: &[f64], remaining: f64) {
         for quantity in &mut self.quantities {
             let by = displaced[quantity.column];
@@ -327,12 +343,13 @@ impl Comparison {
         }
     }
 
-    /// Whether impacts have displaced anything.
+    /// Whether impacts have displaced any quantity.
     pub fn carries(&self) -> bool {
         self.quantities.iter().any(|of| of.carried != 0.0)
     }
 
-    /// Completes what impacts displace: of columns that contacts hold, earlier impacts displace nothing any more.
+    /// Updates the largest displacements by impacts; columns that contacts hold fixed (`held` is not zero) forget the
+    /// displacements by earlier impacts.
     pub fn carry(&mut self, held: &[f64]) {
         let counts = self.counts;
         for quantity in &mut self.quantities {
@@ -345,14 +362,15 @@ impl Comparison {
         }
     }
 
-    /// Notes whether the present time counts for values at the output times. Where runs differ they may agree at a single time, and
-    /// so the latter half of the time up to each output counts.
+    /// Sets whether the current time counts for values at the output times. Runs that differ may agree at a single
+    /// time by chance, and so the latter half of the time up to each output time counts.
     pub fn count(&mut self, counts: bool) {
         self.counts = counts;
     }
 
-    /// Compares columns at a time within a step with those on the line between its ends, for what is not continuous: of what is
-    /// held throughout a step, the end says nothing of the values before it.
+    /// Compares columns `at` a time within a step with the linear interpolation `line` between the step ends, for
+    /// quantities that are not continuous: the end of a step does not determine the earlier values of a quantity that
+    /// is constant within the step.
     pub fn look_within(&mut self, at: &[f64], line: &[f64]) {
         self.within += 1;
         for quantity in self.quantities.iter_mut().filter(|of| !of.is_continuous()) {
@@ -360,8 +378,9 @@ impl Comparison {
         }
     }
 
-    /// Notes that the rates of columns change within a step by as much as the step makes of `bends`, at an output time within it
-    /// that has the product `parts` of the parts of the step before and after it.
+    /// Updates the largest distances from linear interpolation at an output time within a step. `bends` is the step
+    /// size times the change of the rates of the columns by impacts in the step, and `parts` is the product of the
+    /// fractions of the step before and after the output time.
     pub fn bend(&mut self, bends: &[f64], parts: f64) {
         for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
             let by = parts * bends[quantity.column].abs();
@@ -371,7 +390,7 @@ impl Comparison {
         }
     }
 
-    /// Notes by how much impacts in a wrong direction displace the columns, at the end of a step of length `h`.
+    /// Updates the displacements of the columns by impacts in a wrong direction, at the end of a step of length `h`.
     pub fn mislead(&mut self, displaced: &[f64], h: f64) {
         let counts = self.counts;
         let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
@@ -385,7 +404,7 @@ impl Comparison {
         }
     }
 
-    /// Notes by how much data that vary within steps displace the columns, beyond what the steps see of them.
+    /// Updates the displacements of the columns by data that vary between the evaluation points of the steps.
     pub fn miss(&mut self, displaced: &[f64]) {
         let counts = self.counts;
         let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
@@ -397,9 +416,10 @@ impl Comparison {
         }
     }
 
-    /// Compares columns of both runs at a time `t` at the end of a step of length `h`, within or at the end of a step of the
-    /// other run of length `length`. Within a step that impacts bend, the longer step knows less of what is continuous than the
-    /// shorter ones, which end there.
+    /// Compares the columns of both runs at the time `t`, the end of a step of length `h` of the first run. This time
+    /// lies within or, if `ends` is set, at the end of a step of length `length` of the other run. Within a longer
+    /// step that contains impacts (`is_bent`) continuous quantities are not compared, since the shorter steps resolve
+    /// them better.
     pub fn differ(&mut self, [run, other]: [&[f64]; 2], [t, h]: [f64; 2], (length, ends): (f64, bool), is_bent: bool) {
         let counts = self.counts;
         let over = ends.then_some(length);
@@ -412,33 +432,33 @@ impl Comparison {
         }
     }
 
-    /// Notes that both runs had the same steps for some time.
+    /// Adds a length of time in which both runs had identical steps.
     pub fn repeat(&mut self, time: f64) {
         self.repeated += time;
     }
 
-    /// Notes an error of another kind, relative, and what it is an error of.
+    /// Adds a relative error from another source, with the message that names the quantity in error.
     pub fn note(&mut self, error: f64, what: String) {
         self.others.push((error, what));
     }
 
-    /// Notes the part of a difference that is the error.
+    /// Sets the factor that converts a difference of the two runs to the error of the first run.
     pub fn share(&mut self, share: f64) {
         self.share = share;
     }
 
-    /// Notes that the run with longer steps failed.
+    /// Records that the run with longer steps failed, and why.
     pub fn fail(&mut self, why: String) {
         self.failed = Some(why);
     }
 
-    /// Whether the run with longer steps goes on.
+    /// Whether the run with longer steps has not failed.
     pub fn goes_on(&self) -> bool {
         self.failed.is_none()
     }
 
-    /// Records the largest error relative to the size of its quantity, beside the permitted error `allowed`. A permitted error
-    /// that leaves less than three digits is a caveat.
+    /// Records the largest relative error of all quantities as a check against the permitted error `allowed`. An
+    /// error that is permitted but exceeds a thousandth is reported as a caveat.
     pub fn judge(&self, allowed: f64, checks: &mut Checks) {
         let size = match self.is_default {
             true => "the steps have the default size",
@@ -458,7 +478,7 @@ impl Comparison {
         checks.record(CheckCode::LocalError, error, allowed, || message);
     }
 
-    /// The largest error relative to the size of its quantity, and what it is an error of.
+    /// Returns the largest relative error of all quantities, with the message that names the quantity in error.
     fn worst(&self) -> (f64, String) {
         let mut worst = (0.0, "and what is asked for does not differ with steps twice as long".to_owned());
         let repeated = if self.compared > 0.0 { self.repeated / self.compared } else { 0.0 };
@@ -485,10 +505,11 @@ impl Comparison {
     }
 }
 
-/// The largest error that is told as a number: larger ones are errors of what is zero, but for rounding.
+/// Largest relative error that is reported as a number: a larger one belongs to a quantity that is zero up to
+/// rounding.
 const MOST_TOLD: f64 = 1e3;
 
-/// An error relative to the size of something, in words.
+/// Formats an error relative to the size of a quantity in words.
 pub(super) fn part_of(error: f64, what: &str) -> String {
     if error.is_nan() {
         format!("an unknown part of {what}")
@@ -501,7 +522,7 @@ pub(super) fn part_of(error: f64, what: &str) -> String {
     }
 }
 
-/// Says that steps over impacts were not compared with longer ones, and why.
+/// Adds the caveat that steps over impacts were not compared with longer ones, with the reason `why`.
 pub(super) fn not_compared(checks: &mut Checks, why: &str) {
     checks.caveat("error_not_estimated", format!("what the steps are worth was not estimated: {why}"));
 }

@@ -1,17 +1,18 @@
 //! Checks of the energy balance, joints and gaps of a run with contacts, for the verdict.
 //!
-//! With tolerances, the defect may be the sum over the steps of their permitted errors: velocities accurate to `rtol`
-//! keep the energy accurate to twice that. Fixed steps have no tolerance; the limit is a thousandth of the largest
-//! value, which is what a picture shows. A first-order scheme may have a larger defect if its order explains it: up to
-//! the sum of the step errors, estimated from forces and velocities, as long as the states stay within the accuracy
-//! that first order promises.
+//! With tolerances, the permitted defect is the sum over the steps of their permitted errors: velocities accurate to
+//! `rtol` keep the energy accurate to `2 rtol`. Fixed steps have no tolerance; the limit is a thousandth of the
+//! largest value, which is visible in a plot. A first-order scheme may have a larger defect if its order explains it:
+//! up to the sum of the step errors, estimated from forces and velocities, as long as the states stay within the
+//! accuracy that first order promises.
 
 use super::{CheckCode, Checks};
 use contact::energy::Energy;
 use contact::{Grazed, Passed, Screening, Violation, Violations};
 use radau::ALLOWED;
 
-/// Largest permitted defect, relative to the largest energy or length, whatever the tolerances.
+/// Largest permitted defect of energies and constraints, relative to the largest energy or length, whatever the
+/// tolerances.
 pub(super) const LARGEST_PART: f64 = 1e-3;
 
 /// Permitted error of the states of a first-order scheme, as a multiple of their motion per step. The errors of steps
@@ -19,14 +20,15 @@ pub(super) const LARGEST_PART: f64 = 1e-3;
 /// first order; a larger one would trust an oscillation that the scheme has damped away.
 const STEPS: f64 = 30.0;
 
-/// Largest defect that the order of a scheme may explain, relative to the largest energy. A loss of a twentieth of the
-/// energy is a loss of a fortieth of the amplitude, which a picture shows.
+/// Largest defect that the order of a scheme may explain, relative to the largest energy. A loss of a twentieth of
+/// the energy is a loss of a fortieth of the amplitude, which is visible in a plot.
 const MOST_EXCUSED: f64 = 0.05;
 
-/// Relative rounding error of joints and gaps after corrections.
+/// Relative rounding error of joints and gaps after position corrections.
 const ROUNDING: f64 = 1e-9;
 
-/// Permitted error of a collocation polynomial between the stages, in units of the tolerance at the end of the step.
+/// Permitted error of a collocation polynomial between the stages, in units of the error tolerance at the end of the
+/// step.
 const BETWEEN_STAGES: f64 = 100.0;
 
 /// Energy lost by rounding in an elastic impact, relative to the largest energy.
@@ -35,11 +37,11 @@ const ROUNDING_OF_IMPACTS: f64 = 1e-11;
 /// The requested accuracy of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Accuracy {
-    /// Fixed steps.
+    /// Fixed steps, without a tolerance.
     Fixed,
-    /// Adaptive steps with a tolerance.
+    /// Steps adapted to a tolerance.
     Tolerance {
-        /// The relative tolerance.
+        /// The relative tolerance of the run.
         rtol: f64,
         /// Kinetic energy of velocities as large as their absolute tolerances.
         atol: f64,
@@ -51,12 +53,12 @@ pub(super) enum Accuracy {
 }
 
 impl Accuracy {
-    /// The permitted defect of the energy balance.
+    /// Returns the permitted defect of the energy balance.
     fn of_energy(self, energy: &Energy) -> f64 {
         let (size, most) = (energy.size(), LARGEST_PART * energy.size());
         let permitted = match self {
             Self::Fixed => energy.explained(STEPS).min(MOST_EXCUSED * size).max(most),
-            // Bounds v^T M dv with |dv| <= rtol |v| + atol, by Cauchy and Schwarz, and f^T dq.
+            // Bounds `v^T M dv` with `|dv| <= rtol |v| + atol`, by the Cauchy-Schwarz inequality, and `f^T dq`.
             Self::Tolerance { rtol, atol, work, steps } => {
                 let steps = steps as f64;
                 (2.0 * steps * (rtol * size + (size * atol).sqrt() + atol)).min(most) + steps * work
@@ -84,7 +86,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
         )
     });
     let lost = energy.lost_beyond_restitution;
-    // The order of a scheme does not explain the energy defect of impulses.
+    // The order of a time-stepping scheme does not excuse an energy defect of impulses, so that its larger limit does
+    // not apply.
     let allowed = match accuracy {
         Accuracy::Fixed => LARGEST_PART * size + energy.rounding(),
         Accuracy::Tolerance { .. } => allowed,
@@ -98,8 +101,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     });
 }
 
-/// Compares violations of joints and gaps with the lengths met, or with the tolerances; `names` are those of the
-/// contacts.
+/// Compares violations of joints and gaps with the lengths met in the run, or with the tolerances; `names` are those
+/// of the contacts.
 pub(super) fn check_violations(violations: &Violations, names: &[String], accuracy: Accuracy, checks: &mut Checks) {
     let allowed = |seen: &Violation| {
         let permitted = match accuracy {
@@ -132,7 +135,7 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
     }
 }
 
-/// Reports a grazing contact that the tolerances cannot decide.
+/// Records the check of a grazing contact that the tolerances cannot decide.
 pub(super) fn check_grazed(grazed: &Grazed, name: &str, checks: &mut Checks) {
     checks.record(CheckCode::EventsUnproven, grazed.change, ALLOWED, || {
         format!(
@@ -144,7 +147,7 @@ pub(super) fn check_grazed(grazed: &Grazed, name: &str, checks: &mut Checks) {
     });
 }
 
-/// Reports steps in which an event was missed or may have been missed.
+/// Records the check of steps in which an event was missed or may have been missed.
 pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
     let Screening { proven, undecided, missed } = screening;
     checks.record(CheckCode::EventsUnproven, missed as f64, 0.0, || {
@@ -162,8 +165,8 @@ pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
     }
 }
 
-/// Compares the energy removed to pass accumulations of impacts with the tolerance; elastic impacts have no
-/// accumulation.
+/// Compares the energy removed to pass accumulations of impacts with the tolerance; with elastic impacts only
+/// rounding is permitted, since they have no accumulation.
 pub(super) fn check_passed(passed: &Passed, name: &str, energy: &Energy, rtol: f64, checks: &mut Checks) {
     let part = if energy.size() > 0.0 { passed.energy.abs() / energy.size() } else { 0.0 };
     let allowed = if passed.is_elastic { ROUNDING_OF_IMPACTS } else { rtol.max(ROUNDING_OF_IMPACTS) };

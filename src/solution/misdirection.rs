@@ -1,22 +1,25 @@
-//! How far a motion gets from its way by impacts whose directions or speeds are off: by the part of the velocity that an impact
-//! gives in error, times the way since. What comes to rest goes no further astray, unless an impact has stopped it in error.
+//! Displacement of a body by impacts with an error of direction or speed: the relative error of the velocity after an
+//! impact, times the path length since the impact. The error of a body at rest does not grow, unless an impact has
+//! stopped the body in error.
 
-/// Errors of the direction of a velocity, and the errors of the place that follow. Errors of single impacts are independent: their squares
-/// are summed, component by component.
+/// Errors of the direction of a velocity, and the position errors that follow. Errors of single impacts are
+/// independent: their squares are summed, component by component.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Misdirection {
-    /// The way so far, in the norm of the speeds given.
+    /// The path length so far, measured in the norm of the given speeds.
     way: f64,
-    /// The speed that impacts have taken in error and that is not lost otherwise since.
+    /// The speed that impacts have removed in error, less the speed that the body would have lost since without the
+    /// error.
     taken: f64,
-    /// For each component the sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, with the errors `e` of the velocity relative
-    /// to the speed and the ways `s` before them.
+    /// For each component, the sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, where `e` is the error of the
+    /// velocity relative to the speed and `s` is the path length before the impact.
     sums: Vec<[f64; 3]>,
 }
 
 impl Misdirection {
-    /// Adds a step of length `h` with the speed `speed` at its end, and the error that impacts in the step gave each component of the
-    /// velocity. They took the speed `taken` in error; a body with that speed would have lost `lost` of it in the step.
+    /// Adds a step of length `h` with the speed `speed` at its end, and the error of each velocity component by
+    /// impacts in the step. These impacts removed the speed `taken` in error; a body with that speed would have lost
+    /// `lost` of it in the step.
     pub fn step(&mut self, h: f64, speed: f64, [taken, lost]: [f64; 2], error: &[f64]) {
         self.sums.resize(error.len(), [0.0; 3]);
         self.taken = (self.taken - lost).max(taken).max(0.0);
@@ -25,8 +28,9 @@ impl Misdirection {
         self.err(error, possible, self.way);
     }
 
-    /// Adds an error that an impact gave each component of the velocity some time `ago`, and that is known only now, where the speed
-    /// is `speed`. It took as much of the speed in error as it may have changed of it.
+    /// Adds an error of each velocity component by an impact that lies `ago` in the past, when the error becomes
+    /// known only at the current time, where the speed is `speed`. The impact may have removed as much speed in error
+    /// as the norm of the error.
     pub fn mistake(&mut self, ago: f64, speed: f64, error: &[f64]) {
         self.sums.resize(error.len(), [0.0; 3]);
         self.taken = self.taken.max(size_of(error));
@@ -34,9 +38,9 @@ impl Misdirection {
         self.err(error, possible, self.way - ago * possible);
     }
 
-    /// Adds an error that each component of the velocity has, at a speed, from a way on.
+    /// Adds an error of each velocity component, at the speed `speed`, from the path length `since` on.
     fn err(&mut self, error: &[f64], speed: f64, since: f64) {
-        // A direction is off by no more than all of it.
+        // The relative error of a direction is at most one.
         let speed = size_of(error).max(speed);
         if speed <= 0.0 {
             return;
@@ -47,23 +51,24 @@ impl Misdirection {
         }
     }
 
-    /// Whether a velocity is off.
+    /// Whether any velocity component has an error.
     pub fn is_any(&self) -> bool {
         self.sums.iter().any(|[one, ..]| *one > 0.0)
     }
 
-    /// Clears the errors of the components that contacts hold: a body rests in such a direction, whatever earlier impacts were off by.
+    /// Clears the errors of the components that contacts hold fixed: a body at rest in a direction forgets the errors
+    /// of earlier impacts.
     pub fn hold(&mut self, held: &[bool]) {
         self.sums.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(sums, _)| *sums = [0.0; 3]);
     }
 
-    /// The errors of the components of the place.
+    /// Returns the errors of the position components.
     pub fn of_place(&self) -> impl Iterator<Item = f64> {
         let way = self.way;
         self.sums.iter().map(move |[one, first, second]| (one * way * way - 2.0 * first * way + second).max(0.0).sqrt())
     }
 
-    /// The errors of the components of a velocity of the given speed.
+    /// Returns the errors of the velocity components of a body with the given speed.
     pub fn of_velocity(&self, speed: f64) -> impl Iterator<Item = f64> {
         let speed = speed.max(self.taken);
         self.sums.iter().map(move |[one, ..]| one.sqrt() * speed)
@@ -92,7 +97,7 @@ mod tests {
         for _ in 0..10 {
             misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
         }
-        // A second at 0.2 across.
+        // A velocity error of 0.2 in the second component for one second.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
         assert_near(misdirection.of_velocity(1.0), [0.0, 0.1]);
         misdirection.step(5.0, 0.0, [0.0; 2], &[0.0, 0.0]);
@@ -110,7 +115,7 @@ mod tests {
         for _ in 0..7 {
             misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
         }
-        // A second at 0.2 across.
+        // A velocity error of 0.2 in the second component for one second.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
     }
 
@@ -126,7 +131,7 @@ mod tests {
         for _ in 0..10 {
             misdirection.step(0.1, 0.0, [0.0, 0.5], &[0.0, 0.0]);
         }
-        // 2.5, 2, .., 0 in steps of 0.1.
+        // Sum of the speeds 2.5, 2, .., 0 over steps of 0.1.
         assert_near(misdirection.of_place(), [3.75, 0.0]);
         assert_near(misdirection.of_velocity(0.0), [0.0, 0.0]);
     }

@@ -1,6 +1,6 @@
-//! The derivative of a period's end by its beginning, whose eigenvalues are multipliers, held to differences of runs over a
-//! period in one direction. Steps follow an orbit, not what is near it: an orbit at rest is exact in steps of any length, and
-//! the derivative along it is not.
+//! Verification of the monodromy matrix, whose eigenvalues are the Floquet multipliers, by differences of runs over a
+//! period in one direction. Step sizes are chosen for the orbit and not for its neighbourhood: a constant orbit is
+//! exact with any steps, but its derivative is not.
 
 use super::CheckCode;
 use super::Plan;
@@ -10,24 +10,26 @@ use super::verdict::Checks;
 use nalgebra::DVector;
 use problem::Control;
 
-/// How often states are moved less, if what is found is no difference quotient: once by what the first difference shows, and
-/// once more if this had run into bounds.
+/// Largest number of times that the increment of the states is reduced if the result is not a difference quotient:
+/// once by the amount that the first difference suggests, and once more in case the first difference was limited by
+/// bounds.
 const CLOSER: usize = 2;
 
-/// Differences of the ends of runs that begin on either side of an orbit.
+/// Differences of the end states of runs that begin on either side of an orbit.
 struct Differences {
-    /// What the derivative says, per state.
+    /// The change of each end state that the derivative predicts.
     derivative: DVector<f64>,
     near: DVector<f64>,
-    /// Those of starts twice as far, halved.
+    /// The difference for starts at twice the distance, halved.
     far: DVector<f64>,
-    /// The tolerances of the states in these runs.
+    /// The tolerances of the states in runs at twice the distance.
     scale: Vec<f64>,
 }
 
-/// The multipliers of an orbit. They do not depend on where along it the run over a period begins, but the derivative of its end
-/// does: where rates switch at the beginning, it belongs to one side only. If it is no limit of differences, the run begins
-/// elsewhere; its multipliers are taken if `may_replace` is set or they are the same.
+/// Returns the multipliers of an orbit. Multipliers do not depend on the point of the orbit at which the period
+/// begins, but the monodromy matrix does: if rates switch at this point, the matrix is a one-sided derivative. If it
+/// is no limit of differences, the period begins at another point; its multipliers are returned if `may_replace` is
+/// set or they agree with the first ones.
 pub(super) fn find(
     subject: Subject<'_>,
     plan: &Plan,
@@ -56,19 +58,20 @@ pub(super) fn find(
     found
 }
 
-/// The part of its size by which a state is moved.
+/// Returns the increment of a state for finite differences, relative to the size of the state.
 fn part_of(subject: Subject<'_>) -> f64 {
     subject.settings().rtol.powf(POWER).min(MOST_MOVED)
 }
 
-/// Whether multipliers, by decreasing modulus, differ by a part of the largest at most.
+/// Whether multipliers, by decreasing modulus, differ by at most a fraction `part` of the largest.
 fn is_same(some: &[[f64; 2]], others: &[[f64; 2]], part: f64) -> bool {
     let largest = some.first().map_or(0.0, modulus);
     some.len() == others.len()
         && some.iter().zip(others).all(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]) <= part * largest)
 }
 
-/// A run over the same orbit that begins later, at no simple fraction of the period, where symmetric orbits switch.
+/// Makes a run over an orbit that begins later by an irrational fraction of the period, since symmetric orbits switch
+/// at simple fractions.
 fn later(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control) -> Option<(Plan, Shot)> {
     let after = GOLDEN * shot.period;
     let begins = subject.end(plan, (&shot.from, after), control).ok()?;
@@ -77,13 +80,13 @@ fn later(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control) -> O
     Some((plan, later))
 }
 
-/// Records how far the derivative of the end of an orbit by its beginning is from a difference of runs.
+/// Records the check of the monodromy matrix against a finite difference of runs.
 fn check(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control, checks: &mut Checks) {
     let Ok(monodromy) = &shot.monodromy else { return };
     let settings = subject.settings();
     let part = part_of(subject);
     let tolerances = settings.tolerances(0, &vec![0.0; shot.from.len()]);
-    // Below its tolerance a state is at zero, and has no size.
+    // A state below its absolute tolerance counts as zero; its increment has the scale one.
     let sizes = shot.scale.iter().zip(&tolerances).map(|(scale, atol)| {
         let largest = (scale - atol) / settings.rtol;
         if largest > *atol { largest } else { 1.0 }
@@ -102,14 +105,14 @@ fn check(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control, chec
         };
         let mut is_quotient = true;
         for (i, row) in monodromy.row_iter().enumerate() {
-            // Errors of the runs grow as what is near the orbit does.
+            // Errors at the start of a run are amplified by the monodromy matrix.
             let noise = scale[i] + row.iter().zip(&shot.scale).map(|(value, scale)| value.abs() * scale).sum::<f64>();
             let apart = (near[i] - far[i]).abs();
             if apart > noise + near[i].abs().max(far[i].abs()) / SLACK {
                 is_quotient = false;
                 continue;
             }
-            // Half of the digits of a derivative is what a difference can tell.
+            // A finite difference has half of the digits of the runs.
             let size: f64 = row.iter().zip(&moved).map(|(value, moved)| (value * moved).abs()).sum();
             let (allowed, distance) = (SLACK * (apart + noise) + part * size, (derivative[i] - near[i]).abs());
             let off = if distance == 0.0 { 0.0 } else { distance / allowed };
@@ -134,7 +137,7 @@ fn check(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control, chec
     checks.caveat("derivatives_not_checked", message.to_owned());
 }
 
-/// Differences of runs that begin beside the orbit; `None` if one does not reach its end.
+/// Computes the differences of runs that begin beside the orbit; returns `None` if a run does not reach its end.
 fn differences(
     subject: Subject<'_>,
     plan: &Plan,

@@ -17,62 +17,62 @@ use utoipa::ToSchema;
 /// The definitions, integrals and monitors of a user.
 #[derive(Clone, Debug, Default)]
 pub struct Observables {
-    /// The names of the definitions, then of the integrals.
+    /// The names of the user's definitions, then of the integrals.
     pub names: Vec<String>,
-    /// The number of integrals.
+    /// The number of the user's integrals.
     pub integrals: usize,
     /// For each definition, the number of outputs of the problem up to the last one that it depends on.
     pub reach: Vec<usize>,
     /// For each definition, integrand and monitor, the outputs of the problem that it depends on.
     pub inputs: Vec<Vec<usize>>,
-    /// The monitors.
+    /// The monitors, whose sign changes are events.
     pub monitors: Vec<Monitored>,
-    /// Definitions, integrands and monitors compiled as functions of `t` and all outputs of the problem.
+    /// Definitions, integrands and monitors, compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
-    /// The derivatives of definitions and integrands; empty where none are asked for.
+    /// The derivatives of definitions and integrands; empty if none are requested.
     pub slopes: ObservableSlopes,
 }
 
-/// The derivatives of definitions and integrands by states and parameters.
+/// The partial derivatives of definitions and integrands with respect to states and parameters.
 #[derive(Clone, Debug, Default)]
 pub struct ObservableSlopes {
-    /// The structural nonzeros, as the observable and by what.
+    /// The structural nonzeros: the index of the observable, and the argument of the partial derivative.
     pub pattern: Vec<(usize, Argument)>,
-    /// Their values as a program in `t` and the states.
+    /// The partial derivatives, compiled as functions of `t` and the states.
     pub program: Tape,
-    /// Why an observable has no derivative, if it has none.
+    /// For each observable, the reason why it has no derivative; `None` if it has one.
     pub refused: Vec<Option<&'static str>>,
 }
 
-/// What an observable depends on.
+/// An argument of a partial derivative of an observable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Argument {
-    /// A state.
+    /// A state, by its index.
     State(usize),
-    /// A parameter.
+    /// A parameter, by its index.
     Parameter(usize),
 }
 
 /// A monitor (event function) of the user.
 #[derive(Clone, Debug)]
 pub struct Monitored {
-    /// The label of its events.
+    /// The label of the monitor's events.
     pub label: String,
-    /// The sign changes that count.
+    /// The direction of the sign changes that count as events.
     pub direction: Direction,
-    /// Whether its events end the run.
+    /// Whether an event of the monitor ends the run.
     pub ends: bool,
 }
 
-/// The direction of the sign changes that count.
+/// The direction of the sign changes of a monitor that count as events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
-    /// From below zero to zero or above.
+    /// A change of a monitor from below zero to zero or above.
     Rising,
-    /// From above zero to zero or below.
+    /// A change of a monitor from above zero to zero or below.
     Falling,
-    /// Both.
+    /// Changes of a monitor's sign in both directions.
     #[default]
     Either,
 }
@@ -82,54 +82,55 @@ pub enum Direction {
 pub struct EndedBy {
     /// The label of the monitor, or else its expression.
     pub label: String,
-    /// The time of its event.
+    /// The time of the event that ended the run.
     pub t: f64,
 }
 
 impl Observables {
-    /// Whether something is evaluated within steps, independently of the output times.
+    /// Whether observables are evaluated within steps, independently of the output times.
     pub fn is_followed(&self) -> bool {
         self.integrals > 0 || !self.monitors.is_empty()
     }
 
-    /// Binds other values of the parameters.
+    /// Binds new values of the parameters.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.program.bind(parameters);
         self.slopes.program.bind(parameters);
     }
 
-    /// The number of values of the program.
+    /// Returns the number of values that the program computes.
     pub(super) fn values(&self) -> usize {
         self.names.len() + self.monitors.len()
     }
 
-    /// The number of definitions.
+    /// Returns the number of definitions.
     pub(super) fn definitions(&self) -> usize {
         self.names.len() - self.integrals
     }
 }
 
-/// Observables during a run.
+/// The state of a user's observables during a run.
 pub(super) struct Observed<'a> {
     of: &'a Observables,
     monitors: Monitors,
     touches: Touches,
     place: EvaluationBuffer,
-    /// The places of the monitors among the outputs of the problem, then the values of the program.
+    /// The indices of the monitors, in the outputs of the problem followed by the values of the program.
     watched: Vec<usize>,
-    /// The integrals up to the time `reached`.
+    /// The user's integrals from the start up to the time `reached`.
     integrals: Integrals,
-    /// The places of the integrands there, none of which is squared.
+    /// The indices of the integrands, in the outputs of the problem followed by the values of the program; none of
+    /// them is squared.
     integrands: Vec<(usize, bool)>,
     reached: f64,
-    /// Impulses that the integrals have not passed, in the order of time.
+    /// Impulses after the time `reached`, in the order of time.
     impulses: VecDeque<Impulse>,
-    /// A monitor without a finite value, if there is one.
+    /// The index of a monitor without a finite value, if there is one.
     lost: Option<usize>,
 }
 
 impl<'a> Observed<'a> {
-    /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
+    /// Creates the state at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let place = EvaluationBuffer::new(&of.program, [outputs, of.values()], of.integrals > 0);
         let t = stepper.t();
@@ -196,19 +197,19 @@ impl<'a> Observed<'a> {
         ended
     }
 
-    /// The monitor without a finite value at a time within the last step.
+    /// Returns the index of a monitor without a finite value at a time within the last step.
     fn lost_at(&mut self, stepper: &mut impl Stepper, t: f64) -> Option<usize> {
         let first = self.of.names.len();
         self.place.at(stepper, t)[first..].iter().position(|value| !value.is_finite())
     }
 
-    /// The label of a monitor without a finite value at the end of the last step.
+    /// Returns the label of a monitor without a finite value at the end of the last step.
     pub fn lost(&self) -> Option<&str> {
         self.lost.map(|monitor| self.of.monitors[monitor].label.as_str())
     }
 
-    /// Writes definitions and integrals at a time within the last step, where the problem has the given outputs. Times
-    /// must increase from call to call.
+    /// Writes definitions and integrals at a time within the last step; `outputs` are the outputs of the problem at
+    /// this time. Times must increase from call to call.
     pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.integrate(stepper, t);
         let (of_definitions, of_integrals) = out.split_at_mut(self.of.definitions());
@@ -216,13 +217,13 @@ impl<'a> Observed<'a> {
         of_integrals.copy_from_slice(&self.integrals.values);
     }
 
-    /// Writes the definitions at a time where the problem has the given outputs.
+    /// Writes the definitions at a time; `outputs` are the outputs of the problem at this time.
     pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.place.take(t, outputs);
         out.copy_from_slice(&self.place.values[..out.len()]);
     }
 
-    /// Announces the impulses at the end of the last step.
+    /// Announces the impulses at the end of the last step, which the integrals will pass.
     pub fn expect(&mut self, impulses: &[Impulse]) {
         if self.of.integrals > 0 {
             self.impulses.extend(impulses.iter().cloned());
@@ -250,25 +251,26 @@ impl<'a> Observed<'a> {
         self.reached = t;
     }
 
-    /// The integral with the largest relative uncertainty, and that uncertainty.
+    /// Returns the name of the integral with the largest relative uncertainty, and this uncertainty.
     pub fn uncertainty(&self) -> Option<(&str, f64)> {
         let (integral, uncertainty) = self.integrals.uncertainty()?;
         Some((self.of.names.get(self.of.definitions() + integral)?, uncertainty))
     }
 
-    /// The integral that an impulse leaves undefined, and the time of that.
+    /// Returns the name of the first integral that is undefined because of an impulse, and the time of the impulse.
     pub fn undefined(&self) -> Option<(&str, f64)> {
         let (integral, t) = self.integrals.undefined()?;
         Some((self.of.names.get(self.of.definitions() + integral)?, t))
     }
 
-    /// The first monitor that touches zero within the tolerances, and the time of that.
+    /// Returns the label of the first monitor that touches zero within the tolerances, and the time at which it
+    /// leaves zero.
     pub fn touched(&self) -> Option<(&str, f64)> {
         let (monitor, t) = self.touches.found?;
         Some((&self.of.monitors[monitor].label, t))
     }
 
-    /// Number of steps in which a monitor may have changed sign twice without being noticed.
+    /// Returns the number of steps in which a monitor may have changed sign twice without being noticed.
     pub fn open(&self) -> u64 {
         self.monitors.open
     }

@@ -1,4 +1,4 @@
-//! Integration of a parabolic obstacle problem, with outputs by name.
+//! Integration of a parabolic obstacle problem, with named outputs.
 
 use super::given_steps::record_given_steps;
 use super::run::{Plan, Stepper, run};
@@ -8,7 +8,7 @@ use hybrid::OneStep;
 use models::obstacle::{Contact, ContactChange, Obstacle, ObstacleError, Settings, TrBdf2};
 use problem::Control;
 
-/// Integrates an obstacle problem.
+/// Integrates a parabolic obstacle problem by TR-BDF2.
 pub fn integrate_obstacle(
     problem: &Obstacle,
     plan: &Plan,
@@ -22,7 +22,7 @@ pub fn integrate_obstacle(
     })
 }
 
-/// The diagnostics known before the run.
+/// Returns the diagnostics known before the run: components built, and components left out with reasons.
 pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "tr_bdf2",
@@ -45,16 +45,16 @@ pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Ana
     diagnostics
 }
 
-/// A run with the names of its columns.
+/// A run of an obstacle problem, with named outputs.
 struct ObstacleRun<'a> {
     stepper: TrBdf2<'a>,
-    /// The outputs at the beginning and at the end of the last step.
+    /// The outputs of the problem at the beginning and at the end of the last step.
     told: [Vec<f64>; 2],
     contact: Contact,
     events: Vec<Event>,
-    /// The probes, as nodes with their weights.
+    /// For each probe, the nodes of its interpolation with their weights.
     probes: Vec<Vec<(usize, f64)>>,
-    /// The largest `|u|` at the current time, which failures report as their state.
+    /// The largest `|u|` at the current time, which failures report as the state.
     states: Vec<f64>,
     vi_tolerance: f64,
 }
@@ -83,7 +83,7 @@ impl<'a> ObstacleRun<'a> {
         Ok(course)
     }
 
-    /// Updates the outputs at the current time.
+    /// Updates the outputs to those at the current time.
     fn tell(&mut self) {
         let Self { stepper: TrBdf2 { system, u, force, .. }, told, probes, .. } = self;
         self.contact = Contact::of(system, u, force);
@@ -133,8 +133,8 @@ impl Stepper for ObstacleRun<'_> {
         Ok(())
     }
 
-    /// Within a step, values of `u` come from the stepper's interpolant. Those of the contact set, whose rate jumps,
-    /// are interpolated linearly.
+    /// Writes the outputs within a step: values of `u` by the interpolant of the method, and linearly interpolated
+    /// values of the contact set, whose rates jump.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let Self { stepper, told: [before, now], probes, .. } = self;
         let (start, end) = (stepper.begin(), stepper.t);

@@ -27,48 +27,52 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Most runs over one period. Newton's method takes a handful; a system left to itself approaches its orbit by the
-/// modulus of its multiplier per period.
+/// Largest number of runs over one period. Newton's method needs a few; repeated periods of the system itself
+/// approach a stable orbit by the modulus of its largest multiplier per period.
 const MOST_SHOTS: u64 = 100;
-/// Most halvings of a Newton step that does not reduce the residual: another period of the system itself, which also
-/// reduces it, costs as much as one halving.
+/// Largest number of halvings of a Newton step that does not reduce the residual: another period of the system
+/// itself, which also reduces the residual, costs as much as one halving.
 const HALVINGS: i32 = 1;
 /// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
 /// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
 const GAIN: f64 = 0.25;
-/// The most by which a step changes a free period, as a part of it: beyond, the derivatives by the period say nothing.
+/// Largest relative change of a free period in one Newton step: derivatives with respect to the period are not valid
+/// beyond it.
 const MOST_OF_PERIOD: f64 = 0.5;
-/// Most runs until the state of the phase has its value again.
+/// Largest number of runs until the state that fixes the phase returns to its initial value.
 const RETURNS: usize = 8;
-/// A distance of this number of tolerances has fewer than three known digits: an orbit with a free period and no greater length counts
-/// as a point, and an orbit whose start is known no better is uncertain.
+/// A distance of fewer tolerances than this has less than three known digits: an orbit with a free period and no
+/// greater length counts as a point, and an orbit whose start has no smaller error is uncertain.
 const SEEN: f64 = 1e3;
-/// A multiplier within this distance of the unit circle counts as being on it, given the accuracy of the derivatives.
+/// Distance from the unit circle below which a Floquet multiplier counts as being on it, given the accuracy of the
+/// derivatives.
 const ON_CIRCLE: f64 = 1e-6;
-/// Relative change of the derivatives over a step of Newton's method beyond which no solution need be near: the bound of
-/// Kantorovich's theorem, which a double root reaches.
+/// Relative change of the derivatives over a step of Newton's method beyond which a nearby solution is not
+/// guaranteed: the bound of Kantorovich's theorem, which is attained at a double root.
 pub(super) const CHANGED: f64 = 0.5;
-/// Most states that a message gives.
+/// Largest number of states that a message lists.
 const TOLD: usize = 3;
-/// Number of times in a period at which the rows of a problem are compared with those one period later. They, and their
-/// distances, are not simple fractions of the period, so that they meet edges of pulses by chance only; the beginning of the
-/// period, where pulses often have an edge, is none of them.
+/// Number of times in a period at which the right-hand sides of a problem are compared with those one period later.
+/// These times, and their distances, are not simple fractions of the period, so that they meet edges of pulses by
+/// chance only; they exclude the beginning of the period, where pulses often have an edge.
 const COMPARED: u32 = 16;
-/// Number of periods that are compared with the next one: what repeats once may change later, as by a pulse.
+/// Number of periods that are compared with the next one: a function that repeats once may still change later, for
+/// example by a pulse.
 const PERIODS: u32 = 64;
-/// Relative tolerance for rows that count as equal: rounding of the time, amplified by their slopes.
+/// Relative tolerance for right-hand sides that count as equal: rounding errors of the time, amplified by their
+/// slopes.
 const SAME: f64 = 1e-6;
 
-/// The requested orbit.
+/// The requested periodic orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Periodic {
-    /// The period, or an initial guess of a free one.
+    /// The period, or the initial guess of a free period.
     pub period: f64,
-    /// For a free period, the state that keeps its initial value.
+    /// If the period is free, the index of the state that keeps its initial value and so fixes the phase.
     pub phase: Option<usize>,
 }
 
-/// A periodic orbit.
+/// A periodic orbit and its stability.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Orbit {
     /// The period of the orbit.
@@ -82,15 +86,15 @@ pub struct Orbit {
     /// phase. Absent if that is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stable: Option<bool>,
-    /// Number of runs over one period.
+    /// Number of runs over one period in the search.
     pub shots: u64,
-    /// Distance of its end from its beginning, in units of `atol + rtol |x|`.
+    /// Distance of the end of the orbit from its beginning, in units of `atol + rtol |x|`.
     pub residual: f64,
     /// Mean, root mean square, minimum and maximum over the period of each field other than integrals.
     pub over_period: BTreeMap<String, OverTime>,
 }
 
-/// A search in progress.
+/// The search for a periodic orbit, with the number of its runs.
 struct Search<'a> {
     subject: Subject<'a>,
     plan: &'a Plan,
@@ -99,7 +103,7 @@ struct Search<'a> {
     shots: u64,
 }
 
-/// Finds an orbit of a differential variational inequality, and runs along it once.
+/// Finds a periodic orbit of a differential variational inequality, and integrates once along it.
 pub fn find_orbit(
     model: &DviModel,
     plan: &Plan,
@@ -112,7 +116,7 @@ pub fn find_orbit(
     find(Subject::Dvi(model, settings), plan, asked, along, control)
 }
 
-/// Finds an orbit of a motion with located impacts, and runs along it once.
+/// Finds a periodic orbit of a motion with located impacts, and integrates once along it.
 pub fn find_orbit_of_motion(
     model: &MechanicalModel,
     plan: &Plan,
@@ -139,7 +143,7 @@ fn find(
     solution
 }
 
-/// Searches for an orbit from the initial values, and counts the runs over one period.
+/// Searches for a periodic orbit from the initial values; returns the result and the number of runs over one period.
 pub(super) fn search_from_start(
     subject: Subject<'_>,
     plan: &Plan,
@@ -152,7 +156,7 @@ pub(super) fn search_from_start(
     (found, search.shots)
 }
 
-/// Runs once along an orbit that was found, or from where its search ended.
+/// Integrates once along an orbit, or from the state in which a failed search ended.
 pub(super) fn run_along(
     subject: Subject<'_>,
     plan: &Plan,
@@ -164,7 +168,7 @@ pub(super) fn run_along(
     let reached = found.as_ref().map_or_else(|missed| missed.0.as_ref(), Some);
     let (start, period) =
         reached.map_or_else(|| (plan.initial.clone(), asked.period), |shot| (shot.from.clone(), shot.period));
-    // Output times were requested for the expected period; scale them to the actual one.
+    // Output times are requested for the expected period, and are scaled to the actual period.
     let at = |t: &f64| plan.start + (t - plan.start) * (period / asked.period);
     let once = Plan {
         initial: start.clone(),
@@ -182,14 +186,14 @@ pub(super) fn run_along(
             let (_, failure) = *missed;
             let (status, failure) = ending(control, failure);
             (solution.status, solution.error) = (status, Some(failure));
-            // The run goes from where the search ended, which is no orbit.
+            // The run begins where the search ended, and is not an orbit.
             solution.collected = plan.reducers.as_ref().map_or_else(Vec::new, |reducers| reducers.nothing());
             return solution;
         }
     };
     let distances = x.iter().zip(&start).zip(&shot.scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let residual = distances.fold(0.0, f64::max);
-    // Tolerance-sized errors of the steps may add up to this number of tolerances.
+    // Errors of the steps, each of the size of the tolerance, may add up to this number of tolerances.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, residual, allowed, || {
         format!("the end of the orbit differs from its beginning by {residual:.1e} times the tolerance")
@@ -224,7 +228,8 @@ pub(super) fn run_along(
     solution
 }
 
-/// Says where an orbit begins only roughly: a run returns to its start, within the tolerance, from far around it.
+/// Returns a message if the start of an orbit is uncertain: runs from a neighbourhood of the start return to their
+/// own start within the tolerance.
 fn uncertain_start(subject: Subject<'_>, shot: &Shot, phase: Option<usize>) -> Option<String> {
     let error = shot.uncertainty(phase, subject.settings().rtol)?;
     let parts = error.iter().zip(&shot.scale).map(|(error, scale)| error.abs() / scale);
@@ -240,8 +245,9 @@ fn uncertain_start(subject: Subject<'_>, shot: &Shot, phase: Option<usize>) -> O
     })
 }
 
-/// Whether the largest multiplier keeps half of its distance from the unit circle, where it is near, if the start is moved
-/// by its own error: near a double orbit, both vanish with the square root of the tolerance.
+/// Whether the largest multiplier, if it is near the unit circle, keeps half of its distance from the circle when the
+/// start is moved by its own error: near a fold of orbits the distance and the error both vanish with the square root
+/// of the tolerance.
 fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usize>, control: &Control) -> bool {
     let rtol = subject.settings().rtol;
     let distance = |shot: &Shot| largest_modulus(&shot.multipliers(), phase.is_some()).unwrap_or(0.0) - 1.0;
@@ -249,7 +255,7 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
     if here.abs() > rtol.sqrt() {
         return true;
     }
-    // The runs tell multipliers no better than their own relative tolerance.
+    // Multipliers are only as accurate as the relative tolerance of the runs.
     if here.abs() <= rtol {
         return false;
     }
@@ -262,14 +268,15 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
     })
 }
 
-/// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if one
-/// is on the circle, or none are known.
+/// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if a
+/// multiplier is on the circle, or no multipliers are known.
 pub(super) fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
     let largest = largest_modulus(multipliers, is_free)?;
     ((largest - 1.0).abs() > ON_CIRCLE).then_some(largest < 1.0)
 }
 
-/// The largest modulus of the multipliers, except the one nearest to 1 if the phase is free; `None` without multipliers.
+/// Returns the largest modulus of the multipliers, except the one nearest to 1 if the phase is free; `None` without
+/// multipliers.
 fn largest_modulus(multipliers: &[[f64; 2]], is_free: bool) -> Option<f64> {
     let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
     let nearest =
@@ -278,10 +285,10 @@ fn largest_modulus(multipliers: &[[f64; 2]], is_free: bool) -> Option<f64> {
     Some(others.fold(0.0, f64::max))
 }
 
-/// The best run, if there was one, and the reason why it is not an orbit.
+/// The best run of a search, if there was one, and the reason why it is not an orbit.
 pub(super) type Missed = Box<(Option<Shot>, Failure)>;
 
-/// Refuses a period after which the problem itself does not repeat, and a free period of a problem that depends on
+/// Rejects a period after which the problem itself does not repeat, and a free period of a problem that depends on
 /// time.
 pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_free: bool) -> Result<(), Failure> {
     let mut rows_at = rows_at(subject, plan);
@@ -327,7 +334,7 @@ pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_f
     Ok(())
 }
 
-/// The rows of a problem at the initial state, as a function of time.
+/// Returns the right-hand sides of a problem at the initial state, as a function of time.
 fn rows_at<'a>(subject: Subject<'a>, plan: &'a Plan) -> Box<dyn FnMut(f64) -> Vec<f64> + 'a> {
     match subject {
         Subject::Dvi(model, _) => {
@@ -364,7 +371,7 @@ impl Search<'_> {
         let initial = self.plan.initial.clone();
         let rtol = self.subject.settings().rtol;
         let mut shot = self.shoot(&initial, period).map_err(|failure| Box::new((None, failure)))?;
-        // The most directions in which a step of Newton's method has moved the start.
+        // The largest number of directions in which a Newton step has moved the start.
         let mut directions = 0;
         loop {
             let distance = shot.distance();
@@ -410,10 +417,11 @@ impl Search<'_> {
         }
     }
 
-    /// Takes steps of Newton's method from a run that returns to within the tolerance until they are within it too. A
-    /// return alone is no orbit: a slow drift returns as well, relative to a large state or as it decays. There the
-    /// derivatives change along each step as much as the step itself; where they do not, and steps no longer become
-    /// shorter, the orbit is known as well as runs tell. Directions in which the search has moved the start stay corrected.
+    /// Takes Newton steps from a run that returns to its start within the tolerance, until the steps are within the
+    /// tolerance too. A run that returns need not be near an orbit: a slow drift also returns, relative to a large
+    /// state or as it decays. With such a drift the derivatives change along each step by as much as the step itself.
+    /// If the derivatives do not change so much, and steps no longer become shorter, the orbit is as accurate as the
+    /// runs permit. Directions in which the search has moved the start remain corrected.
     fn confirm(&mut self, mut shot: Shot, directions: usize) -> Result<Shot, Missed> {
         let rtol = self.subject.settings().rtol;
         loop {
@@ -449,7 +457,7 @@ impl Search<'_> {
         }
     }
 
-    /// The failure of a search whose run returns to within the tolerance, and is not near an orbit.
+    /// Returns the failure of a search whose run returns to its start within the tolerance, but is not near an orbit.
     fn drifts(&self, shot: Shot, moved: f64) -> Result<Shot, Missed> {
         let shot = self.moves(shot)?;
         let names = self.subject.state_names().iter().zip(&shot.from).take(TOLD);
@@ -464,8 +472,8 @@ impl Search<'_> {
         Err(Box::new((Some(shot), failure)))
     }
 
-    /// The next run by Newton's method, with the largest fraction of its step that reduces the residual; `None` if no
-    /// fraction does.
+    /// Makes the next run by Newton's method, with the largest fraction of the step that reduces the residual;
+    /// returns `None` if no fraction does.
     fn damped(&mut self, shot: &Shot, correction: &Correction) -> Result<Option<Shot>, Failure> {
         let (change, of_period) = correction;
         let whole = (MOST_OF_PERIOD * shot.period / of_period.abs()).min(1.0);
@@ -486,7 +494,8 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// A run from the end of another; with a free period, from where the state of the phase has its value again.
+    /// Makes a run from the end of another run; with a free period, from where the state that fixes the phase has its
+    /// initial value again.
     fn returned(&mut self, shot: &Shot) -> Result<Shot, Failure> {
         let Some(phase) = self.phase else { return self.shoot(&shot.to, shot.period) };
         let (mut run, anchor) = (shot.clone(), shot.from[phase]);
@@ -507,13 +516,14 @@ impl Search<'_> {
         self.shoot(&shot.to, shot.period)
     }
 
-    /// Whether a run is nearer to the orbit than the one before, by its residual or by what Newton's method would correct.
+    /// Whether a run is nearer to the orbit than the previous run, by its residual or by the size of its Newton
+    /// correction.
     fn falls(&self, (shot, correction): (&Shot, &Correction), next: &Shot, to: f64) -> bool {
         let by_correction = || shot.contraction(correction, next, self.phase, self.subject.settings().rtol);
         next.distance() <= to * shot.distance() || by_correction().is_some_and(|part| part <= to)
     }
 
-    /// Refuses an orbit with a free period that is a single point.
+    /// Rejects an orbit with a free period that is a single point, which is a steady state.
     fn moves(&self, shot: Shot) -> Result<Shot, Missed> {
         let moved = shot.slope.iter().zip(&shot.scale).map(|(slope, scale)| (slope * shot.period).abs() / scale);
         if self.phase.is_none() || moved.fold(0.0, f64::max) > SEEN {

@@ -1,20 +1,22 @@
-//! Whether two runs with located impacts take the same impacts in the same order.
+//! Compares whether two runs with located impacts have the same impacts in the same order.
 //!
-//! A body that meets others with one corner and then with another goes elsewhere if the order is the other one: its motion is not
-//! continuous there, and a run may be on the wrong side with all its digits. Two runs on the same wrong side agree. So
-//! the order counts as known only where two impacts are further apart in time than by what their distance differs between the runs; else
-//! the smaller of the two is an error of the velocity. Where one run has an impact that the other does not, that impact is one, unless
-//! others make up for it, such as two corners one after the other for both at once.
+//! A body that touches others with one corner and then with another takes a different path if the order is reversed:
+//! its motion depends discontinuously on the data, and an accurate run may still be on the wrong branch, and both
+//! runs may be on the same wrong branch. So the order of two impacts counts as known only if their distance in time
+//! exceeds the difference of this distance between the runs; otherwise the velocity change of the smaller impact is
+//! an error of the velocity. An impact that only one run has is an error too, unless other impacts make up for it,
+//! such as two corners that hit one after the other instead of together.
 
 use models::rigid_bodies::Impact;
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 
-/// The sequences of the impacts of each body in a run and in one with longer steps, as far as they are not compared yet.
+/// For each body, the sequences of impacts in a run and in the run with longer steps, as far as they have not been
+/// compared.
 #[derive(Debug)]
 pub(super) struct OrderOfImpacts {
     bodies: Vec<Sequences>,
-    /// The time before which impacts are not compared.
+    /// Impacts before this time are ignored.
     since: f64,
 }
 
@@ -22,19 +24,19 @@ pub(super) struct OrderOfImpacts {
 struct Sequences {
     open: [VecDeque<Impact>; 2],
     last: Option<Met>,
-    /// The difference of the changes of the velocities so far.
+    /// The difference of the velocity changes by all impacts so far, between the two runs.
     apart: [Vector3<f64>; 2],
 }
 
-/// An impact that both runs have.
+/// An impact that the run and the run with longer steps have in common.
 #[derive(Debug)]
 struct Met {
     of: Impact,
-    /// Its time in the other.
+    /// The time of the impact in the run with longer steps.
     there: f64,
 }
 
-/// An error of the velocities of a body from a time on.
+/// An error of the linear and angular velocity of a body, from the time `t` on.
 #[derive(Debug)]
 pub(super) struct Mistake {
     pub body: usize,
@@ -43,19 +45,20 @@ pub(super) struct Mistake {
 }
 
 impl OrderOfImpacts {
-    /// Prepares a comparison for a number of bodies.
+    /// Creates a comparison for the given number of bodies.
     pub fn new(bodies: usize) -> Self {
         Self { bodies: (0..bodies).map(|_| Sequences::default()).collect(), since: f64::NEG_INFINITY }
     }
 
-    /// Takes impacts of the run, or of that with longer steps.
+    /// Adds impacts of the run, or of the run with longer steps if `is_longer` is set.
     pub fn take(&mut self, is_longer: bool, impacts: impl Iterator<Item = Impact>) {
         for impact in impacts.filter(|impact| impact.t >= self.since) {
             self.bodies[impact.body].open[usize::from(is_longer)].push_back(impact);
         }
     }
 
-    /// Forgets the impacts before a time: time stepping took a part of a step, and has none at times of their own.
+    /// Discards the impacts before a time: a part of the step was made by time stepping, which does not locate
+    /// impacts.
     pub fn forget(&mut self, before: f64) {
         self.since = self.since.max(before);
         for of in &mut self.bodies {
@@ -66,8 +69,8 @@ impl OrderOfImpacts {
         }
     }
 
-    /// Compares the sequences up to the time `t` to which both runs have come, with the longer steps of length `h`: the times of an
-    /// impact that both have differ by less.
+    /// Compares the sequences of impacts up to the time `t`, which both runs have reached, and returns the errors
+    /// found. `h` is the size of the longer steps, below which the times of a common impact differ.
     pub fn mistakes(&mut self, t: f64, h: f64) -> Vec<Mistake> {
         let mut mistakes = Vec::new();
         self.bodies.iter_mut().for_each(|of| of.compare(t - h, h, &mut mistakes));
@@ -76,7 +79,8 @@ impl OrderOfImpacts {
 }
 
 impl Sequences {
-    /// Compares impacts while both runs have one, or one has come before the time `due` and the other run has none.
+    /// Compares impacts while both runs have one, or one run has an impact before the time `due` that the other run
+    /// lacks.
     fn compare(&mut self, due: f64, h: f64, mistakes: &mut Vec<Mistake>) {
         loop {
             let is_extra = |impact: &Impact| impact.t < due;
@@ -87,7 +91,7 @@ impl Sequences {
                         continue;
                     }
                     Some(extra) => extra,
-                    // What comes may be in common yet.
+                    // An impact after `due` may still have a partner in the other run.
                     None if !is_extra(own) || !is_extra(other) => return,
                     None => [1, 1],
                 },
@@ -109,7 +113,8 @@ impl Sequences {
         }
     }
 
-    /// The numbers of impacts of each run before the next one that both have, within a time `h`; those with the least energy that there are.
+    /// Returns the numbers of impacts in each run before the next common impact, within a time `h`; among all
+    /// candidates, the one that skips impacts with the least energy.
     fn next_in_common(&self, h: f64) -> Option<[usize; 2]> {
         let within = |open: &VecDeque<Impact>| open.partition_point(|impact| impact.t < open[0].t + h);
         let [own, other] = &self.open;
@@ -131,7 +136,8 @@ impl Sequences {
         best
     }
 
-    /// Takes the next impact, which both runs have.
+    /// Removes the next impact of both runs, which is a common one, and compares its distance from the last common
+    /// one.
     fn meet(&mut self, mistakes: &mut Vec<Mistake>) {
         let [Some(of), Some(other)] = self.open.each_mut().map(VecDeque::pop_front) else { return };
         self.apart = [0, 1].map(|k| self.apart[k] + of.change[k] - other.change[k]);

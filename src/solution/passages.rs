@@ -1,45 +1,45 @@
-//! The events of a run over one period, in their order around it: where a period begins is a convention, and an event that
-//! passes that place changes nothing.
+//! The switches and contact events of a run over one period, in cyclic order: the beginning of a period is a
+//! convention, and an event that passes it does not change the orbit.
 
 use problem::EventKind;
 use radau::Activity;
 
-/// An event, without its time.
+/// A switch or contact event, without its time.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Passed {
-    /// A variable went from one place to another.
+    /// The switch of a variable, given by its index, from one activity (at a bound or free) to another.
     Switch(usize, Activity, Activity),
-    /// An event of a contact.
+    /// An event of a contact, given by the index of the contact.
     Contact(usize, EventKind),
 }
 
-/// The events of a run over one period.
+/// The switches and contact events of a run over one period.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Passages {
     events: Vec<Passed>,
-    /// Their times, as parts of the period.
+    /// The times of the events, as fractions of the period.
     phases: Vec<f64>,
 }
 
 impl Passages {
-    /// Adds an event at a part of the period.
+    /// Adds an event at the time `phase`, given as a fraction of the period.
     pub fn push(&mut self, event: Passed, phase: f64) {
         self.events.push(event);
         self.phases.push(phase);
     }
 
-    /// The number of events.
+    /// Returns the number of events.
     pub fn len(&self) -> usize {
         self.events.len()
     }
 
-    /// An event by its number.
+    /// Returns the event with the given index.
     pub fn get(&self, number: usize) -> Option<&Passed> {
         self.events.get(number)
     }
 
-    /// The place in the middle of the longest part of the period without events, if an event is nearer to the beginning of the
-    /// period than half as far from there.
+    /// Returns the middle of the longest interval without events, as a fraction of the period, if an event is nearer
+    /// to the beginning of the period than half of the distance from that middle to its nearest event.
     pub fn far_from_all(&self) -> Option<f64> {
         let (first, last) = (*self.phases.first()?, *self.phases.last()?);
         let around = (last, first + 1.0);
@@ -49,14 +49,14 @@ impl Passages {
         (nearest < 0.25 * (end - begin)).then(|| (0.5 * (begin + end)).fract())
     }
 
-    /// The first event that is not that of the same number in `other`.
+    /// Returns the index of the first event that differs from the event with the same index in `other`.
     pub fn first_difference(&self, other: &Self) -> usize {
         let shorter = self.len().min(other.len());
         self.events.iter().zip(&other.events).position(|(a, b)| a != b).unwrap_or(shorter)
     }
 
-    /// Whether the events of `other` are these from the event `first` on, when each goes the shorter way around the period
-    /// and none overtakes another.
+    /// Whether the events of `other` are the events of this run from the event `first` on, if each event moves the
+    /// shorter way around the period and none overtakes another.
     fn are_turned(&self, other: &Self, first: usize) -> bool {
         let n = self.len();
         let pairs = (0..n).map(|k| (k, (first + k) % n));
@@ -75,7 +75,7 @@ impl Passages {
 }
 
 impl PartialEq for Passages {
-    /// Whether the events are the same, up to where the period begins.
+    /// Whether the cyclic sequences of events are equal, wherever the period begins.
     fn eq(&self, other: &Self) -> bool {
         self.events == other.events
             || (self.len() == other.len() && (1..self.len()).any(|first| self.are_turned(other, first)))

@@ -1,8 +1,9 @@
-//! Integrals over time along the dense output of a step, by adaptive bisection: of all parts of the step, the one over which
-//! two rules differ most is halved next (Piessens et al. 1983, *QUADPACK*, QAG).
+//! Integrals over time along the dense output of a step, by adaptive bisection: the part of the step with the largest
+//! difference of two quadrature rules is halved next (Piessens et al. 1983, *QUADPACK*, QAG).
 //!
-//! Rules that agree prove nothing of a feature between their points. What the points do not show of an integrand
-//! ([`expression::Sight`]) is bounded over each part, and a part is halved as long as the bound matters.
+//! Two rules that agree do not exclude a feature between their points. The variation of an integrand that the points
+//! do not show ([`expression::Sight`]) is bounded over each part, and a part is halved as long as the bound is
+//! significant.
 
 use super::evaluation::EvaluationBuffer;
 use super::impulse::Impulse;
@@ -11,28 +12,28 @@ use numerics::{KRONROD_GAP, kronrod, kronrod_ends};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Difference of the two quadrature rules over a part at which they count as equal, relative to the integral of the absolute
-/// value over the step and what came before it.
+/// Difference of two quadrature rules over a part of a step at which they count as equal, relative to the integral of
+/// the absolute value up to the end of the step.
 const AGREE: f64 = 1e-13;
-/// Most parts of a step: about as many as there are periods of an integrand that are resolved within one step. A kink takes
-/// some twenty.
+/// Largest number of parts of a step: about the number of periods of an integrand that are resolved within one step.
+/// A kink needs some twenty parts.
 const MOST_PARTS: usize = 2048;
-/// Most sums that the parts of one step keep, for integrals of many functions.
+/// Largest number of integrals that are stored for the parts of one step, if many functions are integrated.
 const MOST_SUMS: usize = 200_000;
-/// Least parts of a step, however many functions there are.
+/// Least limit on the number of parts of a step, however many functions are integrated.
 const LEAST_PARTS: usize = 64;
-/// The largest relative uncertainty of an integral that needs no mention: half the digits of a double.
+/// The largest relative uncertainty of an integral that is not reported: half the digits of a double.
 pub(super) const NEGLIGIBLE: f64 = 1.5e-8;
 
-/// The functions that are integrated.
+/// A vector of functions of time to integrate.
 pub(super) trait Integrand {
-    /// Writes the values at a time within the step.
+    /// Writes the values of the functions at a time within the step.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// Begins with the samples of a part of the step.
+    /// Begins sampling a new part of the step.
     fn begin(&mut self) {}
 
-    /// Writes bounds on what the samples between two times do not show of the functions.
+    /// Writes bounds on the variation of the functions between two times that the samples do not show.
     fn hidden(&mut self, _from: f64, _to: f64, out: &mut [f64]) {
         out.fill(0.0);
     }
@@ -44,11 +45,11 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
     }
 }
 
-/// Integrands along the last step of a method.
+/// Functions of the outputs of a method to integrate along its last step.
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// What is integrated, by its place among outputs, then values, and whether it is squared.
+    /// The integrands, as indices into the outputs followed by the values of expressions; and whether to square them.
     pub integrands: &'a [(usize, bool)],
 }
 
@@ -74,7 +75,7 @@ impl<S: Stepper> Integrand for Along<'_, S> {
     }
 }
 
-/// Selects the integrands from what was evaluated last.
+/// Selects the integrands from the values that were evaluated last.
 fn select(integrands: &[(usize, bool)], place: &EvaluationBuffer, out: &mut [f64]) {
     for (out, &(at, squared)) in out.iter_mut().zip(integrands) {
         let value = place.got(at);
@@ -82,27 +83,27 @@ fn select(integrands: &[(usize, bool)], place: &EvaluationBuffer, out: &mut [f64
     }
 }
 
-/// Integrals of several functions.
+/// The integrals of several functions over a run, with their uncertainties.
 #[derive(Clone, Debug)]
 pub(super) struct Integrals {
-    /// The integrals so far.
+    /// The integral of each function up to the end of the last step.
     pub values: Vec<f64>,
-    /// The differences of both rules over parts that were not resolved.
+    /// For each function, the sum of the differences of the two rules over parts that were not resolved.
     uncertain: Vec<f64>,
-    /// The integrals of the absolute values.
+    /// The integrals of the absolute values of the functions.
     sizes: Vec<f64>,
     /// The functions whose integrals over an impulse are undefined, each with the time of the impulse.
     undefined: Vec<(usize, f64)>,
 }
 
 impl Integrals {
-    /// No integrals of `count` functions.
+    /// Creates integrals of `count` functions, all zero.
     pub fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
         Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: Vec::new() }
     }
 
-    /// Adds the integrals over an impulse.
+    /// Adds the integrals of the functions over an impulse.
     pub fn pass(&mut self, impulse: &Impulse, place: &mut EvaluationBuffer, integrands: &[(usize, bool)]) {
         let evaluate = |t: f64, outputs: &[f64], out: &mut [f64]| {
             place.take(t, outputs);
@@ -118,22 +119,23 @@ impl Integrals {
         }
     }
 
-    /// The first function whose integral an impulse leaves undefined, and the time of that.
+    /// Returns the first function whose integral is undefined because of an impulse, and the time of the impulse.
     pub fn undefined(&self) -> Option<(usize, f64)> {
         self.undefined.first().copied()
     }
 
-    /// The integral of a function; `None` where an impulse leaves it undefined.
+    /// Returns the integral of function `k`; `None` if it is undefined because of an impulse.
     pub fn value(&self, k: usize) -> Option<f64> {
         self.undefined.iter().all(|(undefined, _)| *undefined != k).then(|| self.values[k])
     }
 
-    /// The integrals of the absolute values.
+    /// Returns the integrals of the absolute values of the functions.
     pub fn sizes(&self) -> &[f64] {
         &self.sizes
     }
 
-    /// The largest uncertainty of an integral, relative to the integral of the absolute value, with the function that has it.
+    /// Returns the function with the largest uncertainty of its integral relative to the integral of its absolute
+    /// value, and this uncertainty.
     pub fn uncertainty(&self) -> Option<(usize, f64)> {
         let relative = self.uncertain.iter().zip(&self.sizes).map(|(uncertain, size)| uncertain / size);
         let known = relative.enumerate().filter(|(_, relative)| *relative > 0.0);
@@ -141,14 +143,14 @@ impl Integrals {
     }
 }
 
-/// The integrals over a part of a step.
+/// The integrals of several functions over a part of a step.
 struct Part {
     from: f64,
     to: f64,
-    /// Of each function the integral, the difference of both rules and of the ends, the integral of the absolute value, and the
-    /// bound on what the samples do not show.
+    /// For each function: the integral, the difference of the two rules and of the values at the ends, the integral
+    /// of the absolute value, and the bound on the variation that the samples do not show.
     sums: Vec<[f64; 4]>,
-    /// The largest difference in units of the one at which rules count as equal.
+    /// The largest error of a function over this part, in units of the permitted error.
     excess: f64,
 }
 
@@ -168,7 +170,7 @@ impl Part {
         }
         sums.iter_mut().for_each(|[_, difference, ..]| *difference = difference.abs());
         for (end, t) in [from, to].into_iter().enumerate() {
-            // At the ends of a step outputs may jump.
+            // At the ends of a step outputs may jump, and are not compared.
             if t == step.0 || t == step.1 {
                 continue;
             }
@@ -184,7 +186,8 @@ impl Part {
         Self { from, to, sums, excess: 0.0 }
     }
 
-    /// Weighs the differences by the integrals of the absolute values over all of the step and before it.
+    /// Sets the largest error relative to the permitted one, which is a fraction `agree` of the integrals of the
+    /// absolute values, `totals`.
     fn weigh(&mut self, totals: &[f64], agree: f64) {
         let shares = [agree, agree.max(NEGLIGIBLE / MOST_PARTS as f64)];
         let excess = self
@@ -228,12 +231,12 @@ impl Ord for Part {
     }
 }
 
-/// Adds the integrals of several functions between two times to `integrals`.
+/// Adds the integrals of several functions between two times to `integrals`, with their uncertainties.
 pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: impl Integrand) {
     let Integrals { values: before, uncertain, sizes, .. } = integrals;
     let most = (MOST_SUMS / before.len().max(1)).clamp(LEAST_PARTS, MOST_PARTS);
     let mut values = vec![0.0; before.len()];
-    // Times within a short step are rounded, and so are values that change over it.
+    // Within a short step the rounding errors of the times limit the accuracy of values that change over the step.
     let agree = AGREE.max(f64::EPSILON * from.abs().max(to.abs()) / (to - from));
     let mut whole = Part::new((from, to), (from, to), &mut values, &mut of);
     let mut totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size, _])| before + size).collect();
@@ -241,7 +244,7 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: i
     let mut open = BinaryHeap::from([whole]);
     let mut done = Vec::new();
     while let Some(mut part) = open.pop() {
-        // Features that were found since may have enlarged the integrals.
+        // Features found since the part was weighed may have enlarged the totals.
         part.weigh(&totals, agree);
         if part.excess > 1.0 && part.can_be_halved() && done.len() + open.len() + 2 <= most {
             let middle = part.middle();
@@ -263,7 +266,7 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: i
         for (k, [sum, difference, size, hidden]) in sums.iter().enumerate() {
             before[k] += sum;
             sizes[k] += size;
-            // Next to a singularity, nothing bounds the integrand.
+            // Next to a singularity, no bound on the integrand exists; its size stands for the bound.
             let hidden = if hidden.is_finite() || !is_least { *hidden } else { *size };
             uncertain[k] += if *excess > 1.0 { difference + hidden } else { 0.0 };
         }
@@ -290,7 +293,7 @@ mod tests {
     #[test]
     fn kinks_are_resolved_and_what_is_not_is_counted() {
         let (found, uncertain) = integral(10.0, |t| (30.0 * t).sin().abs());
-        // 95 arches with an integral of 2/30 each, and a part of one.
+        // 95 arches with an integral of 2/30 each, and a part of an arch.
         let exact = (95.0 * 2.0 + 1.0 - (300.0 - 95.0 * std::f64::consts::PI).cos()) / 30.0;
         assert!((found - exact).abs() < 1e-9 * exact && uncertain < 1e-6, "{found:?} for {exact}, {uncertain:e}");
         let (_, uncertain) = integral(1.0, |t| (1e6 * t).sin());

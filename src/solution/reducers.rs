@@ -10,50 +10,50 @@ use super::run::Stepper;
 use super::{Event, EventKind};
 use expression::Tape;
 
-/// Length in bytes at which a mode word is cut.
+/// Length in bytes above which a mode word, the text of successive modes, is cut.
 const LONGEST_WORD: usize = 4 << 10;
 
-/// The values to collect from a run.
+/// The numbers and texts to collect from a run.
 #[derive(Clone, Debug, Default)]
 pub struct Reducers {
-    /// The names of the columns.
+    /// The names of the collected columns.
     pub names: Vec<String>,
-    /// The reductions, one per column.
+    /// The reductions, one per collected column.
     pub reductions: Vec<Reduction>,
     /// For each expression, the outputs of the problem that it depends on.
     pub inputs: Vec<Vec<usize>>,
-    /// The expressions compiled as functions of `t` and all outputs of the problem.
+    /// The expressions, compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
 }
 
-/// One collected number or text.
+/// The computation of one number or text that is collected from a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reduction {
     /// A functional of an expression over time.
     Value {
         /// The index of the expression in the program.
         at: usize,
-        /// The functional.
+        /// The functional that reduces the expression to a number.
         over: Over,
     },
-    /// A sensitivity at the end, by its index in [`Sensitivities::names`](super::Sensitivities::names).
+    /// A sensitivity at the end of the run, by its index in [`Sensitivities::names`](super::Sensitivities::names).
     Derivative(usize),
-    /// The number of events.
+    /// The number of selected events.
     Count(Selected),
-    /// The time of the first event.
+    /// The time of the first selected event.
     First(Selected),
-    /// The time of the last event.
+    /// The time of the last selected event.
     Last(Selected),
-    /// The sequence of modes.
+    /// The sequence of modes, as a text.
     ModeWord,
 }
 
-/// A functional of a value over a run.
+/// A functional that reduces an expression over a run to a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
-    /// The value at the end.
+    /// The value at the end of the run.
     Final,
-    /// The value at the start.
+    /// The value at the start of the run.
     Initial,
     /// The minimum over time.
     Min,
@@ -67,20 +67,20 @@ pub enum Over {
     Rms,
     /// The integral over time.
     Integral,
-    /// The value at a time.
+    /// The value at a given time.
     At(f64),
 }
 
-/// A selection of events.
+/// A selection of events by their kind and origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selected {
-    /// The kind of the events.
+    /// The kind of the selected events.
     pub kind: EventKind,
-    /// The variable, contact or label of the events; `None` for any.
+    /// The variable, contact or label of the selected events; `None` for any.
     pub of: Option<String>,
 }
 
-/// The result of a reduction.
+/// The number or text that a reduction has collected from a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Collected {
     /// A number; `None` if it is not finite, or the run ended too early.
@@ -92,7 +92,7 @@ pub enum Collected {
 }
 
 impl Reducers {
-    /// Whether values within steps are needed.
+    /// Whether values within steps are needed, beside those at the ends of the run.
     pub fn is_dense(&self) -> bool {
         self.reductions.iter().any(|reduction| match reduction {
             Reduction::Value { over, .. } => !matches!(over, Over::Final | Over::Initial),
@@ -100,8 +100,8 @@ impl Reducers {
         })
     }
 
-    /// The first column without a finite value of its expression, of a run that is complete or that an event of the user ended
-    /// early: it has no values at later times.
+    /// Returns the first column whose expression has no finite value, for a complete run. If an event of the user
+    /// ended the run early (`is_early`), values at given times may lie after the end and do not count.
     pub(super) fn lost(&self, collected: &[Collected], is_early: bool) -> Option<&str> {
         let is_lost = |(reduction, found): (&Reduction, &Collected)| match reduction {
             Reduction::Value { over: Over::At(_), .. } if is_early => false,
@@ -112,7 +112,7 @@ impl Reducers {
         self.names.get(lost).map(String::as_str)
     }
 
-    /// The results of a run that never began.
+    /// Returns the results of a run that never began, all of them missing.
     pub fn nothing(&self) -> Vec<Collected> {
         self.reductions.iter().map(Reduction::nothing).collect()
     }
@@ -134,7 +134,7 @@ impl Selected {
     }
 }
 
-/// Reducers during a run.
+/// The state of all reductions during a run.
 pub(super) struct Reducing<'a> {
     of: &'a Reducers,
     place: EvaluationBuffer,
@@ -142,12 +142,13 @@ pub(super) struct Reducing<'a> {
     end: f64,
     at_start: Vec<f64>,
     at_end: Vec<f64>,
-    /// The values at requested times, one per reduction.
+    /// For each reduction, the value at its requested time, if the run has reached that time.
     at_times: Vec<Option<f64>>,
-    /// What to integrate, by its place among the outputs of the problem, then the values; and whether to square it.
+    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions; and
+    /// whether to square them.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
-    /// The places of the values whose extremes are needed.
+    /// The indices of the values whose extremes are needed.
     extremes: Vec<usize>,
     found: Extremes,
     word: Option<Word>,
@@ -155,7 +156,7 @@ pub(super) struct Reducing<'a> {
 }
 
 impl<'a> Reducing<'a> {
-    /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
+    /// Creates the reductions at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Reducers, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let mut integrands = Vec::new();
         let mut extremes = Vec::new();
@@ -207,12 +208,13 @@ impl<'a> Reducing<'a> {
         reducing
     }
 
-    /// The largest relative uncertainty of an integral or a mean.
+    /// Returns the largest relative uncertainty of an integral or a mean.
     pub fn uncertainty(&self) -> Option<f64> {
         self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
     }
 
-    /// The first column whose integral or mean an impulse leaves undefined, and the time of that.
+    /// Returns the first column whose integral or mean is undefined because of an impulse, and the time of the
+    /// impulse.
     pub fn undefined(&self) -> Option<(&str, f64)> {
         let (integral, t) = self.integrals.undefined()?;
         let (place, squared) = self.integrands[integral];
@@ -220,14 +222,16 @@ impl<'a> Reducing<'a> {
         Some((self.column(place, is_one)?, t))
     }
 
-    /// The column whose extreme may be exceeded by most, by what part of its size, and when.
+    /// Returns the column whose extreme is least certain: by how much the extreme may be exceeded, relative to its
+    /// size, and at what time.
     pub fn open(&self) -> Option<(&str, f64, f64)> {
         let (extreme, by, t) = self.found.open()?;
         let is_one = |over| matches!(over, Over::Min | Over::Max | Over::Ripple);
         Some((self.column(self.extremes[extreme], is_one)?, by, t))
     }
 
-    /// The first column of what stands at a place, by such a functional.
+    /// Returns the name of the first column that reduces the value with index `place` by a functional that satisfies
+    /// `is_one`.
     fn column(&self, place: usize, is_one: impl Fn(Over) -> bool) -> Option<&str> {
         let outputs = self.place.outputs.len();
         let is_one = |reduction: &Reduction| matches!(*reduction, Reduction::Value { at, over } if outputs + at == place && is_one(over));
@@ -261,7 +265,7 @@ impl<'a> Reducing<'a> {
         self.look_at(stepper, begin, end);
     }
 
-    /// Evaluates at the requested times within a step.
+    /// Evaluates the expressions at the requested times within a step.
     fn look_at(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64) {
         if !self.has_times {
             return;
@@ -277,15 +281,15 @@ impl<'a> Reducing<'a> {
         }
     }
 
-    /// Evaluates at the end of the run.
+    /// Evaluates the expressions at the end of the run.
     pub fn end(&mut self, stepper: &mut impl Stepper) {
         if !self.at_end.is_empty() && self.end > self.start {
             self.at_end.copy_from_slice(self.place.at(stepper, self.end));
         }
     }
 
-    /// Returns the results. Those of a run that did not reach its end are missing, except values at times that it
-    /// reached.
+    /// Returns the collected numbers and texts. If the run did not reach its end, they are missing, except values at
+    /// times that the run has reached.
     pub fn finish(self, is_complete: bool, events: &[Event], derivatives: &[f64]) -> Vec<Collected> {
         let (time, outputs) = (self.end - self.start, self.place.outputs.len());
         let integral = |at: usize, squared: bool| {
@@ -328,7 +332,7 @@ impl<'a> Reducing<'a> {
     }
 }
 
-/// An event as a letter of the mode word.
+/// Formats an event as a letter of the mode word.
 fn told(event: &Event) -> String {
     let kind = match event.kind {
         EventKind::Activated => "activated",
@@ -347,10 +351,10 @@ fn told(event: &Event) -> String {
 #[derive(Debug, Default)]
 struct Word {
     text: String,
-    /// The last letter, and its number of repetitions.
+    /// The last letter, and the number of its repetitions.
     last: String,
     times: u64,
-    /// Hash of the letters beyond the largest length.
+    /// Hash of the letters after the text has reached its largest length.
     hash: Option<u64>,
 }
 

@@ -1,4 +1,4 @@
-//! Integration of rigid bodies by time stepping or with located impacts, with outputs by name.
+//! Integration of rigid bodies by time stepping or with located impacts, with named outputs.
 
 use super::astray::Astray;
 use super::longer_run::{LongerRun, TimeStepped};
@@ -20,27 +20,29 @@ use models::rigid_bodies::{
 use nalgebra::{Quaternion, Vector3};
 use problem::Control;
 
-/// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
-/// first order, so that each further digit costs ten times as many steps, and there is no method to fall back on.
+/// Largest permitted error of a body's motion, relative to its largest value: two digits. Rigid bodies in space are
+/// stepped at first order, so that each further digit costs ten times as many steps, and no other method is
+/// available.
 const TWO_DIGITS: f64 = 1e-2;
 
-/// Rounding of the positions and velocities of a body, relative to its distance from the origin and its speed.
+/// Relative rounding error of the positions and velocities of a body, relative to its distance from the origin and
+/// its speed.
 const ROUNDING_OF_BODIES: f64 = 1e-12;
 
-/// How steps treat impacts.
+/// How the steps of rigid bodies treat impacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Impacts {
-    /// Whether impacts are located in time; else steps go over them.
+    /// Whether impacts are located in time; otherwise steps pass over them (time stepping).
     pub are_located: bool,
-    /// Whether time stepping takes over where impacts are many.
+    /// Whether time stepping replaces location where impacts are many.
     pub unless_many: bool,
-    /// Whether they could be.
+    /// Whether the problem permits the location of impacts.
     pub can_be_located: bool,
-    /// Why.
+    /// The reason for the choice between location and time stepping.
     pub because: &'static str,
 }
 
-/// Steps the bodies through the plan.
+/// Integrates the rigid bodies of a scene according to the plan.
 pub fn step_rigid_bodies(
     scene: &MultibodySystem,
     plan: &Plan,
@@ -52,7 +54,7 @@ pub fn step_rigid_bodies(
     run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, (settings, impacts), control))
 }
 
-/// The diagnostics known before the run.
+/// Returns the diagnostics known before the run: components built, and components left out with reasons.
 pub fn describe_rigid_bodies(
     scene: &MultibodySystem,
     (settings, impacts): (&Settings, Impacts),
@@ -89,7 +91,7 @@ pub fn describe_rigid_bodies(
     diagnostics
 }
 
-/// A run with the names of its columns.
+/// A run of rigid bodies with named outputs.
 struct RigidBodyRun<'a> {
     scene: &'a MultibodySystem,
     simulation: MoreauStepping<'a>,
@@ -97,49 +99,51 @@ struct RigidBodyRun<'a> {
     control: &'a Control,
     h: f64,
     steps: u64,
-    /// The current time, and that of the previous step.
+    /// The current time, and the time at the beginning of the last step.
     t: f64,
     before: f64,
-    /// The motions at the previous time, and whether contacts were acting then.
+    /// The motions at the beginning of the last step, and whether contact forces acted on each body in the step
+    /// before.
     starts: Vec<Motion>,
     pushed: Vec<bool>,
     states: Vec<f64>,
-    /// Outputs of joints at the ends of the last two steps, and which of them are coordinates (the others are forces).
+    /// Outputs of joints at the ends of the last two steps, and whether each output is a coordinate or a force.
     forces: [Vec<f64>; 2],
     coordinates: Vec<bool>,
     energy: Energy,
-    /// The balance at the beginning of the last step.
+    /// The energy balance at the beginning of the last step.
     energy_before: Energy,
     work: ViCounts,
-    /// Number of steps in which a restitution was reduced.
+    /// Number of steps in which a coefficient of restitution was reduced.
     limited: u64,
-    /// Number of steps that were too long for the joints, and were subdivided.
+    /// Number of steps that were subdivided since they were too long for the joints.
     halved: u64,
-    /// Number of Newton iterations.
+    /// Number of Newton iterations in implicit steps, such as those of bodies with joints.
     newton: u64,
-    /// Number of steps with located impacts whose rest was time-stepped.
+    /// Number of steps with located impacts whose remainder was made by time stepping.
     passed: u64,
-    /// Number of events so far.
+    /// Number of contact events so far.
     events: usize,
     checks: Checks,
     longer: Option<Box<LongerRun<Self>>>,
-    /// What forces that depend on time do between the midpoints of steps.
+    /// Estimates of the variations of time-dependent forces between the midpoints of steps.
     unseen: Vec<UnseenAction>,
-    /// What bodies whose motion is given do between the ends of steps.
+    /// Estimate of the motion of bodies with a prescribed motion between the ends of steps.
     unseen_motion: Option<UnseenMotion>,
-    /// What coefficients of friction that vary do between the ends of steps.
+    /// Estimate of the variations of friction coefficients between the ends of steps.
     unseen_friction: Option<UnseenFriction>,
-    /// The errors of the motions by impacts, if the run is compared with another that has longer steps.
+    /// The errors of the motions due to impacts, if the run is compared with a run with longer steps.
     astray: Option<Astray>,
-    /// Joint outputs at the end of the step before the last one.
+    /// Outputs of the joints at the end of the step before the last one.
     forces_before: Vec<f64>,
-    /// Whether the run is compared with another.
+    /// Whether the run is compared with another run with longer steps.
     is_compared: bool,
-    /// The begins and ends of the arcs of located steps that are not compared yet with those of the other run.
+    /// Beginnings and ends of the smooth arcs between located impacts, as far as they have not been compared with
+    /// those of the other run.
     arcs: Vec<[f64; 2]>,
 }
 
-/// The time after a number of steps of size `h`, without a last step that would be zero up to rounding.
+/// Returns the time after a number of steps of size `h`, avoiding a last step that would be zero up to rounding.
 fn end_of_step(plan: &Plan, h: f64, steps: u64) -> f64 {
     let end = plan.start + steps as f64 * h;
     if end >= plan.end - 1e-9 * h { plan.end } else { end }
@@ -196,7 +200,7 @@ impl<'a> RigidBodyRun<'a> {
         Ok(course)
     }
 
-    /// A run from a prepared simulation on, which is not compared.
+    /// Creates a run from a prepared simulation, without a comparison with longer steps.
     fn of(
         scene: &'a MultibodySystem,
         plan: &'a Plan,
@@ -289,7 +293,7 @@ impl<'a> RigidBodyRun<'a> {
         self.energy.explain(error, exchanged);
     }
 
-    /// Records how far the last step violates the laws of contact and the joints.
+    /// Records checks of how far the last step violates the contact laws and the joints.
     fn judge(&mut self) {
         let (report, t) = (&self.simulation.report, self.t);
         let remedy = "choose a smaller `step`";
@@ -320,19 +324,20 @@ impl<'a> RigidBodyRun<'a> {
         }
     }
 
-    /// An event of the last step, with names.
+    /// Converts an event of the last step to named bodies.
     fn event(&self, (kind, pair, t): &NewEvent) -> Event {
         let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
-        // A stop between a body and the world.
+        // The event is the stop of a joint between a body and the world.
         let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
         Event { t: t.unwrap_or(self.t), kind: *kind, of }
     }
 
-    /// For each moving body, the change of its velocities by impacts in the last step, times the step.
+    /// Returns, for each moving body, the change of its velocities by impacts in the last step, times the step size.
     fn kinks(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let (h, gravity) = (self.t - self.before, self.scene.gravity);
         let fall = h * gravity.norm();
-        // What contacts carry throughout a step is no larger than the forces, and is not displaced in time.
+        // An impulse that contacts transmit throughout the step is no larger than that of the forces, and has no
+        // error of timing; the rest of the velocity change is due to impacts.
         let beyond = |change: Vector3<f64>, least: f64| {
             change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
         };
@@ -348,7 +353,8 @@ impl<'a> RigidBodyRun<'a> {
         moving.zip(motions).map(kink).collect()
     }
 
-    /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
+    /// Writes the changes of the outputs by small displacements of the bodies, given as translations and rotations of
+    /// the centres.
     fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
         let (of_bodies, others) = out.split_at_mut(self.states.len());
@@ -367,13 +373,14 @@ impl<'a> RigidBodyRun<'a> {
         let [before, now] = &self.forces;
         let joints = others.iter_mut().skip(OF_SCENE.len()).zip(&self.coordinates);
         for (k, (out, _)) in joints.enumerate().filter(|(_, (_, is_coordinate))| **is_coordinate) {
-            // The change of the change in a step.
+            // The second difference of the joint coordinate over the last two steps.
             *out = now[k] - 2.0 * before[k] + self.forces_before.get(k).copied().unwrap_or(before[k]);
         }
     }
 
-    /// The motions at a time within the last step, if its impacts were located, after the impacts at that time; and the work of
-    /// contacts in the rest of the step, by normal and tangential components.
+    /// Returns the motions at a time within the last step, after the impacts at that time, and the work of contacts
+    /// in the rest of the step, by normal and tangential components; `None` if the impacts of the step were not
+    /// located.
     fn within(&self, t: f64) -> Option<(Vec<Motion>, [f64; 2])> {
         let passed = t - self.before;
         let of_arc = self.simulation.arcs().iter().rev().find(|arc| arc.times[0] <= passed);
@@ -382,12 +389,12 @@ impl<'a> RigidBodyRun<'a> {
         Some((arc.at(passed, &self.scene.gravity), [0, 1].map(|k| all[k] - done[k])))
     }
 
-    /// The begin and the end of an arc of the last step.
+    /// Returns the times at which an arc of the last step begins and ends.
     fn ends_of(&self, arc: &Arc) -> [f64; 2] {
         arc.times.map(|passed| self.before + passed)
     }
 
-    /// Writes the states at a time within the last step.
+    /// Writes the states of all bodies at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
         let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
@@ -415,7 +422,7 @@ impl TimeStepped for RigidBodyRun<'_> {
         self.pushed.clone_from(&self.simulation.pushed);
         let stepped = self.simulation.step(self.t, next - self.t, self.control);
         if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
-            // The step was not made: the previous one remains valid.
+            // The step failed before it began: the state of the previous step remains valid.
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
         }
         (self.before, self.t) = (self.t, next);
@@ -434,7 +441,7 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn known_within(&self) -> usize {
-        // The states and the energies.
+        // The leading outputs, accurate within a step, are the states and four energies.
         if self.simulation.arcs().is_empty() || self.simulation.is_passed() { 0 } else { self.states.len() + 4 }
     }
 
@@ -442,7 +449,8 @@ impl TimeStepped for RigidBodyRun<'_> {
         use Kind::{Continuous, Jumping, OfStep, Residual};
         let of_body = |_| [[Continuous; 7].as_slice(), &[Jumping; 6]].concat();
         let mut kinds: Vec<Kind> = self.starts.iter().flat_map(of_body).collect();
-        // Kinetic and potential energy, friction, impacts, the number of contacts, penetration, impulses.
+        // The kinds of kinetic and potential energy, friction losses, impact losses, number of contacts, penetration
+        // and impulses.
         kinds.extend([Jumping, Continuous, Jumping, Jumping, Jumping, Residual, OfStep]);
         kinds.extend(self.coordinates.iter().map(|is_coordinate| if *is_coordinate { Continuous } else { Jumping }));
         kinds
@@ -465,11 +473,12 @@ impl TimeStepped for RigidBodyRun<'_> {
         let motions = self.simulation.ends.iter().zip(self.simulation.touched());
         for ((body, (motion, is_touched)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
             let reach = body.collider.reach();
-            // A body without contacts has no motion but that of the forces on it.
+            // A body without contacts is moved by its forces alone, and its motion is resolved whatever its size.
             let fall = if *is_touched { fall } else { 0.0 };
             let spin = motion.omega.norm() * reach;
             let rounding = ROUNDING_OF_BODIES * (motion.pose.translation.vector.norm() + reach);
-            // Which point of the body is its origin is a convention: one that rests while the body turns is measured by it.
+            // The origin of a body is a convention: if the origin rests while the body turns, the rotation times the
+            // body's size is the scale.
             let turned = reach * body.pose.rotation.angle_to(&motion.pose.rotation);
             out[..3].fill((h * fall).max(rounding).max(turned));
             out[3..7].fill((0.5 * h * fall / reach).max(ROUNDING_OF_BODIES));
@@ -478,7 +487,8 @@ impl TimeStepped for RigidBodyRun<'_> {
             energy += 0.5 * motion.mass * fall * fall;
             weight += motion.mass * self.scene.gravity.norm();
         }
-        // Kinetic and potential energy, friction, impacts, contacts, penetration, impulses.
+        // Scales of kinetic and potential energy, friction losses, impact losses, number of contacts, penetration and
+        // impulses.
         let known = KNOWN_ENERGY * self.energy.size();
         let [lost, weighed] = [energy.max(known), (weight * h * fall).max(known)];
         let of_scene = [lost, weighed, lost, lost, 1.0, 0.0, weight];
@@ -570,8 +580,8 @@ impl TimeStepped for RigidBodyRun<'_> {
         let of_arc = |arc: &Arc| {
             let [from, to] = self.ends_of(arc);
             let cubes = others.iter().map(|[begin, end]| (end.min(to) - begin.max(from)).max(0.0).powi(3));
-            // Errors of second order grow with the third power of an arc. What two runs differ by is no less than the error of
-            // one of them if that of the other is twice as large.
+            // Errors of second order grow with the third power of the length of an arc. The difference of two runs
+            // bounds the error of one of them if the error of the other is at least twice as large.
             let is_repeated = !arc.is_exact && (to - from).powi(3) < 2.0 * cubes.sum::<f64>();
             if is_repeated { to - from } else { 0.0 }
         };
@@ -712,7 +722,7 @@ impl Stepper for RigidBodyRun<'_> {
     }
 }
 
-/// The failure at time `t`, with names.
+/// Converts a failure of a step at time `t` to a message with the user's names.
 fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, state: &[f64]) -> Failure {
     let (code, message) = match *cause {
         StepFailure::NotFinite { body } => {
@@ -742,7 +752,8 @@ fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, st
     Failure { code: code.into(), message, time: t, state: state.to_vec() }
 }
 
-/// The message if no step satisfies the joints, or the forces that depend on the motion of bodies.
+/// Returns the message for a step on which the joints, or the forces that depend on the motion of bodies, have no
+/// solution.
 fn blocked(scene: &MultibodySystem, t: f64) -> String {
     let drives = scene.joints.iter().any(|joint| joint.drive.is_some());
     let causes = [
@@ -759,7 +770,7 @@ fn blocked(scene: &MultibodySystem, t: f64) -> String {
     )
 }
 
-/// The message about contacts that need too much memory; counting stopped at `contacts`.
+/// Returns the message that contacts need too much memory; contacts were counted up to `contacts`.
 fn too_much_memory(
     scene: &MultibodySystem,
     plan: &Plan,
@@ -780,8 +791,8 @@ fn too_much_memory(
     )
 }
 
-/// Most reported events: a collapsing heap has more than anyone reads.
+/// Largest number of reported events: a collapsing heap of bodies has more than a user reads.
 const MOST_EVENTS: usize = 10_000;
 
-/// A residual above this value is reported as a warning.
+/// A relative residual of the contact law above this value is reported as a warning.
 const UNSATISFACTORY: f64 = 1e-6;

@@ -1,4 +1,4 @@
-//! The main loop of a run: outputs, limits, events and evidence, common to all methods.
+//! The main loop of a run: outputs, limits, events and evidence, common to all methods of integration.
 
 use super::dense::{Dense, Sampling};
 use super::impulse::Impulse;
@@ -14,54 +14,54 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The plan of a run: what to integrate and what to keep.
+/// The plan of a run: the initial values, the horizon, and the outputs to keep.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The names of the states, then of the other outputs.
     pub names: Vec<String>,
     /// The user's definitions, integrals and monitors; their names follow `names`.
     pub observables: Observables,
-    /// The initial states.
+    /// The initial values of the states.
     pub initial: Vec<f64>,
-    /// The start time.
+    /// The start time of the run.
     pub start: f64,
-    /// The end time.
+    /// The end time of the run.
     pub end: f64,
-    /// The output times, increasing, within `[start, end]`; `None` for every step.
+    /// The output times, increasing, within `[start, end]`; `None` for an output at every step.
     pub times: Option<Vec<f64>>,
     /// The requested sensitivities; their columns follow the observables.
     pub sensitivities: Option<Sensitivities>,
     /// The fields to keep, as indices into `names` followed by the names of observables and sensitivities.
     pub fields: Vec<usize>,
-    /// Whether to estimate the error at the end.
+    /// Whether to estimate the global error at the end.
     pub global_error: bool,
-    /// Whether to compute means, extremes and the like of the fields.
+    /// Whether to compute statistics of the fields over time: means, extremes and others.
     pub statistics: bool,
-    /// The values to collect from the run beside its trajectory.
+    /// The numbers to collect from the run beside its trajectory.
     pub reducers: Option<Arc<Reducers>>,
-    /// Whether interpolants of the fields are kept, and by how much they may differ from the values of the run, in parts of the
-    /// largest value of a field. Fields are then no integrals and no derivatives.
+    /// The permitted error of interpolants of the fields, relative to the largest value of a field; `None` if no
+    /// interpolants are requested. With interpolants, no field is an integral or a derivative.
     pub interpolants: Option<f64>,
-    /// Most steps.
+    /// Largest number of steps of the run.
     pub most_steps: u64,
-    /// Most numbers in the trajectory.
+    /// Largest number of values in the trajectory.
     pub most_values: usize,
-    /// Most bytes that the method may allocate, if it monitors them.
+    /// Largest number of bytes that the method may allocate, if it monitors them.
     pub most_memory: usize,
 }
 
-/// A method integrating a problem step by step.
+/// A method that integrates a problem step by step.
 pub trait Stepper {
-    /// The current time.
+    /// Returns the current time.
     fn t(&self) -> f64;
 
-    /// Whether the end is reached.
+    /// Whether the end time is reached.
     fn is_done(&self) -> bool;
 
-    /// The number of steps so far.
+    /// Returns the number of accepted steps so far.
     fn accepted(&self) -> u64;
 
-    /// The states at the current time.
+    /// Returns the states at the current time.
     fn states(&self) -> &[f64];
 
     /// Makes one accepted step.
@@ -78,14 +78,14 @@ pub trait Stepper {
         self.values(t, out);
     }
 
-    /// Writes enclosures of the outputs between two times within the last step, as far as they are known. Returns false
-    /// if none is.
+    /// Writes enclosures of the outputs between two times within the last step, as far as they are known. Returns
+    /// false if no enclosure is known.
     fn enclose(&mut self, _from: f64, _to: f64, _out: &mut [Interval]) -> bool {
         false
     }
 
-    /// The relative tolerance, and the absolute tolerances of the states, which are the first outputs; `None` without control
-    /// of errors.
+    /// Returns the relative tolerance, and the absolute tolerances of the states, which are the first outputs; `None`
+    /// for a method without error control.
     fn tolerances(&self) -> Option<(f64, &[f64])> {
         None
     }
@@ -93,17 +93,17 @@ pub trait Stepper {
     /// Writes the requested sensitivities at a time within the last step.
     fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
 
-    /// The gradient of the objective, if one is asked for, after the last step.
+    /// Returns the gradient of the objective after the last step, if one is requested.
     fn gradient(&mut self) -> Option<Result<Gradient, Failure>> {
         None
     }
 
-    /// The impulses at the end of the last step.
+    /// Returns the impulses at the end of the last step.
     fn impulses(&mut self) -> Vec<Impulse> {
         Vec::new()
     }
 
-    /// The name of the current mode; `None` for methods that report events only.
+    /// Returns the name of the current mode; `None` for methods that report events only.
     fn mode(&mut self) -> Option<String> {
         None
     }
@@ -111,11 +111,11 @@ pub trait Stepper {
     /// Moves the events of the last step, in the order of time, to `events`.
     fn take_events(&mut self, events: &mut Vec<Event>);
 
-    /// Moves those events of the last step to `events` that were held back, since the next step may undo them, where there is no
-    /// next step.
+    /// Moves to `events` the events of the last step that were withheld because a following step may revoke them;
+    /// called at the end of a run.
     fn last_events(&mut self, _events: &mut Vec<Event>) {}
 
-    /// Adds the end of a step to the evidence; `switched` is true if the step has events.
+    /// Adds the evidence of the last step to the diagnostics; `switched` is true if the step has events.
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
 
     /// Copies the counters of the whole run to the diagnostics.
@@ -123,26 +123,26 @@ pub trait Stepper {
 }
 
 impl Plan {
-    /// The name of an output of the problem, or else of a definition or integral.
+    /// Returns the name of an output of the problem, or else of a definition or integral of the user.
     fn name(&self, place: usize) -> &str {
         let own = place.checked_sub(self.names.len());
         own.map_or_else(|| self.names[place].as_str(), |own| self.observables.names[own].as_str())
     }
 }
 
-/// A finished run with its final states.
+/// The result of a finished run, with its final states.
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
     /// The final sensitivities, in the order of [`Sensitivities::names`]; in adjoint mode the gradient.
     pub derivatives: Vec<f64>,
-    /// What the objective of adjoint mode is known to.
+    /// The accuracy to which the objective of adjoint mode is known.
     pub resolution: Option<Resolution>,
     /// Statistics of the fields by name, if [`Plan::statistics`] asks for them.
     pub statistics: BTreeMap<String, OverTime>,
 }
 
-/// Starts a stepper and drives it to the end; after a failure, the answer contains the trajectory so far.
+/// Starts a stepper and drives it to the end; after a failure, the answer contains the trajectory up to the failure.
 pub fn run<S: Stepper>(
     plan: &Plan,
     control: &Control,
@@ -182,7 +182,7 @@ pub(super) struct Run<'a> {
     recorder: Recorder<'a>,
     x: Vec<f64>,
     began: Instant,
-    /// The evidence so far.
+    /// The evidence for the accuracy of the run so far.
     pub diagnostics: Diagnostics,
 }
 
@@ -192,12 +192,13 @@ impl<'a> Run<'a> {
         Self { plan, control, recorder, x, began: Instant::now(), diagnostics }
     }
 
-    /// Whether an event of the user has ended the run.
+    /// Whether an event of the user's `stop` has ended the run.
     pub fn is_ended(&self) -> bool {
         self.recorder.ended_by.is_some()
     }
 
-    /// Drives a stepper until it is done, or an event of the user ends the run; returns the reason if neither happens.
+    /// Drives a stepper until it is done, or an event of the user's `stop` ends the run; returns the reason if
+    /// neither happens.
     pub fn drive(&mut self, stepper: &mut impl Stepper) -> Result<(), (Status, Failure)> {
         let plan = self.plan;
         self.recorder.start(stepper);
@@ -230,7 +231,8 @@ impl<'a> Run<'a> {
         driven
     }
 
-    /// The gradient of the objective, if one is asked for; where there is none, that is how the run ends.
+    /// Computes the gradient of the objective, if one is requested; if the computation fails, sets the failure as the
+    /// end of the run.
     pub fn gradient(&self, ended: &mut Result<(), (Status, Failure)>, stepper: &mut impl Stepper) -> Option<Gradient> {
         if ended.is_err() {
             return None;
@@ -346,7 +348,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The status after a failed step: stopped if `control` asked for it, else failed.
+/// Returns the status after a failed step: stopped if `control` asks for it, otherwise failed.
 pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     match stopped(control, failure.time) {
         Some((code, message)) => (Status::Stopped, Failure { code: code.into(), message, ..failure }),
@@ -354,7 +356,7 @@ pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     }
 }
 
-/// The code and message of a request to stop, if there is one.
+/// Returns the code and message of a request to stop, if there is one.
 fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
     Some(match control.poll()? {
         Stop::Cancelled => ("cancelled", format!("cancelled at t = {t:?}")),
@@ -364,7 +366,7 @@ fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
     })
 }
 
-/// The code and message of the limit that the run has reached, if any.
+/// Returns the code and message of the limit that the run has reached, if any.
 fn limit(
     stepper: &impl Stepper,
     plan: &Plan,
@@ -392,15 +394,15 @@ fn limit(
     None
 }
 
-/// Records the requested outputs in columns.
+/// Records the requested outputs of a run in columns.
 struct Recorder<'a> {
     plan: &'a Plan,
     trajectory: Trajectory,
-    /// The index of the next output time.
+    /// The index of the next output time to record.
     next: usize,
-    /// The outputs of the problem, then those of the user.
+    /// The outputs of the problem, then the user's definitions and integrals, then sensitivities.
     y: Vec<f64>,
-    /// The user's observables, once the run has started.
+    /// The values of the user's observables; `None` before the run starts.
     observed: Option<Observed<'a>>,
     /// Statistics of the fields other than integrals and sensitivities.
     statistics: Option<Statistics>,
@@ -408,14 +410,14 @@ struct Recorder<'a> {
     sampling: Option<Sampling>,
     is_started: bool,
     ended_by: Option<EndedBy>,
-    /// The first column with a value that is not finite, and its time.
+    /// The first user's definition or integral with a value that is not finite, and the time of that value.
     broken: Option<(usize, f64)>,
 }
 
-/// The events of a step.
+/// The recorded events of a step.
 struct Recorded<'r> {
     events: &'r [Event],
-    /// Whether the method itself has reported an event.
+    /// Whether the method itself has reported an event in the step.
     switched: bool,
 }
 
@@ -452,7 +454,7 @@ impl<'a> Recorder<'a> {
         self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
     }
 
-    /// Begins with the first stepper.
+    /// Begins recording when the first stepper starts; does nothing for later steppers of the run.
     fn start(&mut self, stepper: &mut impl Stepper) {
         if std::mem::replace(&mut self.is_started, true) {
             return;
@@ -479,7 +481,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Records the outputs and events of the last step, which began at `begin`.
+    /// Records the outputs and events of the last step, which began at the time `begin`.
     fn step(&mut self, stepper: &mut impl Stepper, begin: f64, control: &Control) -> Recorded<'_> {
         let before = self.trajectory.events.len();
         let mut events = Vec::new();
@@ -501,7 +503,7 @@ impl<'a> Recorder<'a> {
                 self.next += 1;
             }
         }
-        // Where an event ends the run, record the values there in any case.
+        // If an event ends the run, the values at the event are recorded in any case.
         let is_last = self.ended_by.is_some() && self.trajectory.t.last().is_none_or(|last| *last < end);
         if self.plan.times.is_none() || is_last {
             self.sample(stepper, end);
@@ -522,7 +524,7 @@ impl<'a> Recorder<'a> {
         Recorded { events: &self.trajectory.events[before..], switched }
     }
 
-    /// Writes the fields at a time within the last step, of which none is an integral or a derivative.
+    /// Writes the fields at a time within the last step; no field may be an integral or a derivative.
     fn row(&mut self, stepper: &mut impl Stepper, t: f64, out: &mut [f64]) {
         let count = self.plan.names.len();
         let (outputs, own) = self.y.split_at_mut(count);
@@ -533,7 +535,8 @@ impl<'a> Recorder<'a> {
         out.iter_mut().zip(&self.plan.fields).for_each(|(out, &place)| *out = self.y[place]);
     }
 
-    /// Records the last events, which it returns, and the derivatives at the end, which need be no output time.
+    /// Records the last events, and the derivatives at the end, which need not be an output time; returns the last
+    /// events.
     fn end(&mut self, stepper: &mut impl Stepper) -> &[Event] {
         let before = self.trajectory.events.len();
         stepper.last_events(&mut self.trajectory.events);
@@ -563,7 +566,8 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// The failure of an observable without a finite value, if there is one; its rows are removed.
+    /// Returns the failure if an observable has no finite value, and removes its rows from the trajectory; otherwise
+    /// `None`.
     fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
         let (name, t) = match (self.broken, self.observed.as_ref().and_then(Observed::lost)) {
             (Some((place, t)), _) => (self.plan.observables.names[place].as_str(), t),

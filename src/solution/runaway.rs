@@ -1,5 +1,5 @@
-//! States that run away: at the end of a run they change by their own size within less than the tolerance of time, as near a
-//! pole of the solution, which may lie before the end.
+//! States that diverge: at the end of a run they change by their own size in less time than the accuracy of the time,
+//! as near a pole of the solution, which may lie before the end.
 //!
 //! With an error of time of `rtol` times the length `T` of the run, a state that never exceeded `X` is off by
 //!
@@ -7,23 +7,25 @@
 //! |x'| rtol T = kappa rtol X,    kappa = |x'| T/X
 //! ```
 //!
-//! so that no digit is known where `kappa rtol` is near one. A long oscillation also has a large `kappa`, and as many steps.
+//! so that no digit is known where `kappa rtol` is near one. A long oscillation also has a large `kappa`, but takes
+//! as many steps.
 
 use super::{CheckCode, Checks, Plan};
 use hybrid::OneStep;
 use radau::Radau;
 
-/// The error that leaves no digit.
+/// Relative error at which no digit of a state is known.
 const NO_DIGIT: f64 = 0.1;
 
-/// The angle, in radians, that a step of an oscillation does not exceed: what is faster than this many times the number of
-/// steps is not one.
+/// Largest angle, in radians, of an oscillation per step: a state that changes faster than this angle times the
+/// number of steps does not oscillate.
 const TURN: f64 = 10.0;
 
-/// Records the state that changes most at the end of a run with `accepted` steps.
+/// Records the check of the state that changes fastest, relative to its size, at the end of a run with `accepted`
+/// steps.
 pub(super) fn check(radau: &Radau<'_>, plan: &Plan, (rtol, atol): (f64, &[f64]), accepted: u64, checks: &mut Checks) {
     let (t, length) = (radau.t(), radau.t() - plan.start);
-    // Below its absolute tolerance a state is at zero.
+    // A state below its absolute tolerance counts as zero.
     let sizes = radau.largest().iter().zip(atol).map(|(largest, atol)| largest.max(atol / rtol));
     let kappas = radau.slopes_at(t).into_iter().zip(sizes).map(|(rate, size)| rate.abs() * length / size);
     let worst = kappas.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));

@@ -1,7 +1,8 @@
-//! The derivatives of states, definitions and integrals by parameters and initial values: columns `dx/dm` beside the states,
-//! followed with the run ([`radau::Tangents`], [`contact::tangents::Tangents`]) and held to a finite difference in one
-//! direction, at the end and on the way; and the gradient of one number by many of them, by the adjoint
-//! ([`radau::Adjoint`]), held to the same difference.
+//! Derivatives of states, definitions and integrals with respect to parameters and initial values. Forward mode
+//! propagates columns `dx/dm` along the run ([`radau::Tangents`], [`contact::tangents::Tangents`]), and compares them
+//! with finite differences of runs in one direction, at the end and at earlier times. Adjoint mode computes the
+//! gradient of one number with respect to many parameters ([`radau::Adjoint`]), and compares it with the same kind of
+//! difference.
 
 mod adjoint;
 mod motion;
@@ -29,87 +30,97 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
-/// their digits. Farther off a phase may have gone round, and both differences agree on what is no derivative.
+/// Power of the relative tolerance that gives the relative change of parameters for finite differences of runs. Runs
+/// are as accurate as their tolerances; a change by the square root leaves half of their digits. A larger change may
+/// shift the phase of an oscillation by a whole turn, so that two differences agree without approximating a
+/// derivative.
 pub(super) const POWER: f64 = 0.5;
-/// The part of a parameter by which it is moved at most.
+/// Largest relative change of a parameter for finite differences of runs.
 pub(super) const MOST_MOVED: f64 = 1e-2;
-/// By how many tolerances derivatives may differ from the difference of runs, beside what two differences differ by.
+/// Permitted distance of a derivative from a finite difference of runs, in units of the accuracy of the runs, beside
+/// the difference of two finite differences.
 pub(super) const SLACK: f64 = 20.0;
-/// The tolerances of the runs that derivatives are compared with, as a part of those of the run, and the relative tolerance below
-/// which they are not taken: rounding is near.
+/// Factor of the tolerances for the runs with which derivatives are compared, and the least relative tolerance of
+/// these runs, below which rounding errors dominate.
 const TIGHTER: f64 = 1e-2;
 const TIGHTEST: f64 = 1e-11;
-/// By how many relative tolerances of its largest value a derivative may be off: errors of its steps add up, as those of the
-/// states do.
+/// Permitted error of a derivative, in units of the relative tolerance times its largest value: the errors of its
+/// steps add up as those of the states do.
 const OWN: f64 = 100.0;
-/// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
+/// Largest number of output times before the end at which derivatives are compared: an error that lasts for a
+/// hundredth of the run is then detected.
 const MOST_COMPARED: usize = 100;
-/// The size of a parameter that is zero.
+/// The scale of a parameter whose value is zero.
 const MOVED_ALONE: f64 = 1.0;
-/// The fractional part of the golden ratio, whose multiples fall between each other and nowhere twice.
+/// The fractional part of the golden ratio, whose multiples modulo 1 are distinct and evenly distributed.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
-/// What is differentiated, and by what.
+/// The requested sensitivities: the outputs to differentiate, and the quantities with respect to which they are
+/// differentiated.
 #[derive(Clone, Debug)]
 pub struct Sensitivities {
-    /// By what.
+    /// The parameters and initial values with respect to which the outputs are differentiated.
     pub by: Vec<By>,
-    /// The names of these.
+    /// The names of the parameters and initial values in `by`.
     pub to: Vec<String>,
-    /// The states, by their places; definitions and integrals, by their places behind all outputs of the problem.
+    /// The outputs to differentiate: states by their indices, and definitions and integrals by their indices after
+    /// all outputs of the problem.
     pub of: Vec<usize>,
-    /// The names of the columns, those of one state after the other; none in adjoint mode.
+    /// The names of the columns of derivatives, all derivatives of one output after those of another; empty in
+    /// adjoint mode.
     pub names: Vec<String>,
-    /// The number whose gradient is asked for, in adjoint mode. It stands behind all outputs in `of`, alone.
+    /// The number whose gradient is requested, in adjoint mode; it is then the only entry of `of`, with an index
+    /// after all outputs of the problem.
     pub objective: Option<Arc<Objective>>,
 }
 
-/// What a run is differentiated by.
+/// A quantity with respect to which a run is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// A parameter, by its number.
+    /// A parameter, by its index.
     Parameter(usize),
-    /// A state at the start.
+    /// The initial value of a state, by the index of the state.
     Initial(usize),
 }
 
-/// How derivatives compare with the difference of two runs.
+/// Comparison of derivatives with the finite difference of two runs.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Checked {
     /// The state whose derivative differs most from its finite difference.
     pub of: String,
-    /// By how much the parameters and initial values are moved together, in the order of `to`, and back.
+    /// The changes by which the parameters and initial values, in the order of `to`, are moved together in the one
+    /// run and back in the other.
     pub direction: Vec<f64>,
-    /// The derivative in that direction, at the output time at which it differs most.
+    /// The derivative in that direction, at the output time at which it differs most from the finite difference.
     pub derivative: f64,
-    /// The difference of two runs that are moved so, over twice that.
+    /// Half the difference of the two runs that are moved by `direction` forwards and backwards.
     pub finite_difference: f64,
-    /// What two such differences, one twice as far, differ by, and the error of the runs.
+    /// The uncertainty of the finite difference: its distance from a difference with twice the change, and the errors
+    /// of the runs.
     pub uncertainty: f64,
 }
 
-/// The derivatives of the time of an event.
+/// The derivatives of the time of an event with respect to parameters and initial values.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct EventSlope {
-    /// When.
+    /// The time of the event.
     pub t: f64,
-    /// What.
+    /// The kind of the event.
     pub kind: SlopedEvent,
-    /// The contact.
+    /// The name of the contact.
     pub of: String,
-    /// The derivatives of `t`, by the names of what it is differentiated by.
+    /// The derivatives of the time `t` of the event, by the names of the parameters and initial values.
     pub slopes: BTreeMap<String, f64>,
-    /// The rate at which what decides the event crosses zero (a gap, a force, a slip), in absolute value: where it is small,
-    /// the event is nearly grazed, and derivatives are large.
+    /// The rate at which the function that decides the event (a gap, a force, a slip) crosses zero, in absolute
+    /// value: if it is small, the event is nearly grazing, and the derivatives are large.
     pub transversality: f64,
 }
 
-/// An event whose time is differentiated.
+/// The kind of an event whose time is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SlopedEvent {
-    /// A contact closed.
+    /// A contact closed with an impact.
     Impact,
     /// A contact opened that had been closed for a while.
     LiftOff,
@@ -117,25 +128,26 @@ pub enum SlopedEvent {
     Stick,
     /// A contact began to slip.
     Slip,
-    /// The limit of impacts that follow each other ever faster.
+    /// The limit of infinitely many impacts in a finite time.
     Accumulation,
 }
 
-/// Derivatives on the way of a run.
+/// Derivatives that are propagated along a run of a differential variational inequality.
 pub(super) struct Followed {
     tangents: Tangents,
     observed: Option<ObservedSlopes>,
     states: usize,
-    /// The number of outputs of the problem.
+    /// The number of outputs of the problem; user's definitions and integrals follow them.
     outputs: usize,
     of: Vec<usize>,
     by: usize,
-    /// The stored steps, in adjoint mode; the only direction is then one in which everything is moved together.
+    /// The stored steps and the objective, in adjoint mode; derivatives are then propagated in a single direction, in
+    /// which all parameters and initial values move together.
     swept: Option<(Adjoint, SweptBack)>,
 }
 
 impl Followed {
-    /// Begins at the start.
+    /// Prepares the propagation of derivatives at the start of a run.
     pub fn new(model: &DviModel, plan: &Plan, of: &Sensitivities, tolerances: (f64, &[f64])) -> Result<Self, String> {
         let (outputs, states) = (plan.names.len(), model.structure().states);
         if let Some(objective) = &of.objective {
@@ -164,7 +176,7 @@ impl Followed {
         Ok(Self { tangents, observed, states, outputs, of: of.of.clone(), by, swept: None })
     }
 
-    /// Makes a step of the run, and follows it.
+    /// Makes a step of the run, and propagates the derivatives over it.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<Result<(), NoDerivative>, StepError> {
         if let Some((adjoint, _)) = &mut self.swept {
             adjoint.prepare(radau, &self.tangents);
@@ -173,7 +185,7 @@ impl Followed {
         Ok(followed.and_then(|()| self.observe(radau)))
     }
 
-    /// Stores and observes the last step.
+    /// Stores the last step, in adjoint mode, and updates the derivatives of the user's integrals over it.
     fn observe(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         if let Some((adjoint, swept)) = &mut self.swept {
             adjoint.store(radau, &self.tangents)?;
@@ -185,7 +197,7 @@ impl Followed {
         Ok(())
     }
 
-    /// The gradient of the objective, in adjoint mode, after the last step.
+    /// Returns the gradient of the objective after the last step, in adjoint mode.
     pub fn gradient(&mut self, radau: &mut Radau<'_>) -> Option<Result<Gradient, String>> {
         let Self { tangents, observed: Some(observed), swept: Some((adjoint, swept)), states, .. } = self else {
             return None;
@@ -199,7 +211,7 @@ impl Followed {
         }))
     }
 
-    /// Writes the columns at a time within the last step.
+    /// Writes the columns of derivatives at a time within the last step.
     pub fn write(&mut self, radau: &mut Radau<'_>, t: f64, out: &mut [f64]) {
         let Self { tangents, observed, states, outputs, of, by, .. } = self;
         if of.is_empty() {
@@ -218,7 +230,7 @@ impl Followed {
     }
 }
 
-/// The states and their derivatives at a time within the last step.
+/// Returns the states and their derivatives at a time within the last step.
 fn along(tangents: &Tangents, radau: &mut Radau<'_>, (states, by): (usize, usize), t: f64) -> (Vec<f64>, DMatrix<f64>) {
     let mut x = vec![0.0; radau.y().len()];
     radau.at(t, &mut x);
@@ -232,14 +244,15 @@ fn along(tangents: &Tangents, radau: &mut Radau<'_>, (states, by): (usize, usize
     (x, slopes)
 }
 
-/// The failure of a run whose derivatives end.
+/// Returns the failure of a run from whose time `time` on there are no derivatives.
 pub(super) fn failure(why: &str, time: f64, state: &[f64]) -> Failure {
     let message =
         format!("there are no derivatives from t = {time:?} on: {why}; without `sensitivities` the run itself goes on");
     Failure { code: "no_derivative".into(), message, time, state: state.to_vec() }
 }
 
-/// The directions of parameters and initial values.
+/// Returns the directions of differentiation that belong to parameters and initial values, with the problems shifted
+/// along them.
 pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let shifted = by.iter().map(|by| match *by {
         By::Initial(_) => Ok(None),
@@ -249,7 +262,8 @@ pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, Stri
     Ok(Directions { shifted, ..unshifted(model, by)? })
 }
 
-/// The directions of parameters and initial values without the problems that are shifted along them.
+/// Returns the directions of differentiation that belong to parameters and initial values, without the problems
+/// shifted along them.
 fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, count) = (structure.states, by.len());
@@ -265,10 +279,10 @@ fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
         let rows = Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0));
         return Ok(Directions { initial, rows, mass: Vec::new(), bounds: Vec::new(), shifted });
     };
-    // The direction of a parameter; each is named once.
+    // The index of the direction of differentiation that belongs to a parameter; each parameter occurs at most once.
     let column = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter));
     for (state, parameter, value) in slopes.initial() {
-        // An initial value that is a direction of its own does not follow parameters.
+        // An initial value with respect to which the run is differentiated does not follow the parameters.
         if let Some(direction) = column(parameter).filter(|_| !by.contains(&By::Initial(state))) {
             initial[(state, direction)] = value;
         }
@@ -288,18 +302,18 @@ fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     Ok(Directions { initial, rows, mass, bounds, shifted })
 }
 
-/// The size of a parameter of this value.
+/// Returns the scale of a parameter with this value.
 fn size_of(value: f64) -> f64 {
     if value == 0.0 { MOVED_ALONE } else { value.abs() }
 }
 
-/// A problem with one parameter a little above and below its value.
+/// Returns the problem with one parameter slightly above and below its value, for central differences.
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     shifted_by(model, CENTRAL_DIFFERENCE * size_of(values[parameter]), |k| if k == parameter { 1.0 } else { 0.0 })
 }
 
-/// A problem with its parameters above and below their values, by so much times the speed of each.
+/// Returns the problem with its parameters above and below their values; parameter `k` changes by `by * speed(k)`.
 fn shifted_by(model: &DviModel, by: f64, speed: impl Fn(usize) -> f64) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let at = |by: f64| {
@@ -309,7 +323,7 @@ fn shifted_by(model: &DviModel, by: f64, speed: impl Fn(usize) -> f64) -> Result
     Ok(Shifted { by, problems: [at(by)?, at(-by)?] })
 }
 
-/// Holds the derivatives of a run to differences of runs.
+/// Compares the derivatives of a run with finite differences of runs.
 pub(super) fn check(
     model: &DviModel,
     plan: &Plan,
@@ -329,7 +343,7 @@ pub(super) fn check(
     compare(plan, values, (settings.rtol, &tighter), run, ended);
 }
 
-/// Holds the derivatives of a motion to differences of motions.
+/// Compares the derivatives of a motion with located impacts with finite differences of motions.
 pub(super) fn check_motion(
     model: &MechanicalModel,
     plan: &Plan,
@@ -351,24 +365,24 @@ pub(super) fn check_motion(
     compare(plan, values, (settings.rtol, &tighter), run, ended);
 }
 
-/// The settings of the runs that derivatives are compared with: tighter than those of the run, so that their differences know
-/// more digits than its tolerance asks of the derivatives.
+/// Returns the settings of the runs with which derivatives are compared. Their tolerances are tighter than those of
+/// the run, so that their differences have more digits than the derivatives need.
 fn tighter(settings: &Settings) -> Settings {
     let part = TIGHTER.max((TIGHTEST / settings.rtol).min(1.0));
     let atol = settings.atol.iter().map(|atol| part * atol).collect();
     Settings { rtol: part * settings.rtol, atol, ..settings.clone() }
 }
 
-/// A run with other parameters and initial values.
+/// The parameters and initial values of a run that is compared with the derivatives.
 struct Moved<'m> {
     parameters: &'m [f64],
-    /// States with an initial value of their own.
+    /// The states whose initial value is moved by itself, with that value.
     states: &'m [(usize, f64)],
     plan: &'m Plan,
 }
 
 impl Moved<'_> {
-    /// The initial values, where these follow from the parameters.
+    /// Returns the initial values, given the values `follow` that follow from the parameters.
     fn initial(&self, follow: &[f64]) -> Vec<f64> {
         let mut initial = follow.to_vec();
         self.states.iter().for_each(|&(state, value)| initial[state] = value);
@@ -376,8 +390,8 @@ impl Moved<'_> {
     }
 }
 
-/// Parts between a half and one, no two of which are equal, with signs that alternate: moved by them, several quantities cannot
-/// be taken for each other.
+/// Returns distinct numbers between a half and one, with alternating signs. When several quantities are moved by
+/// different fractions of their sizes, their effects cannot be mistaken for each other.
 pub(super) fn generic_parts() -> impl Iterator<Item = f64> {
     (1_u32..).map(|k| {
         let part = 0.5 + 0.5 * (f64::from(k) * GOLDEN).fract();
@@ -385,18 +399,18 @@ pub(super) fn generic_parts() -> impl Iterator<Item = f64> {
     })
 }
 
-/// The derivatives at one time, those of one state after the other.
+/// The derivatives at one time, all derivatives of one output after those of another.
 struct At {
     t: f64,
     rows: Vec<f64>,
 }
 
-/// The derivatives at the end, and before it at output times that are spread over the run.
+/// Returns the derivatives at the end, and before the end at output times that are spread over the run.
 fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
     let trajectory = &ended.solution.trajectory;
     let columns: Option<Vec<&[f64]>> = asked.names.iter().map(|name| trajectory.field(name)).collect();
     let mut places: Vec<usize> = (0..trajectory.t.len()).collect();
-    // An event that is recorded has one time before and after it.
+    // A recorded event has two equal output times, one before and one after its jump.
     places.dedup_by_key(|place| trajectory.t[*place].to_bits());
     places.retain(|place| trajectory.t[*place] > plan.start && trajectory.t[*place] < plan.end);
     let apart = places.len().div_ceil(MOST_COMPARED).max(1);
@@ -411,8 +425,9 @@ fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
     on_the_way.chain([At { t: plan.end, rows: ended.derivatives.clone() }]).collect()
 }
 
-/// Whether some of several runs have had an event at a time that others have not had yet: their numbers differ, and the last of
-/// them is no further back than their last ones are apart. What the runs differ by then is no derivative.
+/// Whether the time `t` lies between the occurrences of one event in several runs: the numbers of events so far
+/// differ, and the time since the last event is at most the spread of the last events of the runs. A difference of
+/// runs is then no derivative.
 fn is_between_events(events: &[Vec<f64>], t: f64) -> bool {
     let before = |events: &Vec<f64>| events.partition_point(|event| *event <= t);
     let counts: Vec<usize> = events.iter().map(before).collect();
@@ -431,8 +446,9 @@ fn is_between_events(events: &[Vec<f64>], t: f64) -> bool {
     t - latest <= latest - first
 }
 
-/// The size of a parameter that is zero: a change by which a result changes by its own size, by its derivatives. Results below
-/// their tolerance, or below the largest tolerance of a state if they have none, have no size.
+/// Returns the scale of a parameter that is zero: the change by which, according to its derivatives, some result
+/// changes by its own size. Results below their tolerance, or below the largest tolerance of a state if they have
+/// none, are ignored.
 fn size_by_effects(
     asked: &Sensitivities,
     compared: &[At],
@@ -452,7 +468,7 @@ fn size_by_effects(
     sizes.filter(|size| *size > 0.0 && size.is_finite()).min_by(f64::total_cmp)
 }
 
-/// Compares the derivatives of a run with differences of runs.
+/// Compares the derivatives of a run with finite differences of runs, and records the check.
 fn compare(
     plan: &Plan,
     values: &[f64],
@@ -476,7 +492,8 @@ fn compare(
         By::Parameter(k) => values[k].abs(),
         By::Initial(state) => plan.initial[state].abs().max(ended.x[state].abs()),
     };
-    // The values of each state at the times that are compared.
+    // Returns the compared outputs at the times of the comparison, and the times of the events, of a run with changed
+    // parameters.
     let along = |changes: &[f64]| -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
         let mut parameters = values.to_vec();
         let mut states = Vec::new();
@@ -523,7 +540,7 @@ fn compare(
     };
     let is_between: Vec<bool> = compared.iter().map(|at| is_between_events(&events, at.t)).collect();
     let mut worst: Option<(f64, f64, Checked)> = None;
-    // By how much each parameter and initial value alone moves the results, in units of what runs tell apart.
+    // The largest effect of each parameter and initial value alone on the results, in units of what runs can resolve.
     let mut shown = vec![0.0_f64; asked.by.len()];
     for (k, &of) in asked.of.iter().enumerate() {
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
@@ -541,18 +558,19 @@ fn compare(
             if !is_end && is_between[i] {
                 continue;
             }
-            // On the way errors are as large as the state was before.
+            // Before the end, the errors are relative to the largest value so far.
             let size = if is_end { here.abs() } else { largest };
             let atol = tighter.atol.get(of).copied().unwrap_or(0.0);
             let known = tighter.rtol * size + atol + resolution + f64::EPSILON * largest;
-            // The error of the nearer of two differences is a third of what they differ by. At a jump, where there is no derivative,
-            // it is more than all of it: there the nearer one is twice the other.
+            // The error of a central difference is a third of its distance from the difference with twice the
+            // increment. The whole distance is taken as the uncertainty: at a jump, where there is no derivative, the
+            // difference is twice that with twice the increment.
             let uncertainty = (near - far).abs() + SLACK * known + OWN * rtol * steepest;
             let distance = if is_end {
                 (derivative - near).abs()
             } else {
-                // Where an output time is that of a switch, derivatives jump there: the one before the switch and the one
-                // behind it are both right. A difference to one side errs by the first power of its length.
+                // At the time of a switch derivatives jump, and both one-sided limits are correct. The error of a
+                // one-sided difference is of first order in the change.
                 let sides = [(above - here, 0.5 * (far_above - here)), (here - below, 0.5 * (here - far_below))];
                 let sides = sides.into_iter().flat_map(|(near, far)| [near, far, 2.0 * near - far]);
                 let (least, most) = sides

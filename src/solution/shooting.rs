@@ -1,5 +1,5 @@
-//! Runs over one period, with the derivatives of their ends: of a differential variational inequality by Radau IIA, and of a
-//! motion from impact to impact.
+//! Runs over one period with the derivatives of their end states: for a differential variational inequality by Radau
+//! IIA, and for a motion with located impacts.
 
 use super::contact::{ContactPlan, failure_of};
 use super::integrate::failure;
@@ -14,54 +14,58 @@ use nalgebra::{DMatrix, DVector};
 use problem::Control;
 use radau::{Radau, Settings, Switch, Tangents};
 
-/// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
-/// entries, which is close to that of doubles. So do those below the relative tolerance, to which `S` is the derivative of
-/// the motion: there it is not distinguished from 1, with or without an orbit.
+/// Singular values of `S - I`, where `S` is the monodromy matrix, below this fraction of the largest count as zero:
+/// the square root of the accuracy of the entries of `S`, which is close to that of doubles. Singular values below
+/// the relative tolerance, to which `S` approximates the derivative of the motion, also count as zero: a multiplier
+/// so near to 1 is not distinguished from 1.
 const RANK: f64 = 1e-8;
 
-/// How long before the end of a period a start is held to what the set allows there, as a part of the period: far less than a
-/// switch takes, and far more than rounding of time.
+/// Time before the end of a period at which a start is projected onto the admissible set, as a fraction of the
+/// period: far less than the duration of a switch, and far more than rounding errors of time.
 const BEFORE_END: f64 = 1e-9;
 
-/// Why a run has no derivatives that was made without them.
+/// The reason why a run that was made without derivatives has none.
 const NOT_ASKED: &str = "derivatives were not asked for";
 
-/// Changes of the initial state and of the period.
+/// A Newton correction of a periodic orbit: changes of the initial state and of the period.
 pub(super) type Correction = (Vec<f64>, f64);
 
-/// A run over one period.
+/// The result of a run over one period.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
     pub from: Vec<f64>,
     pub period: f64,
     pub to: Vec<f64>,
-    /// The rates at the end.
+    /// The rates of the states at the end.
     pub slope: Vec<f64>,
-    /// The derivative of the end with respect to the beginning, or the reason why it does not exist.
+    /// The monodromy matrix: the derivative of the end state with respect to the start, or the reason why it does not
+    /// exist.
     pub monodromy: Result<DMatrix<f64>, String>,
-    /// The derivative of the end with respect to each requested parameter; without meaning if there is no monodromy matrix.
+    /// The derivative of the end state with respect to each requested parameter; meaningless if there is no monodromy
+    /// matrix.
     pub by_parameters: DMatrix<f64>,
-    /// The tolerances of the states.
+    /// The error tolerances of the states, absolute plus relative.
     pub scale: Vec<f64>,
-    /// The events on the way.
+    /// The switches and contact events in the period.
     pub passages: Passages,
 }
 
 impl Shot {
-    /// The distance of the end from the beginning, in units of the tolerances.
+    /// Returns the distance of the end from the start, in units of the tolerances.
     pub fn distance(&self) -> f64 {
         let parts = self.to.iter().zip(&self.from).zip(&self.scale);
         parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
     }
 
-    /// The Newton correction of the initial state and of the period, and the number of directions in which it corrects.
+    /// Returns the Newton correction of the initial state and of the period, and the number of singular directions
+    /// that it uses.
     pub fn correction(&self, phase: Option<usize>, rtol: f64, directions: usize) -> Option<(Correction, usize)> {
         self.correction_for(self, phase, rtol, directions)
     }
 
-    /// The correction of another run by the derivatives of this one. A direction in which the multipliers are 1 within the
-    /// accuracy of the run is corrected only if it is one of the first `directions`, and the derivatives differ from one
-    /// by more than rounding.
+    /// Returns the Newton correction of another run, computed with the derivatives of this run. A direction in which
+    /// a multiplier is 1 within the accuracy of the run is corrected only if it is one of the first `directions`, and
+    /// its singular value exceeds rounding errors.
     pub fn correction_for(
         &self,
         other: &Self,
@@ -90,8 +94,8 @@ impl Shot {
         is_finite.then_some(((change, of_period), used))
     }
 
-    /// By how much the start may be off in the direction in which the return of the run tells least: where the end is off
-    /// by its tolerance.
+    /// Returns the uncertainty of the start in the direction to which the end of the run is least sensitive: the
+    /// displacement of the start that changes the residual by one tolerance.
     pub fn uncertainty(&self, phase: Option<usize>, rtol: f64) -> Option<Vec<f64>> {
         let (matrix, unit) = self.equations(phase, rtol)?;
         let Singular { values, v_t: transposed, .. } = Singular::of(&matrix)?;
@@ -105,8 +109,8 @@ impl Shot {
         Some(change)
     }
 
-    /// The matrix of Newton's method in units of the tolerances, and these units. A free period takes the place of the state that
-    /// keeps its value.
+    /// Returns the matrix of Newton's method in units of the tolerances, and these units. The column of a free period
+    /// replaces that of the state that fixes the phase.
     fn equations(&self, phase: Option<usize>, rtol: f64) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
@@ -121,22 +125,23 @@ impl Shot {
         Some((matrix, unit))
     }
 
-    /// The size of a correction, in units of the tolerances of this run.
+    /// Returns the size of a correction, in units of the tolerances of this run.
     pub fn size(&self, (change, of_period): &Correction, rtol: f64) -> f64 {
         let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
         parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
     }
 
-    /// The size of the correction of another run by the derivatives of this one, relative to its `own` (the natural
-    /// monotonicity test of Deuflhard 2011, *Newton Methods for Nonlinear Problems*, section 3.3.1). It does not depend on
-    /// the units of the residual, and a run that enters another mode passes although its residual hardly falls.
+    /// Returns the size of the correction of another run, computed with the derivatives of this run, relative to the
+    /// correction `own` of this run (the natural monotonicity test of Deuflhard 2011, *Newton Methods for Nonlinear
+    /// Problems*, section 3.3.1). The ratio does not depend on the units of the residual, and accepts a run that
+    /// enters another mode although its residual hardly decreases.
     pub fn contraction(&self, own: &Correction, other: &Self, phase: Option<usize>, rtol: f64) -> Option<f64> {
         let own = self.size(own, rtol);
         let (correction, _) = self.correction_for(other, phase, rtol, 0)?;
         (own > 0.0).then_some(self.size(&correction, rtol) / own)
     }
 
-    /// The multipliers, by decreasing modulus.
+    /// Returns the Floquet multipliers, the eigenvalues of the monodromy matrix, by decreasing modulus.
     pub fn multipliers(&self) -> Vec<[f64; 2]> {
         let Ok(monodromy) = &self.monodromy else { return Vec::new() };
         let mut values: Vec<[f64; 2]> =
@@ -150,24 +155,24 @@ pub(super) fn modulus([re, im]: &[f64; 2]) -> f64 {
     re.hypot(*im)
 }
 
-/// What comes back to itself.
+/// The system whose periodic orbits are sought.
 #[derive(Clone, Copy)]
 pub(super) enum Subject<'a> {
-    /// A differential variational inequality.
+    /// A differential variational inequality, with the settings of Radau IIA.
     Dvi(&'a DviModel, &'a Settings),
-    /// A motion with located impacts.
+    /// A motion with located impacts, with its contact settings and those of Radau IIA.
     Motion(&'a MechanicalModel, &'a ContactPlan, &'a Settings),
 }
 
 impl<'a> Subject<'a> {
-    /// The choices for Radau IIA.
+    /// Returns the settings of Radau IIA.
     pub fn settings(self) -> &'a Settings {
         match self {
             Self::Dvi(_, settings) | Self::Motion(_, _, settings) => settings,
         }
     }
 
-    /// The names of the states.
+    /// Returns the names of the states.
     pub fn state_names(self) -> &'a [String] {
         match self {
             Self::Dvi(model, _) => &model.state_names,
@@ -175,7 +180,8 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Runs over one period from a start; `parameters` are those by which the end is differentiated beside its start.
+    /// Makes a run over one period from a start, and differentiates the end state with respect to the start and to
+    /// `parameters`.
     pub fn shoot(
         self,
         plan: &Plan,
@@ -193,7 +199,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// A run over one period without derivatives, which has no monodromy matrix.
+    /// Makes a run over one period without derivatives; the result has no monodromy matrix.
     pub fn end(self, plan: &Plan, (from, period): (&[f64], f64), control: &Control) -> Result<Shot, Failure> {
         match self {
             Self::Dvi(model, settings) => shoot_dvi((model, settings), plan, (from, period), &[], control),
@@ -203,8 +209,8 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// The nearest start that the set allows: that at which the states are once impulses have brought them there, at the
-    /// start and, as what comes back is there too, at the end of a period.
+    /// Projects a start onto the admissible states: those to which impulses move the states at the start and, since a
+    /// periodic orbit returns there, at the end of a period.
     pub fn allowed(self, plan: &Plan, (from, period): (&[f64], f64), control: &Control) -> Vec<f64> {
         let mut from = from.to_vec();
         let Self::Dvi(model, settings) = self else { return from };
@@ -240,7 +246,7 @@ fn shoot_dvi(
     let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, from, end, control)
         .map_err(|error| failed(error, plan.start, from))?;
     let mut passages = Passages::default();
-    // Where the run begins is no switch.
+    // A change of the active face at the start of the run is not a switch.
     radau.take_switches();
     let mut tangents = if by.is_empty() {
         Err(NOT_ASKED.to_owned())

@@ -1,4 +1,4 @@
-//! A static variational inequality: its solution with a certificate of uniqueness, or the reason why there is none.
+//! Static variational inequalities: a solution with a certificate of uniqueness, or the reason why there is none.
 
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Event, Failure, Solution, Status, ViCounts};
@@ -15,30 +15,30 @@ use vi::{
     certificate, least_relative_eigenvalue, start,
 };
 
-/// Most variables of a problem that is solved again from other starts to find other solutions, and the number of
-/// starts.
+/// Largest number of variables for which the problem is solved again from other starting points to find other
+/// solutions (`MOST_SEARCHED`), and the number of these starting points (`SEARCHES`).
 const MOST_SEARCHED: usize = 60;
 const SEARCHES: usize = 8;
-/// Relative distance above which two solutions count as different.
+/// Distance, relative to the size of the variables, above which two solutions count as different.
 const APART: f64 = 1e-4;
-/// How far along a direction another solution is searched for, relative to the size of the one found: far more than solutions
-/// differ that count as the same, and near enough for Newton's method to find what is there.
+/// Distance along a direction at which another solution is searched for, relative to the size of the solution: well
+/// above the distance of solutions that count as equal, and near enough for Newton's method to converge.
 const ASIDE: f64 = 1e-2;
-/// How far a point moves, relative to the size of the variables, that its equations do not determine; and by how much they grow
-/// that far from one that they determine.
+/// Displacement of a point, relative to the size of the variables, above which its equations do not determine it
+/// (`FAR`); and the growth of a residual over this displacement if the equation does determine it (`GROWN`).
 const FAR: f64 = 1e-2;
 const GROWN: f64 = 2.0;
-/// Most variables named in a message.
+/// Largest number of variables named in a message.
 const NAMED: usize = 6;
-/// Relative tolerance for negative eigenvalues of a positive semidefinite symmetric part.
+/// Relative rounding error of the eigenvalues of the symmetric part of a positive semidefinite matrix.
 const ROUNDING: f64 = 1e-11;
 
-/// The method for a static problem.
+/// The settings for solving a static problem.
 #[derive(Clone, Copy, Debug)]
 pub struct StaticPlan {
-    /// The solver of affine subproblems.
+    /// The solver of the affine variational inequalities in each Newton step.
     pub kind: SolverKind,
-    /// The tolerance of the natural-map residual, relative to the terms of `G`.
+    /// The tolerance of the residual of the natural map, relative to the terms of `G`.
     pub tolerance: f64,
 }
 
@@ -46,17 +46,17 @@ pub struct StaticPlan {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 #[expect(non_snake_case, reason = "the function goes by the name that it has in the formula")]
 pub struct StaticSolution {
-    /// The variables by name.
+    /// The variables at the solution, by name.
     pub z: BTreeMap<String, f64>,
     /// `G` at the solution, by the variable that each component is paired with.
     pub G: BTreeMap<String, f64>,
     /// The residual `max |z - P_K(z - G)|` of the natural map.
     pub residual: f64,
-    /// Whether it is the only solution, locally unique or one of many, with the reason.
+    /// Whether the solution is the only one, locally unique or one of many, with the reason.
     pub certificate: String,
 }
 
-/// The solution point as a run that is complete from the beginning.
+/// The solution of a static problem as a run that is complete from the beginning.
 struct Point<'a> {
     z: &'a [f64],
 }
@@ -93,7 +93,7 @@ impl Stepper for Point<'_> {
     fn finish(&mut self, _diagnostics: &mut Diagnostics) {}
 }
 
-/// The diagnostics known before the solve.
+/// Returns the diagnostics known before the solve.
 pub fn describe_static(model: &StaticModel) -> Diagnostics {
     let mut diagnostics =
         Diagnostics { method: "josephy_newton", built: vec!["variational inequality"], ..Diagnostics::default() };
@@ -143,7 +143,7 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
     solution
 }
 
-/// `G` and its Jacobian at a point.
+/// `G` and its Jacobian at a point, with the residual of the natural map.
 struct At {
     g: Vec<f64>,
     derivatives: Vec<f64>,
@@ -151,7 +151,7 @@ struct At {
     worst: Worst,
 }
 
-/// Adds the evidence to the diagnostics.
+/// Adds the evidence for a solution to the diagnostics.
 fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Found, diagnostics: &mut Diagnostics) {
     let set = &model.equations.structure().set;
     let solver = found.method;
@@ -172,7 +172,7 @@ fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Fou
     });
 }
 
-/// A problem with its solvers.
+/// A static problem with its solvers.
 struct Search<'a> {
     model: &'a StaticModel,
     problem: Inequality,
@@ -207,8 +207,9 @@ impl Search<'_> {
         self.model.equations.variable_names.get(i).map_or("?", String::as_str)
     }
 
-    /// A row whose zero does not determine the point, if there is one: what it is off zero, and its rounding, moves variables far by
-    /// its derivatives, and it keeps its sign and its size as far around. So end searches for what vanishes at infinity only.
+    /// Returns a row of `G` whose zero does not determine the point, if there is one: the residual and its rounding
+    /// error, divided by the largest derivative, displace a variable far, and the residual keeps its sign and size
+    /// over that distance. Such rows occur if a search ends near a zero at infinity.
     fn undetermined(&mut self, z: &[f64], at: &At) -> Option<usize> {
         let structure = self.model.equations.structure();
         let (set, pattern) = (&structure.set, &structure.pattern);
@@ -234,14 +235,14 @@ impl Search<'_> {
                 let mut moved = z.to_vec();
                 moved[j] += by;
                 self.problem.evaluate(&moved, &mut g);
-                // What is not finite is not known to stay.
+                // A residual that is not finite is not known to keep its size.
                 !(g[row].abs() <= GROWN * off(row) && g[row] * at.g[row] >= 0.0)
             };
             !beside.into_iter().any(&mut grows)
         })
     }
 
-    /// The certificate of a solution, in words. The existence of other solutions is also a caveat.
+    /// Returns the certificate of a solution, in words. If other solutions exist, also adds a caveat.
     fn certify(&mut self, z: &[f64], at: &At, diagnostics: &mut Diagnostics) -> String {
         let structure = self.model.equations.structure();
         let is_affine = structure.constant_jacobian;
@@ -310,7 +311,8 @@ impl Search<'_> {
         }
     }
 
-    /// Names the variables that change most along a direction, with their changes relative to the largest.
+    /// Returns the names of the variables that change most along a direction, with their changes relative to the
+    /// largest.
     fn listed(&self, direction: &[f64]) -> String {
         let largest = direction.iter().fold(0.0_f64, |most, v| if v.abs() > most.abs() { *v } else { most });
         let mut moved: Vec<usize> =
@@ -322,7 +324,7 @@ impl Search<'_> {
         format!("{}{more}", parts.join(", "))
     }
 
-    /// The largest magnitude of the derivatives of each row of `G`.
+    /// Returns the largest magnitude of the derivatives in each row of the Jacobian of `G`.
     fn steepest(&self, at: &At) -> Vec<f64> {
         let mut steepest = vec![0.0_f64; at.g.len()];
         let entries = self.model.equations.structure().pattern.iter().zip(&at.derivatives);
@@ -332,7 +334,8 @@ impl Search<'_> {
         steepest
     }
 
-    /// The size of the variables: of their values, and of the changes that would undo `G` by its derivatives.
+    /// Returns the size of the variables: of their values, and of the changes that would reduce `G` to zero by its
+    /// derivatives.
     fn size(&self, z: &[f64], at: &At) -> f64 {
         let steepest = self.steepest(at);
         let changes = at.g.iter().zip(&steepest).filter(|(_, slope)| **slope > 0.0).map(|(g, slope)| g.abs() / slope);
@@ -340,7 +343,8 @@ impl Search<'_> {
         if size > 0.0 && size.is_finite() { size } else { 1.0 }
     }
 
-    /// Searches for another solution, on both sides along a direction if there is one, and from other starts.
+    /// Searches for another solution, on both sides along the direction `along` if it is not empty, and from other
+    /// starting points.
     fn another(&mut self, z: &[f64], at: &At, along: &[f64]) -> Option<Vec<f64>> {
         let size = self.size(z, at);
         let length = along.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -376,7 +380,7 @@ impl Search<'_> {
         None
     }
 
-    /// The reason why no solution was found; a proof of infeasibility, if there is one.
+    /// Returns the reason why no solution was found; a proof of infeasibility, if there is one.
     fn why_not(&mut self, at: &At, found: Found) -> (Status, &'static str, String) {
         if let Some(stop) = self.control.poll() {
             let (code, message) = match stop {
@@ -410,7 +414,7 @@ impl Search<'_> {
         (Status::Failed, "vi_unsolved", message)
     }
 
-    /// A proof of infeasibility, if there is one.
+    /// Returns a proof of infeasibility, if there is one.
     fn impossible(&mut self, at: &At, found: Found) -> Option<String> {
         let structure = self.model.equations.structure();
         let set = &structure.set;
@@ -444,8 +448,8 @@ impl Search<'_> {
     }
 }
 
-/// The sign of an inequality's range that leaves its variable without a solution: a negative one with no upper bound,
-/// or a positive one with no lower bound.
+/// Returns the sign of the inequality of variable `i` if it excludes a solution: negative without an upper bound on
+/// the variable, or positive without a lower bound.
 fn presses(range: Interval, set: &ConvexSet, i: usize) -> Option<&'static str> {
     if !range.defined || range.is_empty() {
         return None;

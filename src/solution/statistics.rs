@@ -13,32 +13,32 @@ use utoipa::ToSchema;
 /// Statistics of an output over a time interval.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OverTime {
-    /// The mean; `null` where an impulse leaves it undefined, as that of a function that is not linear in the variable.
+    /// The mean; `null` if it is undefined because of an impulse, such as for a nonlinear function of the variable.
     pub mean: Option<f64>,
-    /// The root mean square; `null` where an impulse leaves it undefined, as that of a variable with impulses.
+    /// The root mean square; `null` if it is undefined because of an impulse, such as for a variable with impulses.
     pub rms: Option<f64>,
-    /// The minimum.
+    /// The minimum of the output over the interval.
     pub min: f64,
-    /// The maximum.
+    /// The maximum of the output over the interval.
     pub max: f64,
-    /// The maximum minus the minimum.
+    /// The maximum minus the minimum of the output over the interval.
     pub ripple: f64,
 }
 
 /// Statistics of outputs of the problem and of definitions during a run.
 pub(super) struct Statistics {
-    /// The fields, by their places among the outputs of the problem, then the definitions.
+    /// The fields, as indices into the outputs of the problem followed by the definitions.
     places: Vec<usize>,
     place: EvaluationBuffer,
     time: f64,
-    /// All fields, then their squares, and their integrals.
+    /// The integrands: all fields, then their squares.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
     extremes: Extremes,
 }
 
 impl Statistics {
-    /// Statistics of these fields of a problem with so many outputs.
+    /// Creates the statistics of the fields `places` of a problem with `outputs` outputs.
     pub fn new(places: Vec<usize>, outputs: usize, of: &Observables) -> Self {
         let (integrals, extremes) = (Integrals::new(2 * places.len()), Extremes::new(places.len()));
         Self {
@@ -54,7 +54,7 @@ impl Statistics {
         }
     }
 
-    /// Adds the last step, from `from` to `to`, with its impulses.
+    /// Adds the last step of a run, from `from` to `to`, with its impulses.
     pub fn step(&mut self, stepper: &mut impl Stepper, (from, to): (f64, f64), impulses: &[Impulse]) {
         let Self { places, place, time, integrands, integrals, extremes } = self;
         integrate(from, to, integrals, quadrature::Along { stepper, place, integrands });
@@ -65,24 +65,26 @@ impl Statistics {
         *time += to - from;
     }
 
-    /// The largest relative uncertainty of a mean or mean square.
+    /// Returns the largest relative uncertainty of a mean or mean square.
     pub fn uncertainty(&self) -> Option<f64> {
         self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
     }
 
-    /// The field whose mean square, or mean, an impulse leaves undefined, and the time of that.
+    /// Returns the first field whose mean or mean square is undefined because of an impulse, and the time of the
+    /// impulse.
     pub fn undefined(&self) -> Option<(usize, f64)> {
         let (integral, t) = self.integrals.undefined()?;
         Some((self.integrands[integral].0, t))
     }
 
-    /// The field whose extremes may be exceeded by most, by what part of its size, and when.
+    /// Returns the field whose extremes are least certain: by how much they may be exceeded, relative to their size,
+    /// and at what time.
     pub fn open(&self) -> Option<(usize, f64, f64)> {
         let (field, by, t) = self.extremes.open()?;
         Some((self.places[field], by, t))
     }
 
-    /// Returns the statistics of each field.
+    /// Returns the statistics of each field, with the index of the field.
     pub fn finish(self) -> Vec<(usize, OverTime)> {
         let over_time = |k: usize| self.integrals.value(k).map(|integral| integral / self.time);
         let of = |(k, place): (usize, &usize)| {

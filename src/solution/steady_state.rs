@@ -1,8 +1,9 @@
-//! Steady states, `0 in F(x, z) + N_K(z)` with `F` zero for the states, by steps of implicit Euler of growing length.
-//! In the limit of infinite length, a step is a Josephy-Newton step for this inclusion (Kelley and Keyes 1998,
-//! *Convergence analysis of pseudo-transient continuation*). The first steps are as short as the dynamics are fast, and
-//! while the rates grow, steps stay shorter than the time in which they do, so that the search leads to the steady state
-//! that the system would approach. If it approaches none, steps of any length are made, which may find an unstable one.
+//! Steady states, `0 in F(x, z) + N_K(z)` with `F` zero for the states, by implicit Euler steps of growing size. As
+//! the step size tends to infinity, a step becomes a Josephy-Newton step for this inclusion (Kelley and Keyes 1998,
+//! *Convergence analysis of pseudo-transient continuation*). The first steps resolve the dynamics, and while the
+//! rates grow, steps stay shorter than the time constant of this growth, so that the search leads to the steady state
+//! that the system itself would approach. If the system approaches none, steps of any size are made, which may find
+//! an unstable steady state.
 //!
 //! Eigenvalues `lambda` of the equations on the active face, `lambda diag(M, 0) v = Phi_y v`, follow from those of
 //! `(sigma diag(M, 0) - Phi_y)^-1 diag(M, 0)`, which are `1/(sigma - lambda)`: infinite eigenvalues become zero, for
@@ -24,54 +25,56 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Factors by which a step grows after a success and shrinks after a failure.
+/// Factors by which the step size grows after a successful step and shrinks after a failed one.
 const GROWTH: f64 = 8.0;
 const SHRINKS: f64 = 0.125;
-/// The longest step while rates grow, as a part of the time in which they grow by the factor e: implicit steps longer than
-/// that time lead back, to what the states leave.
+/// Largest step size while rates grow, relative to the time in which they grow by the factor e: longer implicit steps
+/// lead back to the state that the solution leaves.
 const OF_GROWTH: f64 = 0.5;
-/// How long a run is followed that leaves an unstable steady state, in units of the time in which its departure grows by the
-/// factor e: from rounding to its own size.
+/// Duration of a run that leaves an unstable steady state, in units of the time in which its distance grows by the
+/// factor e: long enough to grow from rounding errors to the size of the states.
 const OF_DEPARTURE: f64 = 40.0;
-/// The most steps of that run.
+/// Largest number of steps of a run that leaves an unstable steady state.
 const MOST_FOLLOWED: u64 = 10_000;
-/// A step longer than the first one by this factor counts as infinite: its difference from a Newton step is of the
-/// order of its inverse, which is rounding.
+/// A step size larger than the first one by this factor counts as infinite: the difference of the step from a Newton
+/// step is of the order of the inverse factor, which is the order of rounding errors.
 const INFINITE: f64 = 1e16;
-/// Most steps: those that lengthen the first step to the last, and as many again for nonlinearity.
+/// Largest number of steps: those that take the step size from the first to the last, and as many again for
+/// nonlinearity.
 const MOST_STEPS: u64 = 400;
-/// Eigenvalues of the inverse below this fraction of the largest belong to infinite ones. The square root of rounding
-/// is needed since each hidden constraint makes them double.
+/// Eigenvalues of the inverse matrix below this fraction of the largest belong to infinite eigenvalues of the pencil.
+/// The square root of the rounding error is needed since each hidden constraint makes such eigenvalues double.
 const INFINITE_EIGENVALUE: f64 = 1e-7;
-/// Factors of the shift relative to the states' own rates. They avoid simple numbers, which eigenvalues of small
-/// problems often are.
+/// Factors of the shift relative to the rates of the states. They avoid simple numbers, which are often eigenvalues
+/// of small problems.
 const SHIFTS: [f64; 3] = [1.272_019_649_514, 1.839_286_755_214, 2.506_628_274_631];
-/// Relative tolerance at which a real part counts as zero, the accuracy of eigenvalues of an unsymmetric matrix.
+/// Relative tolerance below which a real part counts as zero: the accuracy of eigenvalues of an unsymmetric matrix.
 const ON_AXIS: f64 = 1e-9;
-/// Times at which the rows of a problem are compared, relative to the first step.
+/// Times at which the right-hand sides of a problem are compared to detect a dependence on time, in units of the
+/// first step size.
 const COMPARED: [f64; 4] = [1.0, 3.7, 1e2, 1e5];
-/// Relative tolerance for rows that count as equal.
+/// Relative tolerance for right-hand sides that count as equal.
 const SAME: f64 = 1e-9;
 
-/// A steady state.
+/// A steady state and its stability.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct SteadyState {
-    /// The states, by name.
+    /// The states at the steady state, by name.
     pub states: BTreeMap<String, f64>,
-    /// The variables, by name.
+    /// The variables at the steady state, by name.
     pub variables: BTreeMap<String, f64>,
     /// The eigenvalues of the linearised equations as `[re, im]`, with the variables at a bound fixed there, by
     /// decreasing real part. Empty if variables are on the boundary of a ball, a cone, a simplex or a polyhedron.
     pub eigenvalues: Vec<[f64; 2]>,
-    /// Whether the steady state is asymptotically stable: all real parts are negative. Absent if one is zero, or none
-    /// are known.
+    /// Whether the steady state is asymptotically stable: all real parts of the eigenvalues are negative. Absent if a
+    /// real part is zero, or no eigenvalues are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stable: Option<bool>,
     /// The change of the states in the last Newton step, in units of `atol + rtol |x|`.
     pub residual: f64,
 }
 
-/// The steady state that was found.
+/// The steady state that a search has found, with its active face.
 pub(super) struct Rest {
     pub x: Vec<f64>,
     pub z: Vec<f64>,
@@ -79,7 +82,7 @@ pub(super) struct Rest {
     pub residual: f64,
 }
 
-/// The steady state that the search reaches from the initial values.
+/// Returns the steady state that the search reaches from the initial values.
 pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, control: &Control) -> Result<Rest, Failure> {
     let search = Search { model, plan, settings, control };
     let found = match search.find(true) {
@@ -89,25 +92,26 @@ pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, contro
     Ok(search.stable_instead(&found).unwrap_or(found))
 }
 
-/// The largest modulus of the eigenvalues.
+/// Returns the largest modulus of the eigenvalues.
 fn fastest(eigenvalues: &[[f64; 2]]) -> f64 {
     eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max)
 }
 
-/// Whether all real parts, in decreasing order, are negative; `None` if the largest is zero, or none are known.
+/// Whether the real parts of all eigenvalues are negative; `None` if the largest is zero, or no eigenvalues are
+/// given. Eigenvalues are in the order of decreasing real part.
 pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
     let fastest = fastest(eigenvalues);
     let largest = eigenvalues.first().map(|[re, _]| *re);
     largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
-/// Whether an eigenvalue is zero, as far as eigenvalues are known.
+/// Whether an eigenvalue is zero, within the accuracy of the eigenvalues.
 pub(super) fn has_zero(eigenvalues: &[[f64; 2]]) -> bool {
     let fastest = fastest(eigenvalues);
     eigenvalues.iter().any(|[re, im]| re.hypot(*im) <= ON_AXIS * fastest)
 }
 
-/// Finds a steady state near the initial values, and integrates from it for a while.
+/// Finds a steady state near the initial values, and integrates from it for a short time.
 pub fn find_steady_state(
     model: &DviModel,
     plan: &Plan,
@@ -123,7 +127,7 @@ pub fn find_steady_state(
     };
     let fastest = eigenvalues.as_ref().map_or(0.0, |values| fastest(values));
     let span = plan.end - plan.start;
-    // Integrate only for so long that the solution does not leave an unstable steady state.
+    // The run is so short that the solution does not leave an unstable steady state.
     let end = plan.start + if fastest > 0.0 { span.min(fastest.recip()) } else { span };
     let along = Plan { initial: start.clone(), end, times: Some(vec![plan.start, end]), ..plan.clone() };
     let Ended { mut solution, x, .. } = integrate_once(model, &along, settings, analysis, control);
@@ -141,7 +145,7 @@ pub fn find_steady_state(
     let scale = settings.tolerances(0, &start);
     let moved = x.iter().zip(&start).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let moved = moved.fold(0.0, f64::max);
-    // Tolerance-sized errors of the steps may add up to this number of tolerances.
+    // Errors of the steps, each of the size of the tolerance, may add up to this number of tolerances.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, moved, allowed, || {
         format!("a run from the steady state departs from it by {moved:.1e} times the tolerance until t = {end:?}")
@@ -175,22 +179,22 @@ pub fn find_steady_state(
     solution
 }
 
-/// The eigenvalues of the equations at a steady state, by decreasing real part.
+/// Returns the eigenvalues of the linearised equations at a steady state, by decreasing real part.
 pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
     let n = rest.x.len();
     let [mass, by_y] = linearised(model, t, rest)?;
     let rates = by_y.rows(0, n);
-    // A shift of the order of the states' own rates, so that these lose no digits.
+    // A shift of the order of the rates of the states preserves the digits of their eigenvalues.
     let size = rates.columns(0, n).amax() / mass.amax();
     let size = if size > 0.0 { size } else { 1.0 };
-    // One of the shifts is not an eigenvalue, unless the pencil is singular.
+    // At least one of the shifts is not an eigenvalue, unless the pencil is singular.
     let solved = SHIFTS.iter().find_map(|part| {
         let shift = part * size;
         let ratio = (&mass * shift - &by_y).lu().solve(&mass)?;
         ratio.iter().all(|value| value.is_finite()).then_some((shift, ratio))
     });
     let Some((shift, ratio)) = solved else { return Err("its equations are singular".to_owned()) };
-    // Variables have no rates and would only add zero eigenvalues.
+    // Algebraic variables would only add zero eigenvalues of the inverse.
     let ratio = ratio.view((0, 0), (n, n)).into_owned();
     let values = ratio.complex_eigenvalues();
     let largest = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
@@ -205,7 +209,7 @@ pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[
     Ok(found)
 }
 
-/// The mass matrix and the derivatives of the equations of the face at a steady state.
+/// Returns the mass matrix and the Jacobian of the equations on the active face at a steady state.
 fn linearised(model: &DviModel, t: f64, rest: &Rest) -> Result<[DMatrix<f64>; 2], String> {
     if rest.face.blocks.iter().any(|block| *block != Face::Interior) {
         return Err("variables are on the boundary of a ball, a cone, a simplex or a polyhedron".to_owned());
@@ -222,7 +226,8 @@ fn linearised(model: &DviModel, t: f64, rest: &Rest) -> Result<[DMatrix<f64>; 2]
     tangents.linearised(&rest.face, t, &y).map_err(|why| why.to_string())
 }
 
-/// The tolerances of the states and of the variables, which have none of their own and take the largest absolute one.
+/// Returns the tolerances of states and variables; variables have no absolute tolerance of their own and take the
+/// largest one.
 fn tolerances(settings: &Settings, rest: &Rest) -> Vec<f64> {
     let absolute = settings.atol.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let mut found = settings.tolerances(0, &rest.x);
@@ -230,7 +235,8 @@ fn tolerances(settings: &Settings, rest: &Rest) -> Vec<f64> {
     found
 }
 
-/// The reason why eigenvalues, by decreasing real part, do not tell whether a steady state is stable; `None` if they do.
+/// Returns the reason why the eigenvalues, by decreasing real part, do not decide the stability of a steady state;
+/// `None` if they do.
 fn undecided(
     model: &DviModel,
     t: f64,
@@ -265,7 +271,8 @@ fn undecided(
     })
 }
 
-/// A variable that is at a border with its inequality: a solution nearby may be on either side.
+/// Returns a variable that is at a bound while its inequality is also zero: a nearby solution may be on either side
+/// of the switch.
 fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usize> {
     let mut problem = model.problem();
     let structure = problem.structure().clone();
@@ -277,7 +284,7 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
         values
     };
     let here = at(&y);
-    // How far the rows are known, given the tolerances of the unknowns.
+    // The errors of the right-hand sides that follow from the tolerances of the unknowns.
     let mut errors = vec![0.0; rows];
     for (j, unit) in units.iter().enumerate() {
         let kept = y[j];
@@ -285,7 +292,7 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
         errors.iter_mut().zip(&at(&y)).zip(&here).for_each(|((error, there), here)| *error += (there - here).abs());
         y[j] = kept;
     }
-    // The value of a bound, and how far it is known.
+    // Returns the value of a bound of a variable, and its error.
     let bound = |k: usize, side: Side| {
         let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
         let fixed = if side == Side::Lower { structure.set.lower[k] } else { structure.set.upper[k] };
@@ -293,7 +300,7 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
     };
     (0..structure.variables).find(|&k| match rest.face.places[k] {
         Activity::AtLower | Activity::AtUpper => {
-            // Bounds that are equal leave the variable no other place.
+            // A variable with equal bounds cannot leave them.
             let ((lower, _), (upper, _)) = (bound(k, Side::Lower), bound(k, Side::Upper));
             lower < upper && here[n + k].abs() <= errors[n + k]
         }
@@ -305,16 +312,19 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
     })
 }
 
-/// The direction in which the equations determine a steady state least.
+/// The direction in which the equations determine a steady state least: the singular vector of the smallest singular
+/// value.
 struct Weakest {
-    /// A vector of length 1, in units of the tolerances.
+    /// The singular vector, of length 1, in units of the tolerances.
     direction: Vec<f64>,
-    /// What Newton's method would still correct in it, in the same units; `None` if the equations are singular there.
+    /// The Newton correction in this direction, in units of the tolerances; `None` if the equations are singular in
+    /// it.
     corrected: Option<f64>,
 }
 
 impl Weakest {
-    /// By how much the states and variables may be off: what would be corrected, and the tolerance.
+    /// Returns the uncertainty of the states and variables along this direction: the Newton correction plus the
+    /// tolerance.
     fn uncertainty(&self, units: &[f64]) -> Option<Vec<f64>> {
         let largest = self.direction.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         let size = self.corrected.unwrap_or(0.0) + largest.recip();
@@ -322,7 +332,7 @@ impl Weakest {
         found.iter().all(|value| value.is_finite()).then_some(found)
     }
 
-    /// Why the steady state is uncertain, if it is.
+    /// Returns the reason why the steady state is uncertain, if it is.
     fn doubt(&self, names: &[String], units: &[f64]) -> Option<String> {
         let parts = self.direction.iter().enumerate();
         let (most, part) = parts.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
@@ -347,14 +357,14 @@ impl Weakest {
     }
 }
 
-/// The direction in which the equations determine a steady state least.
+/// Computes the direction in which the equations determine a steady state least.
 fn weakest(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Weakest> {
     let [_, mut matrix] = linearised(model, t, rest).ok()?;
     let (n, count) = (rest.x.len(), units.len());
     let mut problem = model.problem();
     let mut values = vec![0.0; problem.structure().rows()];
     problem.evaluate(t, &[rest.x.as_slice(), &rest.z].concat(), &mut values);
-    // On the face the equations of the variables hold.
+    // On the active face the equations of the variables hold exactly.
     let mut right = DVector::from_fn(count, |i, _| if i < n { -values[i] } else { 0.0 });
     for i in 0..count {
         let mut row = matrix.row_mut(i);
@@ -373,7 +383,7 @@ fn weakest(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Weake
     Some(Weakest { direction: transposed.row(last).iter().copied().collect(), corrected })
 }
 
-/// A search for a steady state.
+/// The search for a steady state.
 struct Search<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
@@ -382,7 +392,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Finds a steady state; `follows` if steps stay shorter than the time in which rates grow.
+    /// Finds a steady state. If `follows` is set, steps stay shorter than the time in which rates grow, so that the
+    /// search follows the solution.
     fn find(&self, follows: bool) -> Result<Rest, Failure> {
         let n = self.plan.initial.len();
         let mut x = self.plan.initial.clone();
@@ -417,12 +428,12 @@ impl Search<'_> {
             let scale = self.settings.tolerances(0, next);
             let changes = next.iter().zip(&x).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
             let residual = changes.fold(0.0, f64::max);
-            // An implicit step is as long as the rates at its end.
+            // The length of an implicit step is its size times the rates at its end.
             let before = std::mem::replace(&mut speed, residual / h);
             let growth = if before > 0.0 && residual > 1.0 { (speed / before).ln() / h } else { 0.0 };
             let is_last = is_reached && residual <= 1.0;
             is_reached = h >= INFINITE * first && residual <= 1.0;
-            // What a step from a steady state still changes by its whole size is zero.
+            // A state that still changes by its whole size in a step of infinite size from a steady state is zero.
             let settled = |(to, from): (&f64, &f64)| if is_last && (to - from).abs() >= to.abs() { 0.0 } else { *to };
             x = next.iter().zip(&x).map(settled).collect();
             if is_last {
@@ -436,7 +447,8 @@ impl Search<'_> {
         Err(self.failure("no_steady_state", message.to_owned()))
     }
 
-    /// The stable steady state to which a run leads, if an unstable one was found, which the initial values are not at.
+    /// Returns the stable steady state to which the solution leads, if an unstable one was found and the initial
+    /// values are not at it.
     fn stable_instead(&self, found: &Rest) -> Option<Rest> {
         let scale = self.settings.tolerances(0, &found.x);
         let is_there =
@@ -462,7 +474,7 @@ impl Search<'_> {
         (is_stable(&values) == Some(true)).then_some(rest)
     }
 
-    /// The length of a step in which no state changes by much.
+    /// Returns the size of a step in which no state changes significantly.
     fn first_step(&self) -> Result<f64, Failure> {
         let mut problem = self.model.problem();
         let failed = |error| failure(self.plan, &self.model.kinks, &error, self.plan.start, &self.plan.initial);
@@ -477,7 +489,7 @@ impl Search<'_> {
         Ok(radau.next_step().min(end - start).min(of_rates))
     }
 
-    /// Refuses a problem that depends on time.
+    /// Rejects a problem that depends on time.
     fn check_time(&self, first: f64) -> Result<(), Failure> {
         let mut problem = self.model.problem();
         let mut y = self.plan.initial.clone();

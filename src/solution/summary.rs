@@ -1,4 +1,5 @@
-//! Summary statistics of the numbers in a table: count, mean, standard deviation, extremes and quantiles.
+//! Summary statistics of the numbers in the table of a sweep: count, mean, standard deviation, extremes and
+//! quantiles.
 
 use crate::columnar::Members;
 use serde::{Deserialize, Serialize};
@@ -6,38 +7,38 @@ use std::collections::BTreeMap;
 use std::io;
 use utoipa::ToSchema;
 
-/// The quantiles in a summary.
+/// The probabilities of the quantiles in a summary, with their names.
 const QUANTILES: [(&str, f64); 5] = [("0.05", 0.05), ("0.25", 0.25), ("0.5", 0.5), ("0.75", 0.75), ("0.95", 0.95)];
 
-/// The distribution of each collected number, by name.
+/// The distribution of each number that a sweep collects, by name.
 pub type Summary = BTreeMap<String, OfNumber>;
 
-/// The distribution of a number over the members that have a value.
+/// The distribution of a collected number over the members of a sweep that have a value.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OfNumber {
-    /// Number of members that have a value.
+    /// Number of members of the sweep that have a value.
     pub count: u64,
-    /// Mean.
+    /// The mean of the values.
     pub mean: f64,
-    /// Standard deviation, with divisor `count - 1`; zero for a single member.
+    /// The standard deviation of the values, with divisor `count - 1`; zero for a single member.
     pub sd: f64,
-    /// Minimum.
+    /// The minimum of the values.
     pub min: f64,
-    /// Maximum.
+    /// The maximum of the values.
     pub max: f64,
     /// Quantiles by their probability, such as `0.5`, with linear interpolation of the sorted values (Hyndman and Fan
     /// 1996, type 7).
     pub quantiles: BTreeMap<String, f64>,
 }
 
-/// The distribution of each number that was collected.
+/// Returns the distribution of each number that the sweep has collected.
 ///
 /// # Errors
-/// Those of reading the table.
+/// Errors of reading the table.
 pub fn summary(members: &dyn Members) -> io::Result<Summary> {
     let mut summary = Summary::new();
     for name in &members.head().collected {
-        // No more than is needed, and one column at a time: there may be millions.
+        // Columns are read one at a time, and space is reserved exactly, since there may be millions of members.
         let (mut count, mut numbers) = (0, Vec::new());
         members.visit(name, |values| count += (0..values.len()).filter(|row| values.number(*row).is_some()).count())?;
         numbers.reserve_exact(count);
@@ -56,7 +57,7 @@ impl OfNumber {
         }
         let count = numbers.len() as f64;
         let size = numbers.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // Divide by the largest value, so that neither the sum nor a square overflows.
+        // Values are divided by the largest one, so that neither their sum nor a square overflows.
         let unit = if size > 0.0 { size } else { 1.0 };
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();

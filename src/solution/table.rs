@@ -1,8 +1,8 @@
 //! The table of a sweep: one row per member; columns for each swept name, each collected number, and the outcome of the
 //! member.
 //!
-//! Columns are kept as such: eight bytes a number, up to four bytes a count or a word (words that come again are kept once). A number
-//! that is missing is NaN here, and null or nothing wherever it is written.
+//! Columns are stored compactly: eight bytes per number, at most four bytes per count or text (each distinct text is
+//! stored once). A missing number is NaN in memory, and null or an empty field in every written form.
 
 mod answer;
 mod counts;
@@ -22,7 +22,7 @@ use std::fmt;
 use std::ops::Range;
 use utoipa::ToSchema;
 
-/// One row for each member of a sweep, in the order of members.
+/// The table of a sweep: one row for each member, in the order of members.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Table {
     /// The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, `error`,
@@ -30,9 +30,9 @@ pub struct Table {
     #[serde(with = "by_name")]
     #[schema(schema_with = schema_of_columns)]
     pub columns: Vec<Column>,
-    /// Number of members of the sweep; there may be fewer rows, if it was stopped or this is a part of it.
+    /// Number of members of the sweep; there may be fewer rows if the sweep was stopped or the table is a part of it.
     pub members: u64,
-    /// Number of failed members among the rows.
+    /// Number of failed members among the rows of the table.
     pub failed: u64,
     /// Names of the swept columns.
     #[serde(default)]
@@ -43,15 +43,15 @@ pub struct Table {
     /// The times of the trajectories that were kept, in columns of lists such as `trajectory.x`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
-    /// What made it.
+    /// The program and the specification that produced the table.
     #[serde(flatten)]
     pub provenance: TableProvenance,
 }
 
-/// The provenance of a table: parts can be merged only if it is the same.
+/// The provenance of a table: parts of a sweep can be merged only if their provenance is equal.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 pub struct TableProvenance {
-    /// Version of the program.
+    /// Version of the program that made the table.
     #[serde(default, rename = "program")]
     pub version: String,
     /// The CPU instruction sets that the program uses.
@@ -62,40 +62,40 @@ pub struct TableProvenance {
     pub digest: String,
 }
 
-/// A column.
+/// A named column of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// The name of the column.
     pub name: String,
-    /// One value per row.
+    /// The values of the column, one per row.
     pub values: Values,
 }
 
-/// The values of a column.
+/// The values of a column, one per row.
 #[derive(Clone, Debug)]
 pub enum Values {
     /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
-    /// Counts; [`u32::MAX`] where there is none.
+    /// Counts; [`u32::MAX`] if missing.
     Counts(Counts),
-    /// Truths.
+    /// Truth values.
     Flags(Vec<bool>),
-    /// Texts, as indices into a list.
+    /// Texts, as indices into a list of distinct texts.
     Words(Words),
-    /// Lists of numbers.
+    /// Lists of numbers, all of one length.
     Lists(Lists),
 }
 
 /// A column of texts, each distinct text stored once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
-    /// The place of the word of each row.
+    /// For each row, the index of its text in `words`.
     places: Counts,
     words: Vec<String>,
     known: FxHashMap<String, u32>,
 }
 
-/// Why tables are not parts of one.
+/// The reason why tables are not parts of one sweep.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unmergeable(pub String);
 
@@ -122,7 +122,7 @@ impl Words {
         place
     }
 
-    /// The text in a row.
+    /// Returns the text in a row; `None` if it is missing.
     pub fn get(&self, row: usize) -> Option<&str> {
         self.words.get(self.places.get(row)? as usize).map(String::as_str)
     }
@@ -152,14 +152,14 @@ impl PartialEq for Values {
             (Self::Flags(a), Self::Flags(b)) => a == b,
             (Self::Words(a), Self::Words(b)) => a == b,
             (Self::Lists(a), Self::Lists(b)) => a == b,
-            // Of what has no value at all the type is not told by the text.
+            // A column without any value has no type in its written form, and equals any other column without values.
             (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
         }
     }
 }
 
 impl Values {
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
@@ -170,12 +170,12 @@ impl Values {
         }
     }
 
-    /// Whether there are no rows.
+    /// Whether the column has no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether the value in a row is missing.
+    /// Whether the value in a row of the column is missing.
     pub fn is_missing(&self, row: usize) -> bool {
         match self {
             Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
@@ -186,7 +186,7 @@ impl Values {
         }
     }
 
-    /// The number or count in a row.
+    /// Returns the number or count in a row; `None` if it is missing.
     pub fn number(&self, row: usize) -> Option<f64> {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
@@ -195,7 +195,7 @@ impl Values {
         }
     }
 
-    /// The text in a row.
+    /// Returns the text in a row; `None` if it is missing.
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
@@ -225,7 +225,7 @@ impl Values {
         }
     }
 
-    /// Adds a list, or a part of one.
+    /// Appends a list of numbers, or a part of a list.
     pub fn push_list(&mut self, list: &[f64]) {
         match self {
             Self::Lists(lists) => lists.push(list),
@@ -244,7 +244,7 @@ impl Values {
     fn append(&mut self, other: Self) -> bool {
         let is_empty = |values: &Self| (0..values.len()).all(|row| values.is_missing(row));
         if std::mem::discriminant(self) != std::mem::discriminant(&other) {
-            // A column without any value has no type in its written form.
+            // A column without any value has no type in its written form: it takes the type of the other column.
             if is_empty(self) {
                 let mut values = other.emptied();
                 (0..self.len()).for_each(|_| values.push_number(None));
@@ -273,7 +273,7 @@ impl Values {
         true
     }
 
-    /// The values in some rows.
+    /// Returns the values in the given rows.
     pub fn part(&self, rows: Range<usize>) -> Self {
         match self {
             Self::Numbers(values) => Self::Numbers(values.get(rows).unwrap_or_default().to_vec()),
@@ -292,7 +292,7 @@ impl Values {
         }
     }
 
-    /// The same kind of values, without any.
+    /// Returns a column of the same type without values.
     pub fn emptied(&self) -> Self {
         match self {
             Self::Numbers(_) => Self::Numbers(Vec::new()),
@@ -323,7 +323,7 @@ impl Values {
 }
 
 impl Table {
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |column| column.values.len())
     }
@@ -333,12 +333,12 @@ impl Table {
         self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
     }
 
-    /// The column of the given name.
+    /// Returns the column of the given name.
     pub fn column(&self, name: &str) -> Option<&Values> {
         self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
     }
 
-    /// Number of columns after the swept and collected ones.
+    /// Returns the number of columns after the swept and collected ones.
     pub fn own(&self) -> usize {
         self.columns.len().saturating_sub(1 + self.swept.len() + self.collected.len())
     }
@@ -348,7 +348,7 @@ impl Table {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
     }
 
-    /// The same columns, without any row.
+    /// Returns a table with the same columns, without rows.
     pub fn emptied(&self) -> Self {
         let emptied = |column: &Column| Column { name: column.name.clone(), values: column.values.emptied() };
         Self { columns: self.columns.iter().map(emptied).collect(), failed: 0, ..self.clone_heads() }
@@ -369,7 +369,7 @@ impl Table {
     /// Appends the rows of another part of the same sweep.
     ///
     /// # Errors
-    /// The parts do not belong together.
+    /// The parts do not belong to the same sweep.
     pub fn append(&mut self, part: Self) -> Result<(), Unmergeable> {
         let refuse = |what: &str, this: &str, other: &str| {
             Err(Unmergeable(format!("the parts differ in {what}: {this} and {other}")))
@@ -463,7 +463,7 @@ mod tests {
         merged.sort().unwrap();
         assert_eq!(merged, whole);
         assert_eq!(serde_json::to_string(&merged).unwrap(), serde_json::to_string(&whole).unwrap());
-        // A column without any value has no type in its written form.
+        // A column without any value has no type in its written form, and merges with a column of texts.
         let text = serde_json::to_string(&table(&[0, 2], &[0.5, 2.5], &[None, None])).unwrap();
         let mut merged: Table = serde_json::from_str(&text).unwrap();
         merged.append(table(&[1], &[1.5], &[Some("b")])).unwrap();

@@ -1,36 +1,37 @@
-//! Touches: monitors that come to zero within what the tolerances leave uncertain, and turn back. Whether such a monitor
-//! changes its sign is not known, whichever way the computed solution has it.
+//! Touches: monitors (event functions) that reach zero within the uncertainty due to the tolerances, and turn back.
+//! Whether such a monitor changes sign is unknown, whether or not the computed solution does.
 //!
-//! A monitor that rests at zero, as the speed of a body that sticks, has come there for certain, and leaves for certain.
+//! A monitor that rests at zero, such as the speed of a sticking body, certainly reaches and certainly leaves zero.
 //!
-//! The monitors are followed a second time, with enclosures widened by the tolerances of the states. The search for events
-//! then takes zero for a band, which a monitor reaches once, and leaves to one side or the other.
+//! The monitors are evaluated a second time, with enclosures widened by the tolerances of the states. The search for
+//! events then treats zero as a band, which a monitor enters once and leaves to one side or the other.
 
 use super::evaluation::{Along, EvaluationBuffer};
 use super::run::Stepper;
 use hybrid::{Crossing, Monitors};
 
-/// The search for touches during a run.
+/// The search for touches of monitors during a run.
 pub(super) struct Touches {
     monitors: Monitors,
-    /// The largest size of each state so far.
+    /// The largest absolute value of each state so far.
     largest: Vec<f64>,
-    /// The uncertainty of each state.
+    /// The uncertainty of each state by the tolerances.
     uncertain: Vec<f64>,
-    /// The last crossing of each monitor, and when it last rested at zero.
+    /// The time of the last crossing of each monitor, and the interval in which it last rested at zero.
     crossed: Vec<f64>,
     rested: Vec<[f64; 2]>,
-    /// When each monitor last came to zero within the tolerances.
+    /// The time at which each monitor last entered the band around zero.
     came: Vec<f64>,
-    /// The first monitor that touches zero, and the time at which it leaves.
+    /// The first monitor that touches zero, and the time at which it leaves the band around zero.
     pub found: Option<(usize, f64)>,
 }
 
-/// The part of its stay near zero for which a monitor that rests is zero: it comes and leaves within far less.
+/// Least fraction of its stay in the band around zero for which a resting monitor is exactly zero: it enters and
+/// leaves the band quickly.
 const RESTING: f64 = 0.5;
 
 impl Touches {
-    /// Begins to follow so many monitors.
+    /// Creates the search for touches of the given number of monitors.
     pub fn new(monitors: usize, start: f64) -> Self {
         Self {
             monitors: Monitors::new(monitors),
@@ -43,7 +44,7 @@ impl Touches {
         }
     }
 
-    /// Notes a crossing of a monitor as it was computed.
+    /// Records a crossing of a monitor in the computed solution.
     pub fn note(&mut self, crossing: &Crossing) {
         let last = std::mem::replace(&mut self.crossed[crossing.monitor], crossing.t);
         if crossing.returns {
@@ -51,8 +52,8 @@ impl Touches {
         }
     }
 
-    /// Follows the monitors at these places over the last step, from `begin` on, until one touches zero; the crossings of the
-    /// step have been noted.
+    /// Searches the last step, which began at `begin`, for touches of the monitors with the indices `places`, until
+    /// one touches zero; the crossings of the step must have been recorded.
     pub fn follow(&mut self, stepper: &mut impl Stepper, place: &mut EvaluationBuffer, places: &[usize], begin: f64) {
         let end = stepper.t();
         let Some((rtol, atol)) = stepper.tolerances().filter(|_| self.found.is_none()) else { return };

@@ -1,4 +1,4 @@
-//! The trajectory, in columns.
+//! The trajectory of a run, in columns.
 
 use problem::Event;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -7,30 +7,30 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::ToSchema;
 
-/// One output over time.
+/// The values of one output over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     /// The name of the state, variable or other output.
     pub name: String,
-    /// The values, one per output time.
+    /// The values of the output, one per output time.
     pub values: Vec<f64>,
 }
 
-/// Values over time, in columns of equal length.
+/// Values of outputs over time, in columns of equal length, and events.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema)]
 pub struct Trajectory {
-    /// The times, increasing.
+    /// The output times, increasing.
     pub t: Vec<f64>,
-    /// The requested outputs.
+    /// The requested outputs, by name.
     #[serde(deserialize_with = "columns")]
     #[schema(value_type = BTreeMap<String, Vec<f64>>)]
     pub fields: Vec<Field>,
-    /// The events, in order of time.
+    /// The events of the run, in order of time.
     pub events: Vec<Event>,
 }
 
 impl Trajectory {
-    /// The column of the given name.
+    /// Returns the column of the given name.
     pub fn field(&self, name: &str) -> Option<&[f64]> {
         self.fields.iter().find(|field| field.name == name).map(|field| field.values.as_slice())
     }
@@ -46,7 +46,7 @@ impl Serialize for Trajectory {
     }
 }
 
-/// Fields as a JSON object from names to values, in order.
+/// Serialises fields as a JSON object from names to values, in order.
 struct Columns<'a>(&'a [Field]);
 
 impl Serialize for Columns<'_> {
@@ -59,7 +59,7 @@ impl Serialize for Columns<'_> {
     }
 }
 
-/// Reads the fields of a JSON object, in its order.
+/// Reads the fields of a JSON object, keeping their order.
 fn columns<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Field>, D::Error> {
     struct Visit;
 

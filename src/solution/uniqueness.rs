@@ -1,6 +1,7 @@
-//! Uniqueness as a caveat of the verdict: a solution not certified to be unique is *a* solution. The certificate at the
-//! start need not hold later. The run therefore monitors whether it reaches points where the equations are not
-//! Lipschitz, and whether the certificate holds on the faces and at the states that it visits.
+//! Uniqueness as a caveat of the verdict: a solution that is not certified to be unique is *a* solution. The
+//! certificate at the start need not hold later. The run therefore monitors whether it reaches points where the
+//! equations are not Lipschitz continuous, and whether the certificate holds on the faces and at the states that it
+//! visits.
 
 use super::{CheckCode, Diagnostics};
 use analysis::{Analysis, Uniqueness, analyse_face};
@@ -11,20 +12,20 @@ use numerics::Interval;
 use problem::{Structure, Warning};
 use radau::{Activity, Radau};
 
-/// The caveat about uniqueness before the solve, if there is one.
+/// Returns the caveat about uniqueness from the analysis before the solve, if there is one.
 pub fn uniqueness_caveat(analysis: &Analysis) -> Option<Warning> {
     let certified = analysis.uniqueness.is_certified() || analysis.uniqueness == Uniqueness::NotAnalysed;
     let message = format!("uniqueness is not guaranteed: {}", analysis.because);
     (!certified).then_some(Warning { code: "uniqueness_not_guaranteed", message })
 }
 
-/// Detects points of a run where the equations are not Lipschitz.
+/// Detects points of a run where the equations are not Lipschitz continuous.
 pub(super) struct LipschitzWatch<'p> {
     model: &'p DviModel,
     irregularities: Irregularities,
     rtol: f64,
     atol: &'p [f64],
-    /// Time, states and variables at the end of the last step.
+    /// Time, and states and variables, at the end of the last step.
     last: (f64, Vec<f64>),
     /// The ranges of the unknowns over a step, widened by the tolerance.
     ranges: Vec<Interval>,
@@ -32,7 +33,7 @@ pub(super) struct LipschitzWatch<'p> {
 }
 
 impl<'p> LipschitzWatch<'p> {
-    /// Begins at `(t, y)`; `None` if the certificate cannot be lost in this way.
+    /// Creates the watch at `(t, y)`; returns `None` if the certificate does not depend on Lipschitz continuity.
     pub(super) fn new(
         model: &'p DviModel,
         analysis: &Analysis,
@@ -44,7 +45,7 @@ impl<'p> LipschitzWatch<'p> {
         Some(Self { model, irregularities, rtol, atol, last: (t, y.to_vec()), ranges, met: None })
     }
 
-    /// Examines a step to `(t, y)`.
+    /// Examines the equations over a step that ends at `(t, y)`.
     pub(super) fn observe(&mut self, t: f64, y: &[f64]) {
         if self.met.is_some() {
             return;
@@ -61,7 +62,7 @@ impl<'p> LipschitzWatch<'p> {
         last.copy_from_slice(y);
     }
 
-    /// Withdraws the certificate if it was lost.
+    /// Withdraws the certificate of uniqueness if a point without Lipschitz continuity was met.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, met)) = &self.met {
             take_back(diagnostics, |analysis| self.model.uncertified(analysis, met, *t));
@@ -69,12 +70,12 @@ impl<'p> LipschitzWatch<'p> {
     }
 }
 
-/// Up to this number of states and variables, the face is analysed at every step; above it, the analysis takes longer
-/// than a step and is made only at switches.
+/// Largest number of states and variables for which the active face is analysed at every step; with more, the
+/// analysis takes longer than a step and is made only at switches.
 const MOST_AT_EVERY_STEP: usize = 40;
 
 /// Detects faces on which a certificate of uniqueness no longer holds, and faces on which other solutions are proven:
-/// where an attractive surface becomes repulsive, a solution may leave it at any time.
+/// where an attractive sliding surface becomes repulsive, a solution may leave it at any time.
 pub(super) struct FaceWatch {
     /// Whether a certificate may be lost.
     may_lose: bool,
@@ -89,7 +90,7 @@ pub(super) struct FaceWatch {
 }
 
 impl FaceWatch {
-    /// Begins at the start; `None` if no certificate can be lost, and none is missing.
+    /// Creates the watch at the start; returns `None` if no certificate can be lost, and none is missing.
     pub(super) fn new(structure: &Structure, analysis: &Analysis, rtol: f64) -> Option<Self> {
         let is_certified = analysis.uniqueness.is_certified();
         let may_lose = is_certified && !structure.constant_jacobian;
@@ -105,7 +106,7 @@ impl FaceWatch {
         })
     }
 
-    /// Examines the face at the end of a step; `known` is its analysis, if that exists already.
+    /// Examines the active face at the end of a step; `known` is the analysis of the face, if it already exists.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
         let is_decided = self.others.is_some() && (self.lost.is_some() || !self.may_lose);
@@ -121,7 +122,7 @@ impl FaceWatch {
         }
     }
 
-    /// Withdraws the certificate if it was lost.
+    /// Withdraws the certificate of uniqueness if it was lost on a face.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
             let because = format!("on the face that became active at t = {t}: {because}");
@@ -139,7 +140,7 @@ impl FaceWatch {
     }
 }
 
-/// Replaces the analysis of a run by one without the certificate, and adds the caveat.
+/// Replaces the analysis of a run by one without the certificate of uniqueness, and adds the caveat.
 fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -> Analysis) {
     let Some(analysis) = diagnostics.analysis.take().map(uncertified) else { return };
     if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
@@ -148,7 +149,7 @@ fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -
     diagnostics.analysis = Some(analysis);
 }
 
-/// The analysis of the active face at the current time of a run.
+/// Returns the analysis of the active face at the current time of a run.
 pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
     let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
     let blocks = radau.equations_of_blocks();

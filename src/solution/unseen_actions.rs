@@ -1,5 +1,5 @@
-//! What forces on bodies do between the times at which steps look at them: in time, with all bodies as at the end of a step, and along
-//! the way of a step.
+//! Variations of the forces on rigid bodies between the times at which steps evaluate them: in time, with all bodies
+//! as at the end of the step, and along the path of the step.
 
 use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
 use expression::{IntervalWorkspace, Tape};
@@ -7,25 +7,27 @@ use models::rigid_bodies::{Action, Motion, MultibodySystem, OF_BODY, OUTPUTS, st
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
 
-/// A force on a body, as a function of time at one state of the bodies.
+/// The variations of one force on a body, and the displacement of the body that follows.
 pub(super) struct UnseenAction {
     program: Tape,
     boxes: IntervalWorkspace,
     data: UnseenData,
     of_way: UnseenData,
-    /// The moving body that it acts on, by its index.
+    /// The index of the moving body on which the force acts.
     pub own: usize,
-    /// The states of its bodies at the end and at the beginning of a step.
+    /// The states of the bodies on which the force depends, at the end (`inputs`) and at the beginning (`before`) of
+    /// a step.
     inputs: Vec<f64>,
     before: Vec<f64>,
     out: Vec<f64>,
     ranges: Vec<Interval>,
-    /// By what the body is displaced in space and in its velocity, and turned; and bounds on the error of that.
+    /// The displacement of the body (`displaced`): translation and its rate, then rotation and its rate; and bounds
+    /// on the errors of these numbers (`unknown`).
     displaced: [[Vector3<f64>; 2]; 2],
     unknown: [[f64; 2]; 2],
 }
 
-/// Force and torque of an action as functions of the states of its bodies.
+/// Force and torque of an action as functions of the states of the bodies on which it depends.
 struct ActionOfStates<'s> {
     program: &'s mut Tape,
     boxes: &'s mut IntervalWorkspace,
@@ -46,7 +48,7 @@ impl OfStates for ActionOfStates<'_> {
 }
 
 impl UnseenAction {
-    /// The actions on moving bodies.
+    /// Prepares the estimates for all actions on moving bodies of a scene.
     pub fn all(scene: &MultibodySystem) -> Vec<Self> {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let new = |action: &Action| {
@@ -73,8 +75,8 @@ impl UnseenAction {
         scene.actions.iter().filter_map(new).collect()
     }
 
-    /// Adds a step in which the body has the given motion at its end. Contacts hold some components of its velocity and its
-    /// angular velocity: what forces give these unseen ends within the step.
+    /// Adds a step, at whose end the body has the given motion. Velocity components that contacts hold fixed (`held`)
+    /// forget the changes by unseen forces.
     pub fn step(
         &mut self,
         [from, to]: [f64; 2],
@@ -95,7 +97,7 @@ impl UnseenAction {
         }
         let mut on_way = OnWay::new(&mut of_states, [from, to], [before, inputs]);
         if of_way.integrate(6, [from, to], &mut on_way) {
-            // A step takes the forces at its midpoint.
+            // A step uses the forces at its midpoint.
             let mut used = [0.0; 6];
             on_way.at(from + 0.5 * h, &mut used);
             let part = |k: usize| Vector3::from_fn(|i, _| of_way.integrals[3 * k + i][0] - h * used[3 * k + i]);
@@ -117,7 +119,8 @@ impl UnseenAction {
         }
     }
 
-    /// Takes the states of its bodies at the end of a step, where `states` are those of all moving bodies.
+    /// Reads the states of the bodies on which the force depends at the end of a step; `states` are those of all
+    /// moving bodies.
     pub fn read(&mut self, action: &Action, scene: &MultibodySystem, states: &[f64]) {
         for ((body, _), inputs) in action.bodies.iter().zip(self.inputs.chunks_exact_mut(OF_BODY.len())) {
             let place = scene.bodies[..*body].iter().filter(|body| !body.fixed).count();
@@ -127,7 +130,7 @@ impl UnseenAction {
         }
     }
 
-    /// Adds by what its body is displaced, and bounds on the error of that, to the outputs of the body.
+    /// Adds the displacement of the body, and bounds on the error of the displacement, to the outputs of the body.
     pub fn displace(&self, motion: &Motion, out: &mut [f64]) {
         for i in 0..3 {
             out[i] += self.displaced[0][0][i] + self.unknown[0][0];

@@ -1,68 +1,72 @@
-//! What functions of time do between the times at which a step looks at them: pulses that are shorter than a step, a period
-//! that is that of the steps, poles. Their integrals over a step are found by bisection, with enclosures that prove that
-//! nothing hides between samples, and compared with what the step makes of the functions. Along the way of a step through the
-//! states, enclosures of functions of several of them are wide where nothing hides: they say where to look, and no more.
+//! Variations of functions of time between the times at which a step evaluates them: pulses shorter than a step,
+//! periods equal to the step size, poles. The integrals over a step are computed by bisection and compared with the
+//! values that the step uses; interval enclosures prove that nothing is missed between samples. Along the path of a
+//! step through the states, enclosures of functions of several states are wide even where nothing is missed: there
+//! they only direct the bisection.
 
 use numerics::Interval;
 
-/// Most parts of a step. A jump is then placed to a sixty-fourth of a step; what is left counts as unknown.
+/// Largest number of parts into which a step is bisected. A jump is then located to a sixty-fourth of a step; the
+/// remaining width of the enclosures counts as unknown.
 const MOST_PARTS: usize = 64;
 
-/// Most parts of a step along its way through the states, where nothing that hides can be larger than all that was seen so far.
+/// Largest number of parts of a step along its path through the states, if no missed value can exceed all values seen
+/// so far.
 const PARTS_OF_WAY: usize = 8;
 
-/// The difference of two quadrature rules at which they agree, relative to the largest value of a function so far: a tenth of
-/// the error that the verdict permits at best.
+/// Difference of two quadrature rules at which they count as equal, relative to the largest value of the function so
+/// far: a tenth of the smallest error that the verdict permits.
 const AGREE: f64 = 1e-4;
 
-/// Functions of time alone, with all else as at one end of a step, or along the way of a step.
+/// Functions of time alone, with all other arguments fixed at one end of a step, or along the path of a step.
 pub(super) trait InTime {
-    /// Writes the values at a time.
+    /// Writes the values at the time `t`.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// Encloses the values over an interval of time.
+    /// Writes enclosures of the values over the time interval `t`.
     fn enclose(&mut self, t: Interval, out: &mut [Interval]);
 }
 
-/// Functions of time and of states.
+/// Functions of time and states.
 pub(super) trait OfStates {
-    /// Writes the values at a time and at states.
+    /// Writes the values at the time `t` and the given states.
     fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]);
 
-    /// Encloses the values over an interval of time and a box of states.
+    /// Writes enclosures of the values over the time interval `t` and a box of states.
     fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]);
 }
 
-/// The value of a single function of time.
+/// Returns the value of a single function of time.
 pub(super) fn value(of: &mut impl InTime, t: f64) -> f64 {
     let mut value = [0.0];
     of.at(t, &mut value);
     value[0]
 }
 
-/// The straight way of a step through the states.
+/// The straight path of a step through the states: their linear interpolation over the step.
 pub(super) struct StraightWay<'s> {
-    /// The times at the beginning and at the end.
+    /// The times at the beginning and at the end of the step.
     pub step: [f64; 2],
-    /// The states there.
+    /// The states at the beginning and at the end of the step.
     pub states: [&'s [f64]; 2],
 }
 
 impl StraightWay<'_> {
-    /// State `k` at a time.
+    /// Returns state `k` at the time `t`.
     pub fn at(&self, k: usize, t: f64) -> f64 {
         let [from, to] = self.states.map(|state| state[k]);
         from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
     }
 
-    /// State `k` over a part of the step.
+    /// Returns the range of state `k` over a part of the step.
     pub fn within(&self, k: usize, part: [f64; 2]) -> Interval {
         let [a, b] = part.map(|t| self.at(k, t));
         Interval::new(a.min(b), a.max(b))
     }
 }
 
-/// Functions along the straight way of a step through the states; at fixed states, if these are the same at both ends.
+/// Functions along the straight path of a step through the states; the states are fixed if they are equal at both
+/// ends.
 pub(super) struct OnWay<'s, F> {
     of: &'s mut F,
     way: StraightWay<'s>,
@@ -70,7 +74,7 @@ pub(super) struct OnWay<'s, F> {
 }
 
 impl<'s, F> OnWay<'s, F> {
-    /// The way over a step, from the states at its beginning to those at its end.
+    /// Creates the path over a step, from the states at its beginning to those at its end.
     pub fn new(of: &'s mut F, step: [f64; 2], states: [&'s [f64]; 2]) -> Self {
         let between = (states[0].to_vec(), states[0].iter().map(|state| Interval::point(*state)).collect());
         Self { of, way: StraightWay { step, states }, between }
@@ -93,28 +97,29 @@ impl<F: OfStates> InTime for OnWay<'_, F> {
     }
 }
 
-/// The integrals of functions over steps.
+/// Integrals of functions over steps, with bounds on what samples may have missed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnseenData {
-    /// The largest absolute values so far.
+    /// The largest absolute value of each function so far.
     largest: Vec<f64>,
-    /// The integrals over the last step, and bounds on their errors.
+    /// The integral of each function over the last step, and a bound on its error.
     pub integrals: Vec<[f64; 2]>,
     left: Vec<[f64; 2]>,
     ranges: Vec<Interval>,
     samples: [Vec<f64>; 3],
-    /// Whether the functions are those along the way of a step.
+    /// Whether the functions are evaluated along the path of a step through the states.
     is_of_way: bool,
 }
 
 impl UnseenData {
-    /// For functions along the way of a step.
+    /// Creates integrals of functions along the path of a step through the states.
     pub fn of_way() -> Self {
         Self { is_of_way: true, ..Self::default() }
     }
 
-    /// The mean of a coefficient of friction over the part of a step in which its contact is closed, and a bound on the error of
-    /// that. If an impact may close the contact, its impulse may be all that there is, with the coefficient at the beginning.
+    /// Returns the mean of a friction coefficient over the part of a step in which its contact is closed, and a bound
+    /// on the error of the mean. If an impact may close the contact (`is_struck`), its impulse may act with the
+    /// coefficient at the beginning of the part, and the bound covers this case.
     pub fn mean(&mut self, part: [f64; 2], is_struck: bool, of: &mut impl InTime) -> [f64; 2] {
         let [mean, left] = if part[0] < part[1] && self.integrate(1, part, of) {
             self.integrals[0].map(|integral| integral / (part[1] - part[0]))
@@ -124,7 +129,7 @@ impl UnseenData {
         [mean, if is_struck { left + (value(of, part[0]) - mean).abs() } else { left }]
     }
 
-    /// Integrates `count` functions over a step; returns false if none varies in it by what counts.
+    /// Integrates `count` functions over a step; returns false if no function varies significantly in the step.
     pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
         let Self { largest, integrals, left, ranges, samples, is_of_way } = self;
         largest.resize(count, 0.0);
@@ -133,7 +138,7 @@ impl UnseenData {
         integrals.clear();
         integrals.resize(count, [0.0; 2]);
         of.enclose(Interval::new(step[0], step[1]), ranges);
-        // What varies by less than rules of quadrature need to agree hides nothing.
+        // A function that varies by less than the tolerance of the quadrature rules hides nothing.
         let mut may_hide = false;
         for (range, largest) in ranges.iter().zip(largest.iter_mut()) {
             if !range.is_empty() {
@@ -159,7 +164,8 @@ impl UnseenData {
             let mut part = |k: usize| {
                 let [a, b, c] = [0, 1, 2].map(|place: usize| samples[place][k]);
                 largest[k] = largest[k].max(a.abs()).max(b.abs()).max(c.abs());
-                // Simpson's rule and the trapezoidal rule, and what the samples do not show of the range.
+                // Simpson's rule, the trapezoidal rule, and the part of the enclosed range that the samples do not
+                // account for.
                 let (sum, other) = ((a + 4.0 * b + c) / 6.0, 0.25 * (a + 2.0 * b + c));
                 let shown = a.max(b).max(c) - a.min(b).min(c);
                 let hidden = (ranges[k].width() - 2.0 * shown).max(0.0);
@@ -188,7 +194,7 @@ impl UnseenData {
 mod tests {
     use super::*;
 
-    /// A triangle of height one about a centre, of a width.
+    /// A triangular pulse of height one, with the given centre and half-width.
     struct Tent(f64, f64);
 
     impl InTime for Tent {

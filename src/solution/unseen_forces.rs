@@ -1,5 +1,5 @@
-//! What forces and coefficients of friction do between the times at which steps of a mechanical system look at them: in time, and
-//! along the way of a step.
+//! Variations of forces and friction coefficients between the times at which steps of a mechanical system evaluate
+//! them: in time, and along the path of a step.
 
 use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
 use contact::{State, TimeStepping};
@@ -7,19 +7,20 @@ use nalgebra::{DMatrix, DVector};
 use numerics::Interval;
 use problem::{Constraints, Mechanical};
 
-/// What forces and friction make of the coordinates and velocities of a run, unseen by its steps.
+/// The displacements of coordinates and velocities by variations of forces and friction that the steps do not see.
 #[derive(Default)]
 pub(super) struct UnseenForces {
     in_time: UnseenData,
     on_way: Option<UnseenData>,
-    /// For each contact, its coefficient.
+    /// For each contact, the integrals of its friction coefficient.
     friction: Vec<UnseenData>,
-    /// By what coordinates and velocities are displaced, and bounds on the error of that.
+    /// The displacements of coordinates and velocities (`displaced`), and bounds on the errors of the displacements
+    /// (`unknown`).
     displaced: [Vec<f64>; 2],
     unknown: [Vec<f64>; 2],
 }
 
-/// The forces as functions of the coordinates, with the velocities of the end of a step.
+/// The forces as functions of time and coordinates, with the velocities at the end of a step.
 struct ForcesOfPlace<'s> {
     problem: &'s mut dyn Mechanical,
     v: &'s [f64],
@@ -36,8 +37,8 @@ impl OfStates for ForcesOfPlace<'_> {
     }
 }
 
-/// The coefficient of friction of a contact as a function of the coordinates, with the velocities of the end of a step; of a contact
-/// that sticks, no more than it needs.
+/// The friction coefficient of a contact as a function of time and coordinates, with the velocities at the end of a
+/// step. For a sticking contact the coefficient is cut off at the value `most` that the contact needs.
 struct FrictionOfPlace<'s> {
     problem: &'s mut dyn Mechanical,
     contact: usize,
@@ -60,14 +61,15 @@ impl OfStates for FrictionOfPlace<'_> {
     }
 }
 
-/// What one step leaves unseen, as impulses on the coordinates: their sum, and a bound on its error.
+/// The generalised impulses of one step that the step does not see: their sum, and bounds on its error.
 struct Impulses {
     sum: DVector<f64>,
     unknown: Vec<DVector<f64>>,
 }
 
 impl UnseenForces {
-    /// Adds the last step, and returns by how much coordinates and velocities may be displaced at its end; `None` if they are not.
+    /// Adds the last step, and returns the largest possible displacements of coordinates and velocities at its end;
+    /// `None` if there are none.
     pub fn step(&mut self, stepper: &mut TimeStepping<'_>, problem: &mut dyn Mechanical) -> Option<[Vec<f64>; 2]> {
         let structure = problem.structure();
         let n = structure.coordinates;
@@ -115,8 +117,8 @@ impl UnseenForces {
         Some([0, 1].map(|k| self.displaced[k].iter().zip(&self.unknown[k]).map(|(by, left)| by.abs() + left).collect()))
     }
 
-    /// Adds what forces do in the last step, beyond the mean of those at its ends: a step takes the forces at its beginning, for
-    /// velocities that are those of the middle.
+    /// Adds the impulse of the forces in the last step minus that of the trapezoidal rule: a step takes the forces at
+    /// its beginning, where its velocities are those of the middle.
     fn add_forces(
         &mut self,
         stepper: &TimeStepping<'_>,
@@ -151,7 +153,8 @@ impl UnseenForces {
         }
     }
 
-    /// Adds what friction with coefficients that vary does in the last step, which takes them at its end.
+    /// Adds the impulses of varying friction coefficients in the last step minus those of the coefficients at its
+    /// end, which the step uses.
     fn add_friction(&mut self, stepper: &TimeStepping<'_>, problem: &mut dyn Mechanical, made: &mut Impulses) {
         let structure = problem.structure().clone();
         let TimeStepping { state, last, step, .. } = stepper;
@@ -184,7 +187,7 @@ impl UnseenForces {
             if mean == used && left == 0.0 {
                 continue;
             }
-            // Along the friction of the step, or against the slip.
+            // The direction of the friction in the step, or opposite to the slip if the step has no friction.
             let along = if used > 0.0 {
                 [r.y / (used * r.x), r.z / (used * r.x)]
             } else {
@@ -204,7 +207,7 @@ impl UnseenForces {
     }
 }
 
-/// The integrals over a step beyond those of the rule of trapezoids.
+/// Returns the integrals over a step minus those of the trapezoidal rule.
 fn beyond_ends(data: &UnseenData, [from, to]: [f64; 2], of: &mut impl InTime) -> DVector<f64> {
     let count = data.integrals.len();
     let [mut at_start, mut at_end] = [vec![0.0; count], vec![0.0; count]];
@@ -213,7 +216,8 @@ fn beyond_ends(data: &UnseenData, [from, to]: [f64; 2], of: &mut impl InTime) ->
     DVector::from_fn(count, |i, _| data.integrals[i][0] - 0.5 * (to - from) * (at_start[i] + at_end[i]))
 }
 
-/// Takes from bounds on a change what cannot be: each component may have either sign. Bounds that would grow are kept.
+/// Removes from bounds on a change the components that contacts and joints do not allow, separately for each
+/// component since it may have either sign. Bounds that would grow are kept.
 fn hold_back_bounds(bounds: &mut [f64], mut hold_back: impl FnMut(&mut [f64])) {
     let mut held = vec![0.0; bounds.len()];
     for k in (0..bounds.len()).filter(|&k| bounds[k] != 0.0) {

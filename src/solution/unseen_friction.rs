@@ -1,5 +1,5 @@
-//! What coefficients of friction between bodies that vary do between the times at which steps look at them, along the way of the
-//! contacts in a step.
+//! Variations of friction coefficients between the times at which steps of rigid bodies evaluate them, along the path
+//! of the contacts in a step.
 
 use super::unseen_data::{OfStates, OnWay, UnseenData, value};
 use expression::IntervalWorkspace;
@@ -7,18 +7,19 @@ use models::rigid_bodies::{Coefficient, MoreauStepping, Motion, MultibodySystem,
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
 
-/// By what a body is changed in its place or velocity, and in its orientation or angular velocity.
+/// The change of a body's position and orientation, or of its velocity and angular velocity.
 type Change = (Vector3<f64>, Vector3<f64>);
 
-/// What friction makes of the bodies, unseen by the steps.
+/// The displacements of the bodies by variations of friction coefficients that the steps do not see.
 pub(super) struct UnseenFriction {
     coefficients: Vec<(Coefficient, IntervalWorkspace, UnseenData)>,
-    /// For each moving body, by what it is displaced, with a bound on the error of that along the friction: in its place and
-    /// orientation, and in its velocities.
+    /// The displacements of each moving body (index 0), and bounds on their errors in the direction of the friction
+    /// (index 1); for each the changes of position and orientation, then those of the velocities.
     displaced: [[Vec<Change>; 2]; 2],
 }
 
-/// The coefficient of a contact as a function of its place; of a contact that sticks, no more than it needs.
+/// The friction coefficient of a contact as a function of the contact point. For a sticking contact the coefficient
+/// is cut off at the value `most` that the contact needs.
 struct FrictionOfPlace<'s> {
     coefficient: &'s mut Coefficient,
     boxes: &'s mut IntervalWorkspace,
@@ -39,7 +40,7 @@ impl OfStates for FrictionOfPlace<'_> {
 }
 
 impl UnseenFriction {
-    /// The friction of a scene; `None` if no coefficient varies.
+    /// Prepares the estimate for the bodies of a scene; returns `None` if no coefficient varies.
     pub fn of(scene: &MultibodySystem) -> Option<Self> {
         let new = |coefficient: &Coefficient| {
             (coefficient.clone(), IntervalWorkspace::new(&coefficient.program), UnseenData::default())
@@ -50,7 +51,7 @@ impl UnseenFriction {
         (!coefficients.is_empty()).then_some(Self { coefficients, displaced })
     }
 
-    /// Adds the last step of a run.
+    /// Adds the displacements by the variations of friction coefficients in the last step of a run.
     pub fn step(&mut self, [from, to]: [f64; 2], simulation: &MoreauStepping<'_>) {
         let h = to - from;
         let mut changes = [0, 1].map(|part: usize| vec![Change::default(); self.displaced[part][1].len()]);
@@ -77,7 +78,8 @@ impl UnseenFriction {
         }
     }
 
-    /// By how much the mean coefficient of a contact in a step is above that of the step, and a bound on the error of that.
+    /// Returns the mean coefficient of a contact over a step minus the coefficient that the step used, and a bound on
+    /// the error of this difference.
     fn missed(&mut self, [from, to]: [f64; 2], rubbing: &Rubbing) -> [f64; 2] {
         let Rubbing { places, slip_speed, used, .. } = rubbing;
         let (coefficient, boxes, data) = &mut self.coefficients[rubbing.coefficient];
@@ -95,14 +97,14 @@ impl UnseenFriction {
         [mean - seen, left]
     }
 
-    /// Adds by what a body is displaced, and bounds on the error of that, to the outputs of the body.
+    /// Adds the displacement of a body, and bounds on the error of the displacement, to the outputs of the body.
     pub fn displace(&self, body: usize, motion: &Motion, out: &mut [f64]) {
         for [places, velocities] in &self.displaced {
             let ((place, turn), (velocity, omega)) = (places[body], velocities[body]);
             let turned = Quaternion::from_parts(0.0, 0.5 * turn) * motion.pose.rotation.into_inner();
             let all = place.iter().copied().chain([turned.w, turned.i, turned.j, turned.k]);
             let all = all.chain(velocity.iter().copied()).chain(omega.iter().copied());
-            // What is not known may have either sign.
+            // A bound on an error may have either sign: it is added in the direction that enlarges the output.
             out.iter_mut().zip(all).for_each(|(out, by)| *out += if *out * by < 0.0 { -by } else { by });
         }
     }

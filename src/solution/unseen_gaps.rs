@@ -1,6 +1,6 @@
-//! Gaps that close and open again within a step, while they are open at both its ends: a wall that is thinner than the way of a
-//! step, an obstacle that is there for less than its time. Gaps along the straight way of a step are bounded from below by
-//! bisection, with enclosures of their values and of their rates.
+//! Gaps that close and open again within a step while they are open at both its ends: a wall thinner than the
+//! distance covered in a step, or an obstacle that is present for less than a step. Gaps along the straight path of a
+//! step are bounded from below by bisection, with interval enclosures of their values and rates.
 
 use super::unseen_data::StraightWay;
 use super::{CheckCode, Checks};
@@ -8,23 +8,23 @@ use contact::TimeStepping;
 use numerics::Interval;
 use problem::{Constraints, Mechanical};
 
-/// Most parts of a step.
+/// Largest number of parts into which a step is bisected.
 const MOST_PARTS: usize = 64;
 
-/// Relative rounding error of gaps after corrections.
+/// Relative rounding error of gaps after position corrections.
 const ROUNDING: f64 = 1e-9;
 
-/// The steps of a run in which a gap may close unseen.
+/// Counts the steps of a run in which a gap may close without being noticed.
 #[derive(Default)]
 pub(super) struct UnseenGaps {
-    /// For each contact the number of steps in which its gap closes or may close, the time of the first one, and whether it was
-    /// seen to close in one of them.
+    /// For each contact: the number of steps in which its gap closes or may close, the beginning of the first such
+    /// step, and whether a negative gap was found in one of them.
     pub closing: Vec<(u32, f64, bool)>,
     ends: [Vec<f64>; 2],
     rows: Option<Constraints>,
 }
 
-/// The gaps along the straight way of a step.
+/// The gaps along the straight path of a step.
 struct GapsOnWay<'s> {
     problem: &'s mut dyn Mechanical,
     way: StraightWay<'s>,
@@ -34,14 +34,14 @@ struct GapsOnWay<'s> {
 }
 
 impl GapsOnWay<'_> {
-    /// The value of a row at a time.
+    /// Returns the value of constraint `row` at the time `t`.
     fn at(&mut self, row: usize, t: f64) -> f64 {
         let q: Vec<f64> = (0..self.rate.len()).map(|k| self.way.at(k, t)).collect();
         self.problem.positions(t, &q, &mut self.values);
         self.values[row]
     }
 
-    /// Encloses all rows over a part of the step, and their rates if these are asked for.
+    /// Encloses all constraint rows over a part of the step, and also their rates if `with_rates` is set.
     fn enclose(&mut self, [from, to]: [f64; 2], with_rates: bool) {
         let q: Vec<Interval> = (0..self.rate.len()).map(|k| self.way.within(k, [from, to])).collect();
         let t = Interval::new(from, to);
@@ -51,7 +51,8 @@ impl GapsOnWay<'_> {
         }
     }
 
-    /// Whether the value of a row, at least `least` at both ends of the step, is so throughout; `None` if that is not known.
+    /// Whether the value of a constraint row, at least `least` at both ends of the step, stays at least `least`
+    /// throughout; `None` if undecided.
     fn stays(&mut self, row: usize, ends: [f64; 2], least: f64) -> Option<bool> {
         let mut left = vec![(self.way.step, ends)];
         let mut parts = 1;
@@ -79,7 +80,8 @@ impl GapsOnWay<'_> {
     }
 }
 
-/// The least value over a time `length` between two values, at a rate that is within `rate`.
+/// Returns the least possible value of a function over a time `length`, given its end values and an enclosure `rate`
+/// of its rate.
 fn lowest([first, last]: [f64; 2], length: f64, rate: Interval) -> f64 {
     let (falls, rises) = (rate.lo.min(0.0), rate.hi.max(0.0));
     if rate.is_empty() || !rate.defined || !(falls.is_finite() && rises.is_finite()) {
@@ -88,13 +90,13 @@ fn lowest([first, last]: [f64; 2], length: f64, rate: Interval) -> f64 {
     if falls == 0.0 || rises == 0.0 {
         return first.min(last);
     }
-    // The lines from both ends, as steep as can be, meet at the lowest value.
+    // The steepest possible lines from both ends meet at the lowest value.
     let until = (first - last + rises * length) / (rises - falls);
     (first + falls * until.clamp(0.0, length)).min(last - rises * (length - until).clamp(0.0, length))
 }
 
 impl UnseenGaps {
-    /// Adds the last step of a run.
+    /// Counts the gaps that close, or may close, within the last step of a run while they are open at both its ends.
     pub fn step(&mut self, stepper: &TimeStepping<'_>, problem: &mut dyn Mechanical) {
         let structure = problem.structure();
         let contacts = structure.contacts.len();
@@ -143,7 +145,7 @@ impl UnseenGaps {
         }
     }
 
-    /// Records the steps in which gaps close unseen, or may do so; `names` are those of the contacts.
+    /// Records the check of the steps in which gaps close unnoticed, or may do so; `names` are those of the contacts.
     pub fn judge(&self, names: &[String], checks: &mut Checks) {
         for ((steps, first, is_seen), name) in self.closing.iter().zip(names) {
             checks.record(CheckCode::EventsUnproven, f64::from(*steps), 0.0, || {
@@ -166,7 +168,7 @@ mod tests {
 
     #[test]
     fn the_lowest_value_is_where_the_steepest_lines_meet() {
-        // From 1 down at 2 and up at 1 to 1 again: a third of the time down.
+        // Down from 1 with slope -2 for a third of the time, then up to 1 with slope 1.
         assert!((lowest([1.0, 1.0], 3.0, Interval::new(-2.0, 1.0)) + 1.0).abs() < 1e-15);
         assert_eq!(lowest([1.0, 3.0], 1.0, Interval::new(0.5, 4.0)), 1.0);
         assert_eq!(lowest([1.0, 1.0], 1.0, Interval::LINE), f64::NEG_INFINITY);

@@ -1,5 +1,6 @@
-//! Bodies whose motion is given and goes further within a step than its ends show: a paddle whose period is that of the steps, a
-//! rotor that turns by half a turn. Steps do not see what they sweep, and what is near to them may be struck unseen.
+//! Bodies with a prescribed motion that goes further within a step than its ends show: a paddle whose period equals
+//! the step size, or a rotor that turns by half a turn. Steps do not see the swept volume, where nearby bodies may be
+//! struck.
 
 use super::unseen_data::{InTime, UnseenData};
 use expression::{IntervalWorkspace, Tape};
@@ -8,35 +9,38 @@ use nalgebra::Vector3;
 use numerics::Interval;
 use std::f64::consts::PI;
 
-/// The part of its largest speed that a body may have unseen in the mean over a step. With six steps a period it has a quarter, which
-/// the comparison with steps twice as long shows.
+/// Largest distance that a body may cover unseen in a step, relative to its largest mean speed times the step size.
+/// Motion with six steps per period reaches a quarter, which the comparison with steps twice as long shows.
 const MOST_UNSEEN: f64 = 0.25;
 
-/// What an impact makes of the speed of a surface, at most: all of it, and as much again where it is elastic.
+/// Largest velocity that an impact transfers from a surface to a body, relative to the speed of the surface: twice
+/// for an elastic impact.
 const OF_SURFACE: f64 = 2.0;
 
-/// The bodies whose motion is given, and what they do unseen.
+/// The bodies with a prescribed motion, and the possible displacements of other bodies by motion that the steps do
+/// not see.
 pub(super) struct UnseenMotion {
     program: Tape,
     boxes: IntervalWorkspace,
     data: UnseenData,
-    /// The values and the rates of all signals, and their ranges.
+    /// The values and rates of all prescribed signals, and enclosures of both.
     values: Vec<f64>,
     ranges: Vec<Interval>,
     given: Vec<Given>,
-    /// For each moving body, by what it may be displaced, and its velocity.
+    /// For each moving body, its possible displacement and the possible error of its velocity.
     pub displaced: Vec<[f64; 2]>,
 }
 
-/// A body whose motion is given.
+/// A body with a prescribed motion.
 struct Given {
     body: usize,
     motion: Prescription,
-    /// The largest mean speed in a step so far.
+    /// The largest mean speed of the body over a step so far.
     fastest: f64,
 }
 
-/// The magnitudes of given velocities, three of places and three of rotations for each body.
+/// The magnitudes of the prescribed velocity components, three of the position and three of the rotation for each
+/// body.
 struct Magnitudes<'s> {
     program: &'s mut Tape,
     boxes: &'s mut IntervalWorkspace,
@@ -46,7 +50,8 @@ struct Magnitudes<'s> {
 }
 
 impl Given {
-    /// The places of the components of its velocity and of its angular velocity among the values and rates of all signals.
+    /// Returns the indices of the components of velocity and angular velocity among the values and rates of all
+    /// signals; `None` for components that are zero.
     fn velocities(&self) -> [Option<usize>; 6] {
         let linear = match self.motion.linear {
             None => [None; 3],
@@ -82,7 +87,7 @@ impl InTime for Magnitudes<'_> {
 }
 
 impl UnseenMotion {
-    /// The bodies of a scene whose motion is given; `None` for a scene without such a body.
+    /// Prepares the estimate for the bodies of a scene with a prescribed motion; returns `None` if there is none.
     pub fn of(scene: &MultibodySystem) -> Option<Self> {
         let given = scene
             .bodies
@@ -103,13 +108,13 @@ impl UnseenMotion {
         })
     }
 
-    /// Adds a step from `from` to `to` to what bodies that are near to the given ones may have met.
+    /// Adds a step from `from` to `to` to the displacements of bodies near those with a prescribed motion.
     pub fn step(&mut self, [from, to]: [f64; 2], scene: &MultibodySystem, simulation: &MoreauStepping<'_>) {
         let h = to - from;
         let Self { program, boxes, data, values, ranges, given, displaced } = self;
         let count = 6 * given.len();
         let mut magnitudes = Magnitudes { program, boxes, values, ranges, given };
-        // Of speeds that are constant, integrals are not made.
+        // Integrals of constant speeds are not computed by quadrature.
         if !data.integrate(count, [from, to], &mut magnitudes) {
             let mut constant = vec![0.0; count];
             magnitudes.at(from, &mut constant);
@@ -135,7 +140,8 @@ impl UnseenMotion {
             let turn = way(1);
             let about = pose.rotation.inverse() * turn;
             if turn != Vector3::zeros() && collider.reach().is_finite() && !collider.is_round_about(&about) {
-                // A point goes along an arc, of which the step has the chord; in half a turn it has been everywhere across.
+                // A point moves along an arc, of which the step has the chord; within half a turn it reaches every
+                // distance from the chord.
                 let angle = turn.norm().min(PI);
                 let beside = 1.0 - (0.5 * angle).cos();
                 if beside > MOST_UNSEEN * angle {

@@ -12,42 +12,42 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The measured quantities of an answer.
+/// The quantities that are measured for the verdict on an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckCode {
-    /// Residual of the natural map of the law, in the units of its set.
+    /// Residual of the natural map of the variational inequality or contact law, in the units of its set.
     LawResidual,
-    /// Residual of active and hidden constraints, at the outputs and between the steps.
+    /// Residual of active and hidden constraints, at outputs and within steps.
     ConstraintResidual,
-    /// Violation of joints.
+    /// Violation of the joints' constraints.
     JointDrift,
-    /// Defect of the energy balance.
+    /// Defect of the energy balance of a mechanical system.
     EnergyBalance,
     /// Number of steps in which an event may have been missed.
     EventsUnproven,
-    /// Local error of accepted steps above the tolerance, or not controlled.
+    /// Local error of accepted steps if it exceeds the tolerance or is not controlled.
     LocalError,
-    /// Global error at the end, on request.
+    /// Global error of the states at the end, if requested.
     GlobalError,
-    /// Difference of sensitivities from a difference of runs.
+    /// Difference of sensitivities from a finite difference of runs.
     Derivatives,
-    /// Distance between the end and the beginning of a run from a steady state, or along an orbit.
+    /// Distance between the start and the end of a run from a steady state, or over one period of an orbit.
     ReturnResidual,
     /// Distance of fitted parameters from the minimum.
     FitDistance,
-    /// Distance by which an accumulation of events was stepped over.
+    /// Change of the states or of the energy when an accumulation of events (Zeno) was stepped over.
     AccumulationPassed,
     /// How far the determinant of an active face is below the least one of a face whose solution is the only one.
     OtherSolutions,
     /// Number of members of a sweep that are not trusted.
     UntrustedMembers,
-    /// Time missing to the requested end.
+    /// Time between the end of the run and the requested end.
     NotAtEnd,
 }
 
 impl CheckCode {
-    /// All codes, in the order in which they are reported.
+    /// All check codes, in the order in which they are reported.
     pub const ALL: [Self; 14] = [
         Self::LawResidual,
         Self::ConstraintResidual,
@@ -65,7 +65,7 @@ impl CheckCode {
         Self::NotAtEnd,
     ];
 
-    /// The name of the code, for programs.
+    /// Returns the name of the code, for programs.
     pub const fn name(self) -> &'static str {
         match self {
             Self::LawResidual => "law_residual",
@@ -85,7 +85,7 @@ impl CheckCode {
         }
     }
 
-    /// The meaning of the value, and what it is compared with.
+    /// Returns the meaning of the measured value, and the permitted value with which it is compared.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::LawResidual => {
@@ -152,7 +152,7 @@ impl CheckCode {
 }
 
 impl fmt::Display for CheckCode {
-    /// The name in words, such as `joint drift`.
+    /// Writes the name of the check in words, such as `joint drift`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name().replace('_', " "))
     }
@@ -171,24 +171,24 @@ impl PartialSchema for CheckCode {
 
 impl ToSchema for CheckCode {}
 
-/// The worst measurement of a code so far.
+/// The worst measurement of a check code so far.
 #[derive(Clone, Debug, PartialEq)]
 struct Check {
     value: f64,
     allowed: f64,
-    /// Description of the measurement, for people.
+    /// The meaning of the measurement and what to change, in words.
     message: String,
 }
 
 impl Check {
-    /// The ratio of the value to the permitted one; the check fails above one, and for NaN.
+    /// Returns the ratio of the measured to the permitted value; the check fails above one, and for NaN.
     fn excess(&self) -> f64 {
         let ratio = if self.value == 0.0 { 0.0 } else { self.value / self.allowed };
         if ratio.is_nan() { f64::INFINITY } else { ratio }
     }
 }
 
-/// The measurements of a run: for each code, the worst one relative to its permitted value.
+/// The measurements of a run: for each check code, the worst one relative to its permitted value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checks {
     worst: BTreeMap<CheckCode, Check>,
@@ -196,7 +196,8 @@ pub struct Checks {
 }
 
 impl Checks {
-    /// Records a measurement if it is worse than all previous ones of its code; only then the message is created.
+    /// Records a measurement if it is worse than all previous ones of its check code; only then the message is
+    /// created.
     pub fn record(&mut self, code: CheckCode, value: f64, allowed: f64, message: impl FnOnce() -> String) {
         let mut check = Check { value, allowed, message: String::new() };
         if self.worst.get(&code).is_none_or(|worst| check.excess() > worst.excess()) {
@@ -205,14 +206,14 @@ impl Checks {
         }
     }
 
-    /// Adds a caveat, which does not make the answer untrusted; once per code.
+    /// Adds a caveat, which does not make the answer untrusted; only the first caveat of each code is kept.
     pub fn caveat(&mut self, code: &'static str, message: String) {
         if self.caveats.iter().all(|caveat| caveat.code != code) {
             self.caveats.push(Caveat { code: code.into(), message });
         }
     }
 
-    /// Merges the measurements and caveats of another part of the run.
+    /// Merges the measurements and caveats of another part of the run into these.
     pub fn absorb(&mut self, other: Self) {
         for (code, check) in other.worst {
             self.record(code, check.value, check.allowed, || check.message);
@@ -224,14 +225,14 @@ impl Checks {
         }
     }
 
-    /// The measured and the permitted value of a code.
+    /// Returns the measured and the permitted value of a check code.
     pub fn get(&self, code: CheckCode) -> Option<(f64, f64)> {
         self.worst.get(&code).map(|check| (check.value, check.allowed))
     }
 }
 
 impl Serialize for Checks {
-    /// Serialises as an object from codes to measured and permitted values.
+    /// Serialises the checks as an object that maps codes to measured and permitted values.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let measured = |check: &Check| Measured { value: finite(check.value), allowed: finite(check.allowed) };
         serializer.collect_map(self.worst.iter().map(|(code, check)| (code, measured(check))))
@@ -251,16 +252,16 @@ impl ToSchema for Checks {
     }
 }
 
-/// A measured value and the permitted one.
+/// A measured value and the largest permitted one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Measured {
-    /// The worst value of the run; the largest finite number if it is not finite.
+    /// The worst measured value of the run; the largest finite number if it is not finite.
     pub value: f64,
-    /// The largest value at which the answer is trusted.
+    /// The largest measured value at which the answer is trusted.
     pub allowed: f64,
 }
 
-/// The nearest finite number, since JSON has no others.
+/// Returns the nearest finite number, since JSON has no others; the largest one for NaN.
 fn finite(value: f64) -> f64 {
     if value.is_nan() { f64::MAX } else { value.clamp(f64::MIN, f64::MAX) }
 }
@@ -268,25 +269,25 @@ fn finite(value: f64) -> f64 {
 /// A measurement that makes the answer untrusted.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Reason {
-    /// The code of the check.
+    /// The code of the check that failed.
     pub code: CheckCode,
     /// The measured value; the largest finite number if it is not finite.
     pub value: f64,
-    /// The largest value at which the answer would be trusted.
+    /// The largest measured value at which the answer would be trusted.
     pub allowed: f64,
-    /// The meaning, and what to change.
+    /// The meaning of the measurement, and what to change.
     pub message: String,
 }
 
 impl fmt::Display for Reason {
-    /// `joint drift 3e-2, allowed 1e-3: the message`.
+    /// Writes `joint drift 3e-2, allowed 1e-3: the message`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { code, value, allowed, message } = self;
         write!(f, "{code} {}, allowed {}: {message}", Figure(*value), Figure(*allowed))
     }
 }
 
-/// A number for people, in three digits.
+/// A number formatted for people, with three digits.
 struct Figure(f64);
 
 impl fmt::Display for Figure {
@@ -308,9 +309,9 @@ impl fmt::Display for Figure {
 /// Information for the user that does not make the answer untrusted.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 pub struct Caveat {
-    /// A stable code for programs.
+    /// A stable code of the caveat for programs.
     pub code: String,
-    /// The information, in words.
+    /// The information for the user, in words.
     pub message: String,
 }
 
@@ -321,13 +322,13 @@ pub struct Verdict {
     pub trusted: bool,
     /// The reasons against the answer; empty if it is trusted.
     pub because: Vec<Reason>,
-    /// Further information for the user.
+    /// Caveats: further information for the user that does not make the answer untrusted.
     pub caveats: Vec<Caveat>,
 }
 
 impl Verdict {
-    /// Compares the measurements with the permitted values. `end` is the requested end time, if a run was asked for and
-    /// not a search.
+    /// Compares the measurements with the permitted values. `end` is the requested end time of a run, and `None` for
+    /// a search.
     pub fn of(status: Status, error: Option<&Failure>, end: Option<f64>, checks: &Checks) -> Self {
         let mut because: Vec<Reason> = checks
             .worst

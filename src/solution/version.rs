@@ -1,13 +1,13 @@
-//! The version of the format of answers.
+//! The version number of the format of answers, as a type that serialises as this number.
 
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::{Serialize, Serializer};
 
-/// The first version, to which members may be added, but none removed or changed in meaning.
+/// Version 1 of the answer format, to which members may be added, but none removed or changed in meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 
-/// The version number of the result format.
+/// The version number of the format of answers.
 const NUMBER: u64 = 1;
 
 impl Serialize for Version {

@@ -7,32 +7,32 @@
 //! abs(a) = a z,         z in [-1, 1],  G = -a
 //! min(a, b) = a - z,    z >= 0,        G = z - (a - b)   max(a, b) = a + z,    z >= 0,       G = z - (b - a)
 //! ```
-//! For `sign(a)`: `z` is in `Sgn(a)` if and only if `a` is normal to `[-1, 1]` at `z`: `-a (z~ - z) >= 0` for all `z~`
-//! in it.
+//! For `sign(a)`: `z` is in `Sgn(a)` if and only if `a` is normal to `[-1, 1]` at `z`: `-a (z~ - z) >= 0` for all
+//! `z~` in `[-1, 1]`.
 
 use super::dvi::{DviProblem, State, Variable};
 use super::expression::Expression;
 use super::set::{Block, BoxBlock};
 use std::collections::HashSet;
 
-/// Most calls that are rewritten in one problem: the result is meant to be read by a person.
+/// Largest number of calls that are rewritten in one problem: the result is meant to be read by a person.
 const MOST: usize = 64;
 
-/// Functions with a kink or a jump.
+/// Names of the functions with a kink or a jump that can be rewritten as a set.
 const FUNCTIONS: [&str; 5] = ["abs", "sign", "heaviside", "min", "max"];
 
-/// A call that has been replaced by a variable.
+/// A call of a function with a kink that has been replaced by a variable.
 struct Replaced {
     call: String,
-    /// The variable introduced for the call.
+    /// Name of the variable introduced for the call.
     name: String,
     value: String,
     inequality: String,
     interval: Option<(f64, f64)>,
 }
 
-/// Rewrites the kinks of rates, inequalities and definitions as a set. Returns `None` if there are no kinks, more than
-/// `MOST`, or a call that has no such form.
+/// Rewrites the kinks of rates, inequalities and definitions as a set. Returns `None` if there are no kinks, more
+/// than `MOST`, or a call that cannot be written as a set.
 pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     let names = problem.states.names().chain(problem.variables.names()).chain(problem.definitions.names());
     let mut rewriting = Rewriting {
@@ -96,8 +96,8 @@ impl Rewriting {
         Some(Expression::Text(text))
     }
 
-    /// Finds the last call of a function with a kink that depends on an unknown. Being the last to begin, it contains
-    /// no other such call.
+    /// Finds the last call of a function with a kink that depends on an unknown. Because it begins last, it contains
+    /// no other call of such a function.
     fn innermost(&self, text: &str) -> Option<Call> {
         let words = words(text);
         words.iter().rev().find_map(|&(start, word)| {
@@ -126,7 +126,7 @@ impl Rewriting {
             ("abs", [a]) => (format!("(({a})*{name})"), negated(a), Some((-1.0, 1.0))),
             ("min", [a, b]) => (format!("({a} - {name})"), format!("{name} - (({a}) - ({b}))"), None),
             ("max", [a, b]) => (format!("({a} + {name})"), format!("{name} - (({b}) - ({a}))"), None),
-            // Three or more arguments: nest the first two.
+            // A call with three or more arguments is nested: its first two arguments form a call of their own.
             ("min" | "max", [a, b, rest @ ..]) => {
                 return Some(format!("{function}({function}({a}, {b}), {})", rest.join(", ")));
             }
@@ -148,7 +148,7 @@ impl Rewriting {
 struct Call {
     function: &'static str,
     start: usize,
-    /// Index after the closing parenthesis.
+    /// Byte index after the closing parenthesis of the call.
     end: usize,
     arguments: Vec<String>,
 }

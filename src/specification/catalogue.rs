@@ -17,7 +17,7 @@ use std::sync::LazyLock;
 pub struct Catalogue {
     /// The problem types.
     pub problems: Vec<Choice>,
-    /// The types of block, whose Cartesian product is `K`.
+    /// The types of blocks: the sets whose Cartesian product is the set `K` of the variables.
     pub sets: Vec<Choice>,
     /// The families of methods.
     pub methods: Vec<Choice>,
@@ -38,7 +38,7 @@ pub struct Catalogue {
 /// A keyword of the specification.
 #[derive(Debug, Serialize)]
 pub struct Choice {
-    /// The keyword.
+    /// The keyword of the choice.
     pub name: String,
     /// The meaning of the choice, in one sentence.
     pub meaning: String,
@@ -51,29 +51,29 @@ pub struct Coefficients {
     pub stages: usize,
     /// Whether the method has an embedded error estimate, so that the step size can be adapted.
     pub adaptive: bool,
-    /// The nodes.
+    /// The nodes `c` of the method.
     pub c: &'static [f64],
-    /// The weights.
+    /// The weights `b` of the method.
     pub b: &'static [f64],
-    /// The matrix, by rows.
+    /// The Runge-Kutta matrix `A`, by rows.
     #[serde(rename = "A")]
     pub a: Vec<Vec<f64>>,
-    /// The order conditions of the theory, verified on these rounded coefficients.
+    /// The order conditions of the theory, verified with the rounded coefficients.
     pub conditions: Conditions,
 }
 
-/// A limit.
+/// A limit on the size of every solve.
 #[derive(Debug, Serialize)]
 pub struct Limit {
     /// The name of the limit.
     pub name: &'static str,
-    /// The largest value allowed.
+    /// The largest value that the limit allows.
     pub value: u64,
-    /// The quantity that it bounds, in one sentence.
+    /// The quantity that the limit bounds, in one sentence.
     pub meaning: &'static str,
 }
 
-/// The catalogue, computed on first use.
+/// Returns the catalogue, which is computed on first use.
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         let schema = json_schema();
@@ -97,7 +97,7 @@ fn choices<T: Copy>(all: &[T], told: impl Fn(T) -> (&'static str, &'static str))
     told.map(|(name, meaning)| Choice { name: name.to_owned(), meaning: meaning.to_owned() }).collect()
 }
 
-/// The variants of an externally tagged enum, read from its definition in the schema.
+/// Returns the variants of an externally tagged enum, read from its definition in the JSON schema.
 fn tagged(schema: &Value, definition: &str) -> Vec<Choice> {
     let variants = schema["$defs"][definition]["oneOf"].as_array();
     let choice = |variant: &Value| {

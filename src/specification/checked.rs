@@ -46,16 +46,16 @@ pub struct Specification {
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     sweep: Option<SweepPlan>,
-    /// Whether fields are kept as functions of time.
+    /// Whether the solution keeps interpolants of its fields, as functions of time.
     pub(super) keeps_interpolants: bool,
     limits: Limits,
-    /// Memory estimate for the contacts at the start.
+    /// Estimate of the memory for the contacts of rigid bodies at the start.
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
-    /// What was left out of the description of a robot.
+    /// Warnings of parts of a robot description that were left out.
     remarks: Vec<Warning>,
-    /// Digest of the text; `None` once other parameters have been bound.
+    /// Digest of the text of the document; `None` once other parameter values have been bound.
     digest: Option<Digest>,
 }
 
@@ -81,8 +81,8 @@ impl Specification {
         Draft::read(text)?.check(control)
     }
 
-    /// Checks the meaning of a document. Errors at members that reading has replaced or repaired are not reported
-    /// twice.
+    /// Checks the meaning of a document. Errors in parts of the document that were replaced or repaired while reading
+    /// are not reported twice.
     pub(super) fn check(
         document: Document,
         (repairs, vectors, prepared): (&Repairs, &Vectors, &Prepared),
@@ -121,7 +121,7 @@ impl Specification {
             let error = SpecificationError::new("/time", "conflict", "a static problem has no time");
             found.push(error.expected("no `time`"));
         }
-        // Any horizon will do: a static problem does not depend on time.
+        // A static problem does not depend on time, so that any horizon will do.
         let time = if is_static { Some(Time { start: 0.0, end: 1.0 }) } else { time };
         if time.is_none() && asked.key().is_none() && !repairs.explain("/time") {
             let error = SpecificationError::new("", "missing_key", "`time` is missing");
@@ -158,7 +158,8 @@ impl Specification {
                 request.lower_objective(objective, &names, (are_inputs, states), (&of_problem, start), &mut found)
             });
             let is_lowered = objective.is_some() == is_adjoint;
-            // Parameters of a problem that cannot be read are not known: what names them is checked once it can be.
+            // The parameters of a problem with errors are unknown: keys that name parameters are checked once the
+            // problem has none.
             let is_read = found.is_empty() && errors.is_empty() || model.parameters().is_some();
             let sensitivities = sensitivities.filter(|_| is_read && is_lowered).and_then(|asked| {
                 let of_model = (&*model, &observables, &method);
@@ -328,8 +329,8 @@ impl Specification {
         }
     }
 
-    /// The same problem, whose fields are kept as functions of time ([`solution::Dense`]) where that can be, and without a study. Its
-    /// steps are those of a run with output times within them.
+    /// Returns this specification without its study, with interpolants of the fields ([`solution::Dense`]) kept where
+    /// the method has them. Step sizes are those of a run with output times inside the steps.
     #[must_use]
     pub fn keeping_interpolants(&self) -> Self {
         Self { keeps_interpolants: true, study: None, ..self.clone() }
@@ -360,7 +361,7 @@ impl Specification {
         }
     }
 
-    /// The units of time and of the fields that are kept; empty where they are the user's.
+    /// Returns the units of time and of the kept fields, by name; empty if the problem type leaves units to the user.
     fn units(&self) -> BTreeMap<String, String> {
         let Some(of_time) = units::of_time(self.problem) else { return BTreeMap::new() };
         let names = self.model.output_names();
@@ -381,17 +382,17 @@ impl Specification {
         self.label.as_deref()
     }
 
-    /// The key of the problem type.
+    /// The key of the problem type, such as `dvi`.
     pub fn problem(&self) -> &'static str {
         self.problem
     }
 
-    /// The problem, with names and initial values.
+    /// The lowered problem, with names and initial values.
     pub fn model(&self) -> &dyn Model {
         &*self.model
     }
 
-    /// What should be known of how it was read.
+    /// Warnings about the reading of the specification.
     pub fn warnings(&self) -> impl Iterator<Item = &Warning> {
         self.model.warnings().iter().chain(&self.remarks)
     }
@@ -406,7 +407,7 @@ impl Specification {
         self.time
     }
 
-    /// The method and its settings; every number is in its range.
+    /// The numerical method and its settings; every number is in its range.
     pub fn method(&self) -> &Method {
         &self.method
     }

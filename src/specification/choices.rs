@@ -8,15 +8,15 @@ macro_rules! choices {
         pub enum $name { $(#[doc = $meaning] #[serde(rename = $word)] $variant,)* }
 
         impl $name {
-            /// Every choice, the default first.
+            /// All choices, the default first.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-            /// The keyword in a specification.
+            /// The keyword of the choice in a specification.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$variant => $word,)* }
             }
 
-            /// The meaning, in one sentence.
+            /// The meaning of the choice, in one sentence.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$variant => $meaning,)* }
             }

@@ -1,4 +1,4 @@
-//! Equations given as functions of Rust, in place of those of a specification that names their states and variables.
+//! Equations given as Rust functions, in place of those of a specification, which names their states and variables.
 
 use super::checked::Specification;
 use super::error::{Errors, SpecificationError};
@@ -8,12 +8,12 @@ use models::{Closures, DerivativeFunction, DviModel, Equations, KinkAdvice, RowF
 use problem::Workspace;
 use std::sync::Arc;
 
-/// The part of the largest rate by which rates that are affine in the variables may miss that by rounding.
+/// Tolerance for rounding in the test that rates are affine in the variables, relative to the largest rate.
 const ROUNDING: f64 = 1e-9;
 
 impl Specification {
-    /// This specification of a `dvi` with other equations: its states, initial values, variables, set, time, method and output
-    /// stay. The bounds of the set must be constant.
+    /// Returns this specification of a `dvi` with equations given as functions: its states, initial values,
+    /// variables, set, time, method and output stay. The bounds of the set must be constant.
     ///
     /// # Errors
     /// A problem that is not a `dvi`, or whose bounds vary; equations that are not finite at the start, not affine in the variables, or
@@ -54,7 +54,7 @@ impl Specification {
     }
 }
 
-/// Where the row would be written.
+/// Returns the JSON pointer at which a row of the equations would be written.
 fn pointer(model: &DviModel, row: usize) -> String {
     match row.checked_sub(model.state_names.len()) {
         None => format!("/problem/dvi/states/{}/rate", model.state_names[row]),
@@ -62,7 +62,8 @@ fn pointer(model: &DviModel, row: usize) -> String {
     }
 }
 
-/// Refuses rates that are not affine in a variable at the start: along a line, the rate at the middle is the mean of those at the ends.
+/// Refuses rates that are not affine in a variable at the start: along a line, the rate at the midpoint must be the
+/// mean of the rates at the ends.
 fn check_affine(model: &DviModel, t: f64, errors: &mut Errors) {
     let structure = model.structure();
     let (n, m) = (structure.states, structure.variables);

@@ -19,10 +19,9 @@ use std::fmt;
 pub enum NotContinuable {
     /// The specification cannot be parsed.
     Unreadable,
-    /// The states of this problem type do not determine the further motion, or its specification has no way to state
-    /// them.
+    /// The states of the problem do not determine the further motion, or its specification has no way to state them.
     Problem(&'static str),
-    /// The trajectory has no such column.
+    /// The trajectory has no column of the given name.
     Column(String),
 }
 
@@ -38,7 +37,7 @@ impl fmt::Display for NotContinuable {
     }
 }
 
-/// Requests whose answer is not determined by the states at its end, each with the reason.
+/// Keys of requests whose answer is not determined by the states at the end of the run, each with the reason.
 const NO_END: [(&str, &str); 5] = [
     ("sweep", "a sweep has many runs, each with its own end"),
     ("fit", "a fit is of all its data at once: solve on with its estimates as parameters"),
@@ -178,7 +177,7 @@ fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinu
         match kind {
             "capacitor" => values.set("volts", last("v")?),
             "inductor" => values.set("amperes", last("i")?),
-            // The memory of a hysteresis is part of the state.
+            // The memory of a hysteresis is part of the initial state.
             "switch" if values.member("hysteresis").is_some() => {
                 let closed = last("closed")?.value().is_some_and(|closed| closed > 0.5);
                 values.set("initially", Json::Bool(closed));
@@ -223,7 +222,7 @@ impl Json {
         member.map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Wraps these members in a list of one element, where the user has written a single value.
+    /// Wraps the values of the members `keys` in lists of one element, where the user has written a single value.
     fn write_lists(&mut self, keys: &[&str]) {
         let Self::Object(members) = self else { return };
         for (_, value) in members.iter_mut().filter(|(name, _)| keys.contains(&name.as_str())) {

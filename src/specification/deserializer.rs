@@ -11,7 +11,7 @@ use serde::de::{Deserializer, Error, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use std::iter::once;
 
-/// The ignored key.
+/// The key of comments, which is ignored.
 pub(super) const COMMENT: &str = "comment";
 
 impl Json {
@@ -31,7 +31,7 @@ impl Json {
     }
 }
 
-/// The members of an object; with fixed keys, all but comments.
+/// Returns the members of an object; of an object with fixed keys, all members but comments.
 fn members<'a>(
     members: &'a [(String, Json)],
     fixed: Option<&'static [&'static str]>,

@@ -3,7 +3,7 @@
 use super::lowering::Lowering;
 use super::pointer::Pointer;
 
-/// Names of the directions.
+/// Names of the directions of space.
 pub(super) const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
 /// Reports a missing member for a direction that `what` has.

@@ -39,13 +39,13 @@ pub struct Document {
     pub problem: Problem,
     /// The time horizon. Required, except beside `periodic` and `steady_state`, and for `vi`, which has no time.
     pub time: Option<Time>,
-    /// The method of solution.
+    /// The numerical method and its settings.
     #[serde(default)]
     pub method: Method,
     /// The part of the trajectory to keep.
     #[serde(default)]
     pub output: Output,
-    /// Limits at which to stop early.
+    /// Limits of wall-clock time and steps, at which to stop early.
     #[serde(default)]
     pub limits: Limits,
     /// User-defined events, which end the run before `time.end` or are only recorded.
@@ -57,7 +57,7 @@ pub struct Document {
     pub periodic: Option<PeriodicRequest>,
     /// A steady state, computed in place of a run over `time`.
     pub steady_state: Option<SteadyStateRequest>,
-    /// The same problem for many values of some of its numbers.
+    /// A parameter sweep: the problem solved for many values of some of its numbers.
     pub sweep: Option<SweepRequest>,
     /// Parameters to fit to data, with runs over `time`.
     pub fit: Option<FitRequest>,
@@ -65,7 +65,7 @@ pub struct Document {
     pub study: Option<StudyRequest>,
     /// The drawing of a plane system on the page.
     pub view: Option<View>,
-    /// Free text, at most 200 characters.
+    /// A label of the solve: free text of at most 200 characters.
     #[schema(max_length = 200)]
     pub label: Option<String>,
 }
@@ -83,13 +83,13 @@ pub struct Document {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Problem {
-    /// The general form, as expressions.
+    /// A differential variational inequality in its general form, given by expressions.
     Dvi(DviProblem),
     /// A linear complementarity system, given by matrices.
     Lcs(Box<LcsProblem>),
     /// A mechanical system with impacts and friction, in generalised coordinates.
     Mechanical(Box<MechanicalProblem>),
-    /// Rigid bodies in space.
+    /// Rigid bodies in space, with contacts, friction and joints.
     RigidBodies(Box<RigidBodiesProblem>),
     /// A Filippov system: rates that jump at the borders of regions, with sliding along them.
     Filippov(FilippovProblem),
@@ -106,7 +106,7 @@ pub enum Problem {
 }
 
 impl Problem {
-    /// The key of the problem type.
+    /// Returns the key of the problem type, such as `dvi`.
     pub fn name(&self) -> &'static str {
         self.written().key()
     }
@@ -144,10 +144,10 @@ pub struct Time {
 #[derive(Clone, Copy, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// Wall-clock time, in seconds. If the server has a limit as well, the smaller one applies.
+    /// Wall-clock time at which to stop, in seconds. If the server has a limit as well, the smaller one applies.
     #[schema(exclusive_minimum = 0.0)]
     pub wall_seconds: Option<f64>,
-    /// Number of steps, accepted and rejected together.
+    /// Number of steps at which to stop, accepted and rejected together.
     #[schema(minimum = 1, maximum = 10_000_000)]
     pub steps: Option<u64>,
 }

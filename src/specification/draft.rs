@@ -15,18 +15,19 @@ use std::time::Duration;
 #[derive(Debug)]
 pub struct Draft(Reading);
 
-/// Length in bytes assumed for a tree that is already parsed; it bounds the work of repairs, of which it needs few or
-/// none.
+/// Length in bytes assumed for a document that is already parsed; it bounds the work of repairs, of which such a
+/// document needs few or none.
 const OF_TREE: usize = 1 << 20;
 
-/// Time to generate one output time, in nanoseconds, measured.
+/// Measured time to generate one output time, in nanoseconds.
 const A_TIME: usize = 5;
 
 impl Draft {
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// Every error in its structure, at least one, if the document cannot be repaired well enough to be checked.
+    /// Every error in the structure of the document, at least one, if the document cannot be repaired well enough to
+    /// be checked.
     pub fn read(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         read(text).map(Self)
     }
@@ -36,7 +37,7 @@ impl Draft {
         read_tree(tree, values, OF_TREE).map(Self)
     }
 
-    /// Estimated time of the check, beyond what the length of the text accounts for.
+    /// Estimates the time of the check, beyond what the length of the text accounts for.
     pub fn check_time(&self) -> Duration {
         let document = &self.0.document;
         let of_problem = document.problem.written().time_to_check();
@@ -52,9 +53,9 @@ impl Draft {
         self.check_within(usize::MAX, control)
     }
 
-    /// Checks the meaning of the document, to be solved in at most `most` bytes as far as these are estimated on the
-    /// way. Items that the estimate counts one by one, such as pairs of bodies, are counted until it is far beyond
-    /// `most`: it is a lower bound then.
+    /// Checks the meaning of the document, for a solve that may take `most` bytes of memory, as far as the check
+    /// estimates memory. Items that the estimate counts one by one, such as pairs of bodies, are counted until the
+    /// estimate is far beyond `most`; the estimate is a lower bound then.
     ///
     /// # Errors
     /// Every error, at least one.
@@ -72,7 +73,7 @@ fn declared_times(document: &Document) -> usize {
     let times = match &document.output.times {
         Times::Steps | Times::List(_) => 0.0,
         Times::Count(count) => *count as f64,
-        // The period of an orbit is not known yet.
+        // Without a time horizon, as for a periodic orbit, the number of times is unknown and counted as 0.
         Times::Every(dt) => document.time.map_or(0.0, |time| (time.end - time.start) / dt),
     };
     if times <= MOST_TIMES as f64 { times.max(0.0) as usize } else { 0 }

@@ -27,7 +27,8 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// The general form: rates of the states, an inequality for each variable, and the set `K` of the variables.
+/// The general form of a differential variational inequality: rates of the states, an inequality for each variable,
+/// and the set `K` of the variables.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
@@ -48,7 +49,7 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The states `x` by name, at least one. The output has the same order.
+    /// The states `x` by name, at least one. The outputs are in the order of the states.
     #[schema(value_type = std::collections::BTreeMap<String, State>)]
     pub states: Ordered<State>,
     /// The variables `z` by name. None for an ordinary differential equation.
@@ -63,17 +64,17 @@ pub struct DviProblem {
     pub mass: Option<Matrix>,
 }
 
-/// A state `x_i`.
+/// A state `x_i` of a differential variational inequality.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct State {
-    /// Initial value, an expression in the parameters.
+    /// Initial value of the state, an expression in the parameters.
     pub initial: Expression,
-    /// Rate: row `i` of `F` in `M x' = F(t,x,z)`. It must be affine in the variables, which is checked.
+    /// Rate of the state: row `i` of `F` in `M x' = F(t,x,z)`. It must be affine in the variables, which is checked.
     pub rate: Expression,
 }
 
-/// A variable `z_i`.
+/// A variable `z_i` of a differential variational inequality.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Variable {

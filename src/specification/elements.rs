@@ -12,12 +12,12 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Numbers of elements.
+/// Numbers of finite elements of a body or domain.
 #[derive(Clone, Copy, Debug)]
 pub enum Elements {
-    /// The same number of elements in every direction.
+    /// One number of elements for every direction.
     Same(u64),
-    /// A number for each direction.
+    /// A number of elements for each direction.
     Each(ElementsOf),
 }
 
@@ -25,19 +25,19 @@ pub enum Elements {
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElementsOf {
-    /// Number along `x`.
+    /// Number of elements along `x`.
     #[schema(minimum = 1)]
     pub x: u64,
-    /// Number along `y`, if the body or domain has that direction.
+    /// Number of elements along `y`, if the body or domain has that direction.
     #[schema(minimum = 1)]
     pub y: Option<u64>,
-    /// Number along `z`, if the body or domain has that direction.
+    /// Number of elements along `z`, if the body or domain has that direction.
     #[schema(minimum = 1)]
     pub z: Option<u64>,
 }
 
 impl Elements {
-    /// The number in each of the first `dimension` directions, if it is given.
+    /// Returns the number of elements in each of the first `dimension` directions, if it is given.
     fn of(&self, dimension: usize) -> Vec<Option<u64>> {
         let all = match self {
             Self::Same(n) => [Some(*n); 3],
@@ -46,7 +46,8 @@ impl Elements {
         all[..dimension].to_vec()
     }
 
-    /// The number of nodes in `dimension` directions, counting one element where the number is not given.
+    /// Returns the number of nodes in `dimension` directions, counting one element where the number of elements is
+    /// not given.
     pub(super) fn nodes(&self, dimension: usize) -> usize {
         self.of(dimension).iter().fold(1, |nodes: usize, &n| {
             let n = usize::try_from(n.unwrap_or(1)).unwrap_or(usize::MAX);
@@ -54,7 +55,7 @@ impl Elements {
         })
     }
 
-    /// The JSON pointer to the number in a direction.
+    /// Returns the JSON pointer to the number of elements in a direction.
     pub(super) fn pointer(&self, direction: usize, place: &Pointer<'_>) -> String {
         match self {
             Self::Same(_) => place.to_string(),
@@ -62,7 +63,7 @@ impl Elements {
         }
     }
 
-    /// Checks the number in each direction of `what`, at least `fewest`, and reports errors at `place`.
+    /// Checks the number of elements in each direction of `what`, at least `fewest`, and reports errors at `place`.
     pub(super) fn counts(
         &self,
         dimension: usize,

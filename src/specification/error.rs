@@ -11,12 +11,12 @@ pub struct SpecificationError {
     pub pointer: String,
     /// A stable code for programs, such as `unknown_key`.
     pub code: &'static str,
-    /// What is wrong, in words.
+    /// What is wrong with the erroneous part, in words.
     pub detail: String,
-    /// What to write instead.
+    /// What to write instead of the erroneous part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected: Option<String>,
-    /// The nearest valid name.
+    /// The valid name that is nearest to the given name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub did_you_mean: Option<String>,
 }
@@ -24,12 +24,12 @@ pub struct SpecificationError {
 const INTERRUPTED: &str = "interrupted";
 
 impl SpecificationError {
-    /// An error at a pointer, with a stable code and what is wrong.
+    /// Creates an error at a JSON pointer, with a stable code and a description of what is wrong.
     pub fn new(pointer: impl Into<String>, code: &'static str, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), code, detail: detail.into(), expected: None, did_you_mean: None }
     }
 
-    /// The only error of a document whose check was stopped from outside.
+    /// Returns the only error of a document whose check was stopped from outside.
     pub(super) fn interrupted() -> Self {
         Self::new("", INTERRUPTED, "reading and checking the specification was stopped before it was done")
     }
@@ -39,7 +39,7 @@ impl SpecificationError {
         self.code == INTERRUPTED
     }
 
-    /// With what to write instead.
+    /// Sets what to write instead of the erroneous part.
     #[must_use]
     pub fn expected(mut self, expected: impl Into<String>) -> Self {
         self.expected = Some(expected.into());
@@ -52,10 +52,10 @@ impl SpecificationError {
     }
 }
 
-/// Most errors listed in one answer: a large matrix may contain a million errors of one kind.
+/// Largest number of errors listed in one answer: a large matrix may contain a million errors of one kind.
 pub(super) const MOST: usize = 100;
 
-/// The errors found so far.
+/// The errors found so far in a specification.
 #[derive(Debug, Default)]
 pub struct Errors {
     listed: Vec<SpecificationError>,
@@ -74,7 +74,7 @@ impl Errors {
         self.push_with(|| error);
     }
 
-    /// Adds an error at `place`.
+    /// Adds an error at the JSON pointer `place`.
     pub(super) fn report(&mut self, place: &Pointer<'_>, code: &'static str, detail: impl Into<String>) {
         self.push_with(|| SpecificationError::new(place.to_string(), code, detail));
     }
@@ -86,12 +86,12 @@ impl Errors {
         !self.cut
     }
 
-    /// The number of errors so far.
+    /// The number of errors found so far.
     pub(super) fn count(&self) -> usize {
         self.listed.len()
     }
 
-    /// Puts the errors after the first `known` at a line of a text within the document.
+    /// Adds the line number `line`, of a text within the document, to the errors after the first `known`.
     pub(super) fn at_line(&mut self, known: usize, line: usize) {
         for error in self.listed.iter_mut().skip(known) {
             error.detail = format!("line {line}: {}", error.detail);

@@ -1,4 +1,4 @@
-//! Ready specifications, one for each system of the theory, included from `api/examples`.
+//! Example specifications, one for each system of the theory, included from `api/examples`.
 
 macro_rules! examples {
     ($($name:literal)*) => {
@@ -12,13 +12,13 @@ macro_rules! examples {
 /// A specification from `api/examples`.
 #[derive(Debug)]
 pub struct Example {
-    /// File name without the extension.
+    /// Name of the file without the extension.
     pub name: &'static str,
-    /// Content of the file.
+    /// Content of the file, a specification as JSON text.
     pub text: &'static str,
 }
 
-/// Every file of `api/examples`.
+/// All examples: every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
     "american_put"
     "bar_impact"

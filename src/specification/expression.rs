@@ -11,7 +11,7 @@ use utoipa::{PartialSchema, ToSchema};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Expression {
-    /// A constant.
+    /// A constant number.
     Number(f64),
     /// Text in infix notation, not parsed yet.
     Text(String),

@@ -42,7 +42,7 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The states `x` by name, at least one. The output has the same order.
+    /// The states `x` by name, at least one. The outputs are in the order of the states.
     #[schema(value_type = std::collections::BTreeMap<String, FilippovState>)]
     pub states: Ordered<FilippovState>,
     /// The surface function `h(t,x)`: the rates are `plus` where it is positive and `minus` where it is negative. The
@@ -52,23 +52,23 @@ pub struct FilippovProblem {
     pub regions: Option<Vec<FilippovRegion>>,
 }
 
-/// A state `x_i`.
+/// A state `x_i` of a Filippov system.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovState {
-    /// Initial value, an expression in the parameters.
+    /// Initial value of the state, an expression in the parameters.
     pub initial: Expression,
-    /// Rate where `surface` is positive.
+    /// Rate of the state where `surface` is positive.
     pub plus: Option<Expression>,
-    /// Rate where `surface` is negative.
+    /// Rate of the state where `surface` is negative.
     pub minus: Option<Expression>,
 }
 
-/// A region, with its indicator and rates.
+/// A region of a Filippov system, with its indicator and its rates.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovRegion {
-    /// The indicator `g(t,x)`: the region is the set where it is the least of all indicators.
+    /// The indicator `g(t,x)`: the region is the set where `g` is the least of all indicators.
     pub indicator: Expression,
     /// The rate of every state in the region, by name.
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
@@ -76,7 +76,7 @@ pub struct FilippovRegion {
 }
 
 impl FilippovProblem {
-    /// The number of variables.
+    /// Number of variables: the weights of the regions in the convex combination.
     pub(super) fn variables(&self) -> usize {
         self.regions.as_ref().map_or(1, Vec::len)
     }
@@ -135,7 +135,7 @@ impl Written for FilippovProblem {
             (Some(i), None) => place.key("regions").index(i).key("indicator").to_string(),
         };
         let mut warnings = self.warnings(&regions, &state_names, &lowering);
-        // A derivative that does not exist is reported below, with its place.
+        // A derivative that does not exist is reported with its pointer when the equations are built.
         let mut departures = lowering.start.and_then(|t| Departures::new(&mut lowering.graph, &regions, t).ok());
         let ways = departures.as_mut().map_or(0, |departures| departures.from(&initial).len());
         if ways > 1 {
@@ -164,7 +164,7 @@ impl Written for FilippovProblem {
 }
 
 impl FilippovProblem {
-    /// The two regions of a surface, first that of `plus`.
+    /// Returns the two regions of a surface, the region of `plus` first.
     fn sides(&self, surface: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Region> {
         let zero = lowering.graph.constant(0.0);
         let below = lowering.node(surface, &place.key("surface")).unwrap_or(zero);

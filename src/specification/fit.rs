@@ -1,4 +1,4 @@
-//! Fits of parameters to data.
+//! Fits of parameters and initial values to data.
 
 use super::choices::choices;
 use super::document::Time;
@@ -20,10 +20,10 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Most data values, and most fitted parameters.
+/// Largest numbers of data values and of fitted parameters.
 const MOST_VALUES: usize = 100_000;
 const MOST_PARAMETERS: usize = 50;
-/// Most starting points.
+/// Largest number of starting points of the search.
 const MOST_STARTS: u64 = 1000;
 
 /// Parameters and initial values to fit to data. The answer has `fit`, with estimates, 95 % intervals and the parameter
@@ -34,9 +34,9 @@ pub struct FitRequest {
     /// The fitted quantities: parameters of the problem, and initial values as `x.initial`.
     #[schema(value_type = std::collections::HashMap<String, FitParameter>)]
     pub parameters: Ordered<FitParameter>,
-    /// The measured data.
+    /// The measured data that the parameters are fitted to.
     pub data: FitData,
-    /// The objective to minimise. Default `squares`.
+    /// The objective that the fit minimises. Default `squares`.
     #[serde(default)]
     pub loss: LossName,
     /// Number of starting points of the search: the first is `initial`, the others are spread over the bounds, which
@@ -50,20 +50,20 @@ fn one() -> u64 {
     1
 }
 
-/// The starting value and the bounds of a parameter.
+/// The starting value and the bounds of a fitted parameter.
 #[derive(Clone, Copy, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FitParameter {
-    /// Starting value of the search. Default: its value in the problem.
+    /// Starting value of the search. Default: the value of the parameter in the problem.
     pub initial: Option<f64>,
-    /// Lower bound.
+    /// Lower bound of the parameter.
     pub lower: Option<f64>,
-    /// Upper bound.
+    /// Upper bound of the parameter.
     pub upper: Option<f64>,
 }
 
 choices! {
-    /// The objective to minimise.
+    /// The objective to minimise in a fit.
     LossName {
         "squares" Squares: "The sum of squared residuals."
         "huber" Huber: "Huber's loss: quadratic up to 1.345 `sd` and linear beyond, so that outliers have little \
@@ -77,32 +77,32 @@ choices! {
 pub struct FitData {
     /// Sampling times, increasing, within the horizon.
     pub t: Vec<f64>,
-    /// Standard deviations of the values; if absent, all values have equal weight.
+    /// Standard deviations of the data; if absent, all data have equal weight.
     pub sd: Option<Spread>,
-    /// Values by name; null where there is no measurement.
+    /// Measured values by the name of the state or definition; null where there is no measurement.
     pub columns: Ordered<Vec<Option<f64>>>,
 }
 
-/// Standard deviations.
+/// Standard deviations of the data of a fit.
 #[derive(Clone, Debug)]
 pub enum Spread {
-    /// One number for all values.
+    /// One standard deviation for all data.
     Uniform(f64),
-    /// By column.
+    /// Standard deviations by column of the data.
     PerState(Ordered<SpreadOfState>),
 }
 
-/// Standard deviations of one column.
+/// Standard deviations of one column of the data.
 #[derive(Clone, Debug)]
 pub enum SpreadOfState {
-    /// One number for all values of the column.
+    /// One standard deviation for all values of the column.
     Uniform(f64),
-    /// One number per value.
+    /// One standard deviation per value of the column.
     Each(Vec<f64>),
 }
 
 impl FitRequest {
-    /// Checks the request for a model; `others` lists incompatible keys, and whether each is present.
+    /// Checks the request for a fit of a model; `others` lists incompatible keys, and whether each is present.
     pub(super) fn check(
         &self,
         (model, method, observables): (&dyn Model, &Method, &Observables),
@@ -303,7 +303,7 @@ impl FitData {
         }
     }
 
-    /// The standard deviations of a column, one per time.
+    /// Returns the standard deviations of a column of the data, one per time.
     fn spread(&self, name: &str, place: &Pointer<'_>, found: &mut Errors) -> Vec<f64> {
         let of_sd = place.key("sd");
         let count = self.t.len();

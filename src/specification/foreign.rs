@@ -1,9 +1,9 @@
-//! Keys and choices under the names of other programs, and keys in the wrong place.
+//! Keys and choices under the names that other programs use, and keys in the wrong place.
 
-/// Our keys and choices, each with the names that users of other programs write for it, in lower case without `_` and
-/// `-`. Several may match; the first one that is valid in its place is suggested.
+/// Keys and choices of specifications, each with the names that users of other programs write for it, in lower case
+/// without `_` and `-`. Several may match; the first one that is valid in its place is suggested.
 const SYNONYMS: [(&str, &[&str]); 86] = [
-    // The document.
+    // Names for keys of the document.
     ("time", &["tspan", "timespan", "horizon", "simulation", "interval"]),
     ("method", &["solver", "options", "settings", "opts", "integrator", "numerics", "algorithm"]),
     ("output", &["outputs", "results", "report", "save", "saveat"]),
@@ -11,7 +11,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("sensitivities", &["sensitivity", "gradients", "derivatives"]),
     ("label", &["title", "description", "comment", "note", "remark"]),
     ("problem", &["model", "system"]),
-    // Time.
+    // Names for keys of `time`.
     (
         "end",
         &[
@@ -36,7 +36,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
         ],
     ),
     ("start", &["t0", "tstart", "tinitial", "starttime", "begin", "from", "tmin"]),
-    // Unknowns.
+    // Names for keys of unknowns.
     ("velocity", &["v0", "speed", "xdot", "v", "vel", "initialvelocity", "qdot", "linearvelocity", "rate"]),
     (
         "initial",
@@ -125,7 +125,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("integrals", &["integral", "accumulate", "integrate"]),
     ("tables", &["lookup", "lookups", "interpolants", "data", "table"]),
     ("coordinates", &["q", "dofs", "dof", "states", "generalizedcoordinates", "generalisedcoordinates", "positions"]),
-    // Sets.
+    // Names for sets and their keys.
     ("set", &["k", "sets", "constraints", "bounds", "cone", "domain", "blocks"]),
     ("box", &["interval", "bounds", "bounded", "limits", "range", "cube", "cuboid", "brick", "block"]),
     ("nonnegative", &["positive", "r+", "orthant", "geq", "nonneg", ">=", "complementarity", "lcp"]),
@@ -136,7 +136,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("of", &["variables", "names", "name", "variable", "z", "x"]),
     ("lower", &["lb", "lowerbound", "min", "low", "minimum", "from", "l"]),
     ("upper", &["ub", "upperbound", "max", "high", "maximum", "to", "u"]),
-    // Fits.
+    // Names for keys of fits.
     (
         "fit",
         &[
@@ -154,7 +154,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("sd", &["sigma", "std", "stddev", "stdev", "error", "errors", "uncertainty", "noise", "standarddeviation"]),
     ("starts", &["multistart", "restarts", "nstarts"]),
     ("loss", &["objective", "cost", "robust", "norm"]),
-    // The method.
+    // Names for keys of `method`, `output` and `limits`.
     ("rtol", &["reltol", "tol", "tolerance", "eps", "accuracy", "precision", "epsrel", "relativetolerance"]),
     ("atol", &["abstol", "epsabs", "absolutetolerance"]),
     ("step", &["dt", "h", "stepsize", "timestep", "deltat", "fixedstep", "tau"]),
@@ -204,7 +204,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("record", &["only", "tell", "log", "continue", "nonterminal"]),
     ("to", &["parameters", "by", "wrt", "params", "over"]),
     ("of", &["outputs", "states", "fields"]),
-    // Types of problem.
+    // Names for types of problems and their keys.
     ("dvi", &["ode", "dae", "ivp", "generic", "odes", "general"]),
     ("vi", &["ncp", "mcp", "variationalinequality", "complementarity", "equilibrium", "nash", "static", "qp", "nlp"]),
     ("lcs", &["lcp", "mlcp", "linear", "statespace", "ss", "lti"]),
@@ -218,7 +218,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("surface", &["switch", "h", "sigma", "switching", "switchingsurface", "indicator", "s"]),
     ("plus", &["positive", "above", "fplus", "f+", "f1"]),
     ("minus", &["negative", "below", "fminus", "f-", "f2"]),
-    // Mechanics and bodies.
+    // Names for keys of mechanics and of bodies.
     ("mass", &["m", "weight", "massmatrix", "inertia"]),
     ("potential", &["v", "energy", "potentialenergy", "u", "ep"]),
     ("forces", &["force", "f", "loads", "load"]),
@@ -256,7 +256,8 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ),
 ];
 
-/// Synonyms for further keys, in the format of `SYNONYMS`.
+/// Further keys and choices of specifications, for bodies and circuits, each with the names that users of other
+/// programs write for it.
 const PARTS: [(&str, &[&str]); 31] = [
     ("at", &["point", "anchor", "origin", "position", "location", "pivot"]),
     ("point", &["anchor", "origin", "position", "at", "pivot"]),
@@ -324,7 +325,7 @@ const PLACES: [(&str, &[&str]); 8] = [
     ("a `material` of the problem, or in its `contacts`", &["friction", "restitution"]),
 ];
 
-/// The valid key or choice that a name of another program stands for.
+/// Returns the valid key or choice that a name of another program stands for.
 pub(super) fn synonym(name: &str, valid: &[&'static str]) -> Option<&'static str> {
     let folded: String = name.chars().filter(|c| !matches!(c, '_' | '-' | ' ')).flat_map(char::to_lowercase).collect();
     let spelt = valid.iter().copied().find(|key| key.replace('_', "") == folded);
@@ -338,7 +339,7 @@ pub(super) fn is_of_a_type(name: &str) -> bool {
     PLACES[5].1.contains(&name)
 }
 
-/// For a misplaced key, the part of the document that it belongs to, and its name there.
+/// Returns the part of the document that a misplaced key belongs to, and the name of the key there.
 pub(super) fn place_of(name: &str) -> Option<(&'static str, &'static str)> {
     let direct =
         PLACES.iter().find_map(|(place, keys)| keys.iter().find(|key| **key == name).map(|key| (*place, *key)));

@@ -18,7 +18,7 @@ pub(super) enum Json {
 }
 
 impl Json {
-    /// The child at a path step.
+    /// Returns the child of a value at a path step.
     pub(super) fn child(&self, step: &Step) -> Option<&Json> {
         match (self, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -29,7 +29,7 @@ impl Json {
         }
     }
 
-    /// The descendant at a path.
+    /// Returns the descendant of a value at a path.
     pub(super) fn at_mut(&mut self, path: &[Step]) -> Option<&mut Json> {
         path.iter().try_fold(self, |value, step| match (value, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -40,7 +40,7 @@ impl Json {
         })
     }
 
-    /// Removes members that repeat a name of the same object, and calls `found` with the path of each.
+    /// Removes members that repeat a name of the same object, and calls `found` with the path of each removed member.
     pub(super) fn remove_duplicates(&mut self, path: &mut Vec<Step>, found: &mut impl FnMut(&[Step])) {
         match self {
             Json::Object(members) => {

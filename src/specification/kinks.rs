@@ -1,11 +1,11 @@
-//! Warnings about kinks of a rate in a state. They are allowed, but the location of switches follows the active face of
-//! `K` and cannot see them. Written as a set, the same law has located switches.
+//! Warnings about kinks of a rate in a state. Such kinks are allowed, but switches are located by the active face of
+//! the set `K`, which a kink does not change. Written as a set, the same law has located switches.
 
 use expression::{Graph, Kink, Node};
 use models::{Equations, KinkAdvice};
 use solution::Warning;
 
-/// Most names listed for one kink.
+/// Largest number of names listed for one kink.
 const SHOWN: usize = 6;
 
 /// Returns one warning for each kind of kink in the rate of a state.
@@ -41,7 +41,7 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
         .collect()
 }
 
-/// The texts to report if steps chatter across a kink; `as_set` writes the problem with its kinks as a set.
+/// Returns the texts to report if steps chatter across a kink; `as_set` writes the problem with its kinks as a set.
 pub(super) fn advice(
     equations: &Equations,
     states: &[String],
@@ -63,7 +63,7 @@ pub(super) fn advice(
     KinkAdvice { names: symbolic.kinks().iter().map(named).collect(), as_set: as_set() }
 }
 
-/// The same function as a variational inequality, for a message.
+/// Returns how a function with a kink is written as a variational inequality, for a message.
 fn remedy(function: &str) -> &'static str {
     match function {
         "abs" => "abs(a) = z*a with z in the box [-1, 1] and the inequality -a",

@@ -21,7 +21,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. Terms left out are zero.
+/// The linear complementarity system `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. Terms left out are
+/// zero.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrices go by the names that they have in the formula")]
@@ -45,13 +46,13 @@ pub struct LcsProblem {
     pub integrals: Ordered<Expression>,
     /// The initial states, as expressions in the parameters; their number is `n`.
     pub initial: Vec<Expression>,
-    /// Matrix, `n x n`.
+    /// The matrix `A`, `n x n`: effect of the states on the rates.
     pub A: Option<Matrix>,
-    /// Matrix, `n x m`.
+    /// The matrix `B`, `n x m`: effect of the variables on the rates.
     pub B: Option<Matrix>,
-    /// Matrix, `m x n`.
+    /// The matrix `C`, `m x n`: effect of the states on the inequalities `G`.
     pub C: Option<Matrix>,
-    /// Matrix, `m x m`.
+    /// The matrix `D`, `m x m`: effect of the variables on the inequalities `G`.
     pub D: Option<Matrix>,
     /// Forcing of the states: `n` expressions in `t`.
     pub a: Option<Vec<Expression>>,
@@ -68,7 +69,8 @@ pub struct LcsProblem {
 }
 
 impl LcsProblem {
-    /// The number of variables `m`: the number of names, or else the size of the first matrix that determines it.
+    /// The number of variables `m`: the number of names, or else the size of the first matrix or forcing that
+    /// determines it.
     pub(super) fn variables(&self) -> usize {
         self.variable_names
             .as_ref()
@@ -197,7 +199,7 @@ fn names(
     (1..=count).map(|i| format!("{letter}{i}")).collect()
 }
 
-/// A forcing vector in `t` alone; zero if absent.
+/// Lowers a forcing vector, a function of `t` alone; zero if it is absent.
 fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
     let zero = lowering.graph.constant(0.0);
     let given = given.unwrap_or_default();

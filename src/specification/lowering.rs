@@ -19,10 +19,10 @@ use models::{Parameters, ParametricTerms};
 use problem::{Control, Mass};
 use std::collections::HashMap;
 
-/// Most states and variables of a specification.
+/// Largest number of states and variables of a specification.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
 
-/// The start of the problem, and the control that may stop the check.
+/// Start time of a problem, parameters with a special role, and the control that may stop the check.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start<'c> {
     /// The start time; `None` if initial values are not to be evaluated.
@@ -30,7 +30,7 @@ pub(super) struct Start<'c> {
     pub control: &'c Control,
     /// Parameters used as sizes of vectors; they cannot be bound to other values.
     pub sizes: &'c [String],
-    /// Parameters by which an analysis varies the problem.
+    /// Parameters that an analysis varies: sensitivities, a fit or a continuation.
     pub varied: &'c [String],
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Named<'a> {
     pub integrals: &'a Ordered<Expression>,
 }
 
-/// The state of lowering one problem.
+/// The state while one problem is lowered: expression graph, names in scope, and errors found so far.
 #[derive(Debug)]
 pub(super) struct Lowering<'c> {
     pub graph: Graph,
@@ -51,14 +51,14 @@ pub(super) struct Lowering<'c> {
     /// The start time, if the initial values are valid and are to be evaluated.
     pub start: Option<f64>,
     pub control: &'c Control,
-    /// The parameters that are inputs, with their values.
+    /// Parameters that are bindable inputs of the graph, with their values.
     inputs: Vec<(String, f64)>,
     constants: Scope,
     names: Scope,
     misnamed: bool,
-    /// Definitions that jump with a state or a variable: allowed as columns, not in equations.
+    /// Names of definitions that jump with a state or a variable: allowed as output columns, not in equations.
     jumping: Vec<String>,
-    /// Parameters or definitions with circular references, direct or indirect.
+    /// Names of parameters or definitions with circular references, direct or indirect.
     circular: Vec<String>,
 }
 
@@ -69,19 +69,21 @@ pub(super) struct Constant {
     pub node: Option<Node>,
 }
 
-/// Error code of a jump in an unknown.
+/// Error code of an expression that jumps with a state or a variable.
 const JUMP: &str = "jump_of_unknown";
 
 /// Nodes or rows lowered between two polls of [`Control`]: less than a millisecond of work for short expressions.
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
-    /// Begins a lowering with the names of `t`, the tables and the parameters, the parameters as constants.
+    /// Begins to lower a problem: binds the names of `t`, the tables and the parameters, with the parameters as
+    /// constants.
     pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, false)
     }
 
-    /// Begins a lowering with the names of `t`, the tables and the parameters, the parameters as inputs.
+    /// Begins to lower a problem: binds the names of `t`, the tables and the parameters, with the parameters as
+    /// inputs.
     pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, true)
     }
@@ -169,8 +171,8 @@ impl<'c> Lowering<'c> {
         goes_on
     }
 
-    /// Binds the names of the states and then the variables, in order. From here on, functions that jump do not accept
-    /// them.
+    /// Binds the names of the states and then the variables, in order. Afterwards, functions that jump reject
+    /// arguments that depend on states or variables.
     pub(super) fn bind_unknowns<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
@@ -200,7 +202,8 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Binds names to nodes that depend on unknowns. From here on, functions that jump do not accept them.
+    /// Binds names to nodes that depend on unknowns. Afterwards, functions that jump reject arguments that depend on
+    /// these names.
     pub(super) fn bind_quantities(&mut self, quantities: &[(String, Node)]) {
         self.names.solve_for(1);
         for (name, node) in quantities {
@@ -289,7 +292,7 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// An expression in all that has a name and in further names, unless these are taken.
+    /// Lowers an expression in all bound names and in `further` names, unless these are bound already.
     pub(super) fn node_with(
         &mut self,
         further: &[(&str, Node)],
@@ -297,7 +300,7 @@ impl<'c> Lowering<'c> {
         place: &Pointer<'_>,
     ) -> Option<Node> {
         let names = self.names.clone();
-        // A name that the user gave to something else keeps its meaning.
+        // A further name that the user has bound already keeps the user's meaning.
         for &(name, node) in further {
             let _ = self.names.bind(name, node);
         }
@@ -337,14 +340,14 @@ impl<'c> Lowering<'c> {
         finite.map(|value| Constant { value, node })
     }
 
-    /// Lowers an initial value, with its graph node.
+    /// Lowers an initial value; returns the value, zero if it is faulty, and its graph node.
     pub(super) fn initial(&mut self, given: &Expression, place: &Pointer<'_>) -> (f64, Node) {
         let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
         let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
         (constant.value, node)
     }
 
-    /// Adds two constants.
+    /// Returns the sum of two constants, with a graph node if either depends on parameters.
     pub(super) fn sum(&mut self, a: Constant, b: Constant) -> Constant {
         let value = a.value + b.value;
         if a.node.or(b.node).is_none() {
@@ -362,12 +365,13 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Number of parameters that are inputs.
+    /// Number of parameters that are bindable inputs of the graph.
     pub(super) fn inputs(&self) -> usize {
         self.inputs.len()
     }
 
-    /// The bindable parameters of the rows compiled from this graph, with this mass matrix; `None` if there are none.
+    /// Returns the bindable parameters of the equations compiled from this graph, with the given mass matrix; `None`
+    /// if there are none, or after errors.
     pub(super) fn parameters(&self, terms: ParametricTerms, mass: &Mass) -> Option<Parameters> {
         if self.inputs.is_empty() || !self.errors.is_empty() {
             return None;

@@ -16,7 +16,7 @@ pub(super) fn lower(
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };
     let Entries { mut values, mut terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
-    // Entries that are zero decide which rows are algebraic, also where they vary.
+    // Zero entries are dropped even if they depend on parameters, since they decide which rows are algebraic.
     values.retain(|entry| entry.2 != 0.0);
     terms.retain(|&(.., node)| !lowering.graph.vanishes(node));
     let is_identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);

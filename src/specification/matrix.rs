@@ -14,13 +14,13 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
 
-/// A matrix.
+/// A matrix of constant expressions, dense or sparse.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Matrix {
-    /// The list of its rows.
+    /// A dense matrix: the list of its rows.
     Dense(Vec<Vec<Expression>>),
-    /// The list of its nonzero entries.
+    /// A sparse matrix: the list of its nonzero entries.
     Sparse(SparseMatrix),
 }
 
@@ -28,7 +28,7 @@ pub enum Matrix {
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SparseMatrix {
-    /// Number of rows and columns.
+    /// Number of rows and number of columns of the matrix.
     pub shape: (usize, usize),
     /// Entries `[row, column, value]`, counted from 0; repeated entries are added.
     pub entries: Vec<(usize, usize, Expression)>,
@@ -37,14 +37,14 @@ pub struct SparseMatrix {
 /// The nonzero entries of a matrix, sorted, without repetition.
 #[derive(Debug, Default)]
 pub(super) struct Entries {
-    /// `(row, column, value)`.
+    /// The entries as `(row, column, value)`.
     pub values: Vec<(usize, usize, f64)>,
     /// The graph nodes of the entries that depend on parameters.
     pub terms: Vec<(usize, usize, Node)>,
 }
 
 impl Matrix {
-    /// The number of rows, as written.
+    /// The number of rows of the matrix, as written.
     pub(super) fn rows(&self) -> usize {
         match self {
             Matrix::Dense(rows) => rows.len(),
@@ -52,7 +52,7 @@ impl Matrix {
         }
     }
 
-    /// The number of columns, from the shape or the first row.
+    /// The number of columns of the matrix, from the shape or the first row.
     pub(super) fn columns(&self) -> usize {
         match self {
             Matrix::Dense(rows) => rows.first().map_or(0, Vec::len),
@@ -60,7 +60,8 @@ impl Matrix {
         }
     }
 
-    /// The nonzero entries as `(row, column, value)`, sorted, without repetition; parameters in them keep their values.
+    /// Returns the nonzero entries as `(row, column, value)`, sorted, without repetition; parameters in the entries
+    /// keep their values.
     pub(super) fn entries(
         &self,
         shape: (usize, usize),
@@ -72,7 +73,8 @@ impl Matrix {
         values
     }
 
-    /// The entries that are not [absent](expression::Graph::is_absent), with the graph nodes of those that depend on parameters.
+    /// Returns the entries that are not [absent](expression::Graph::is_absent), with the graph nodes of those that
+    /// depend on parameters.
     pub(super) fn parametric(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
@@ -96,7 +98,7 @@ impl Matrix {
         Entries { values, terms }
     }
 
-    /// All entries row by row, as expressions that may vary in time.
+    /// Returns all entries row by row, as expressions that may vary in time.
     pub(super) fn nodes(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let (rows, columns) = shape;
         let mut nodes = vec![lowering.graph.constant(0.0); rows * columns];
@@ -111,7 +113,7 @@ impl Matrix {
         nodes
     }
 
-    /// Checks the shape, and calls `visit` for each entry.
+    /// Checks the shape of the matrix, and calls `visit` for each entry.
     fn for_each(
         &self,
         (rows, columns): (usize, usize),
@@ -206,7 +208,7 @@ struct MatrixVisitor;
 /// Largest number of rows and columns shown in an example.
 const SHOWN: usize = 4;
 
-/// A scalar as a matrix of one entry.
+/// Reads a scalar as a matrix of one entry.
 fn alone<'de, E: Error>(entry: impl Deserializer<'de, Error = E>) -> Result<Matrix, E> {
     Expression::deserialize(entry).map(|entry| Matrix::Dense(vec![vec![entry]]))
 }

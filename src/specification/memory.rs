@@ -6,22 +6,22 @@ use super::checked::Specification;
 use super::search::Search;
 use radau::MOST_STAGES;
 
-/// Bytes of a run with one unknown, measured: all kinds of lists, the diagnostics and the verdict.
+/// Measured memory of a run with one unknown, in bytes: all kinds of lists, the diagnostics and the verdict.
 const OF_A_RUN: usize = 6 << 10;
 
-/// Number of steps assumed for a trajectory without output times, and for the sweep back of adjoint mode; that of a long run
-/// is only known during the run.
+/// Number of steps assumed for a trajectory without output times, and for the sweep back of adjoint mode; the number
+/// of steps of a long run is only known during the run.
 const FEW_STEPS: usize = 100;
 
-/// Columns of a table other than swept and collected values.
+/// Number of columns in the table of a sweep other than swept and collected values.
 const OWN_COLUMNS: usize = 8;
-/// The bytes of a value of a table, and of what its summary is made of.
+/// Bytes per value in the table of a sweep; the summary is made of the same values.
 const OF_A_VALUE: usize = 8;
-/// Those of a sweep of few members: the compiled problem twice, the plan, the summary; measured.
+/// Measured memory of a sweep of few members, in bytes: the compiled problem twice, the plan and the summary.
 const OF_A_SWEEP: usize = 32 << 10;
 
 impl Specification {
-    /// Lower estimate of the memory of a solve, in bytes.
+    /// Returns a lower estimate of the memory of a solve, in bytes.
     pub fn memory_bytes(&self) -> usize {
         let runs = self.model().runs(self);
         let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self).saturating_mul(runs));
@@ -33,14 +33,14 @@ impl Specification {
             .saturating_add(self.table_bytes())
     }
 
-    /// The table of a sweep, or of the part of it that is to be solved.
+    /// Returns the memory of the table of a sweep, or of the part of the sweep to be solved, in bytes.
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
         let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len() + sweep.numbers_kept();
         sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
-    /// Number of runs kept at once: sensitivities have a second set of equations.
+    /// Number of runs kept at once: sensitivities add a second set of equations.
     fn parts(&self) -> usize {
         self.model().runs(self) + usize::from(self.directions() > 0)
     }
@@ -60,14 +60,14 @@ impl Specification {
         self.sensitivities().is_some_and(|sensitivities| sensitivities.objective.is_some())
     }
 
-    /// The steps that adjoint mode stores: unknowns at the beginning and at the stages of each.
+    /// Number of values that adjoint mode stores: unknowns at the beginning and at the stages of each step.
     fn stored_numbers(&self) -> usize {
         let sizes = self.model().sizes();
         let of_step = (sizes.states + sizes.variables).saturating_mul(1 + MOST_STAGES);
         if self.is_adjoint() { of_step.saturating_mul(FEW_STEPS) } else { 0 }
     }
 
-    /// The members of a sweep keep no steps that nobody asked for.
+    /// Number of values of a stored trajectory; 0 for a sweep, whose members store no steps unless asked to.
     fn trajectory_numbers(&self) -> usize {
         if self.sweep().is_some() {
             return 0;

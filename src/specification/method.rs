@@ -10,11 +10,11 @@ use radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// The method of solution. Every key is optional.
+/// The numerical method and its settings. Every key is optional.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Method {
-    /// The family of methods. Default `auto`.
+    /// The family of numerical methods. Default `auto`.
     #[serde(default)]
     pub name: MethodName,
     /// Number of stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`; without it, an odd
@@ -28,8 +28,8 @@ pub struct Method {
     /// Absolute tolerance of the local error, one number or one per state. Default `rtol/1000`, also for states that
     /// are not named. It should be below the smallest value of interest.
     pub atol: Option<AbsoluteTolerance>,
-    /// Fixed step size. Default: the step size follows from the error estimate; with memory, it is halved until two
-    /// runs agree.
+    /// Fixed step size. Default: the step size follows from the error estimate; for problems with memory, the step
+    /// size is halved until two runs agree.
     #[schema(exclusive_minimum = 0.0)]
     pub step: Option<f64>,
     /// Size of the first step to try.
@@ -50,13 +50,15 @@ pub struct Method {
     /// Tolerance of the natural-map residual at which a variational inequality counts as solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// Treatment of impacts of mechanical systems and rigid bodies. Default for mechanical systems: `time_stepping` if
-    /// `step` is given and `stages` is not, else `locate`; for rigid bodies: `time_stepping` if more than 100 move, or one that has
-    /// edges, or with joints, forces besides gravity or friction on patches, else located impacts, with time stepping while they are too many.
+    /// Treatment of impacts of mechanical systems and rigid bodies. Default for mechanical systems: `time_stepping`
+    /// if `step` is given and `stages` is not, else `locate`. Default for rigid bodies: `time_stepping` if more than
+    /// 100 bodies move, if a moving body has edges, or with joints, forces besides gravity or friction on patches;
+    /// else located impacts, with time stepping while impacts are too many.
     pub impacts: Option<Impacts>,
     /// Law for simultaneous impacts of mechanical systems. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
-    /// Solve a problem of index three or more, which is refused by default: solutions exist for special data only.
+    /// Whether to solve a problem of index three or more, which is refused by default: solutions exist for special
+    /// data only.
     #[serde(default)]
     pub accept_index_three: bool,
 }
@@ -87,7 +89,7 @@ fn default_rtol() -> f64 {
 }
 
 choices! {
-    /// The families of methods.
+    /// The families of numerical methods.
     MethodName {
         "auto" Auto: "The method that suits the problem type."
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
@@ -135,14 +137,15 @@ choices! {
 }
 
 impl ViSolverName {
-    /// Whether it also solves over balls, cones, simplices and polyhedra.
+    /// Whether the solver also handles balls, cones, simplices and polyhedra.
     pub(super) fn takes_blocks(self) -> bool {
         !matches!(self, Self::Lemke | Self::ActiveSet)
     }
 }
 
 impl Method {
-    /// Checks everything except the absolute tolerances, over a horizon of the given length if that is known.
+    /// Checks all settings of the method except the absolute tolerances; `horizon` is the length of the time horizon,
+    /// if that is known.
     pub(super) fn check(&self, place: &Pointer<'_>, horizon: Option<f64>, errors: &mut Errors) {
         check_stages(self.stages, self.step.is_some(), &place.key("stages"), errors);
         check_rtol(self.rtol, &place.key("rtol"), errors);
@@ -184,13 +187,14 @@ impl Method {
 }
 
 impl Method {
-    /// The treatment of impacts of mechanical systems, with its default.
+    /// Returns the treatment of impacts of mechanical systems, or its default.
     pub(super) fn impacts(&self) -> Impacts {
         let stepped = self.step.is_some() && self.stages == Stages::Auto;
         self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
     }
 
-    /// The given keys that control the error of a step. A tolerance equal to its default counts as not given.
+    /// Returns the keys given by the user that control the error of a step. A tolerance equal to its default counts
+    /// as not given.
     pub(super) fn error_controls(&self) -> impl Iterator<Item = &'static str> {
         let given = [
             ("rtol", self.rtol != default_rtol()),
@@ -227,7 +231,7 @@ pub(super) fn check_rtol(rtol: f64, place: &Pointer<'_>, errors: &mut Errors) {
     }
 }
 
-/// Checks a fixed step, over a horizon of the given length if that is known.
+/// Checks a fixed step size; `horizon` is the length of the time horizon, if that is known.
 pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Pointer<'_>, errors: &mut Errors) {
     if step <= 0.0 {
         out_of_range(place, step, "above 0", errors);

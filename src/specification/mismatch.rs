@@ -4,7 +4,7 @@ use super::wording::abridged;
 use serde::de::{self, Expected, Unexpected};
 use std::fmt::{self, Display, Formatter};
 
-/// One structural error.
+/// One structural error of a document.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(super) enum Mismatch {
     #[error("unknown key `{key}`")]
@@ -51,7 +51,7 @@ impl de::Error for Mismatch {
     }
 }
 
-/// The value found, in the terms of JSON instead of Rust.
+/// The value found in a document, shown in the terms of JSON instead of Rust.
 struct Found<'a>(Unexpected<'a>);
 
 impl Display for Found<'_> {

@@ -17,16 +17,17 @@ use serde::{Deserialize, Serialize};
 use solution::{Argument, Direction, Monitored, ObservableSlopes, Observables};
 use utoipa::ToSchema;
 
-/// Most definitions, integrals and monitors together.
+/// Largest number of definitions, integrals and monitors together.
 const MOST: usize = 10_000;
 
 /// A monitor (event function): where it changes sign, the run ends, or an event is recorded and the run continues.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// An expression in `t`, parameters, outputs and definitions that changes sign at the event. One that reaches zero
-    /// and rests there has its event when it reaches it; leaving to the other side is no other event, returning is one,
-    /// and so is leaving a rest at zero that began with the run.
+    /// An expression in `t`, parameters, outputs and definitions that changes sign at the event. An expression that
+    /// reaches zero and stays there has its event when it reaches zero; leaving zero to the other side is not a
+    /// further event, leaving it to the former side is one, and so is leaving zero if the expression has been zero
+    /// since the start of the run.
     pub when: Expression,
     /// The sign changes that count, by direction. Default `either`.
     #[serde(default)]
@@ -35,7 +36,7 @@ pub struct Stop {
     /// Name of the event in the answer. Default: the expression.
     #[schema(max_length = 200)]
     pub label: Option<String>,
-    /// Record the event as `crossed`, and continue the run.
+    /// Whether to record the event as `crossed` and continue the run.
     #[serde(default)]
     #[schema(default = false)]
     pub record: bool,
@@ -46,11 +47,11 @@ pub(super) struct Request<'a> {
     pub named: Named<'a>,
     pub stop: &'a [Stop],
     pub view: Option<&'a View>,
-    /// The number of states, where derivatives by them and by parameters are asked for.
+    /// The number of states, if derivatives with respect to states and parameters are requested.
     pub differentiated: Option<usize>,
 }
 
-/// Functions that jump, by their names.
+/// Names of the functions that jump.
 const JUMPS: [&str; 6] = ["sign", "heaviside", "floor", "round", "mod", "previous"];
 
 impl Request<'_> {
@@ -79,7 +80,7 @@ impl Request<'_> {
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);
-        // Input 0 is the time.
+        // The reach of a definition is its largest input: outputs are inputs 1, 2, ..., and input 0 is the time.
         let reach = nodes.iter().map(|&node| lowering.graph.inputs(node).into_iter().max().unwrap_or(0)).collect();
         let of_integrals = place.key("integrals");
         for (name, integrand) in integrals.iter() {
@@ -110,8 +111,8 @@ impl Request<'_> {
         Observables { names, integrals: integrals.len(), reach, inputs, monitors, program, slopes }
     }
 
-    /// Compiles the number whose gradient is asked for, as the only definition or integral. Errors in the definitions
-    /// that it uses are reported with these.
+    /// Compiles the objective of adjoint mode as the only definition or integral. Errors in the definitions that it
+    /// uses are reported where the definitions are lowered.
     pub fn lower_objective(
         &self,
         objective: &Objective,
@@ -156,7 +157,7 @@ impl Request<'_> {
         })
     }
 
-    /// Refuses events that end the run where all of it is needed.
+    /// Refuses events that end the run early where the whole run is needed.
     pub fn check(&self, model: &dyn Model, (global_error, study, adjoint): (bool, bool, bool), errors: &mut Errors) {
         let Some(i) = self.stop.iter().position(|stop| !stop.record) else { return };
         let why = match model.no_stop() {
@@ -173,12 +174,14 @@ impl Request<'_> {
     }
 }
 
-/// The outputs of the problem that a node depends on. Input 0 is the time.
+/// Returns the outputs of the problem that a node depends on. Input 0 of the graph is the time, input `k + 1` is
+/// output `k`.
 pub(super) fn outputs_in(lowering: &Lowering<'_>, node: Node) -> Vec<usize> {
     lowering.graph.inputs(node).into_iter().filter_map(|input| input.checked_sub(1)).collect()
 }
 
-/// The derivatives of definitions and integrands by `states` states and by parameters, where they have any.
+/// Returns the derivatives of definitions and integrands with respect to the states and the parameters, or why they
+/// have none.
 fn slopes(
     lowering: &mut Lowering<'_>,
     nodes: &[Node],
@@ -201,7 +204,7 @@ fn slopes(
             refused.push(Some("its derivative is too long"));
             continue;
         };
-        // The first input is the time.
+        // Input 0 of the graph is the time.
         let by_states = by_inputs.into_iter().filter(|(input, _)| *input > 0);
         let by_states = by_states.map(|(input, node)| (Argument::State(input - 1), node));
         let by_parameters = by_parameters.into_iter().map(|(parameter, node)| (Argument::Parameter(parameter), node));

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use utoipa::ToSchema;
 
-/// The part of the trajectory to keep. Anything else is neither computed nor stored.
+/// The part of the trajectory to keep. Other times and fields are neither computed nor stored.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Output {
@@ -32,11 +32,12 @@ pub struct Output {
 /// The name that stands for the default fields.
 const ALL: &str = "*";
 
-/// Most output times.
+/// Largest number of output times.
 pub(super) const MOST_TIMES: usize = 2_000_000;
 
 impl Output {
-    /// Lists the output times, or `None` for those of the steps. Without a known horizon, only their order is checked.
+    /// Returns the output times, or `None` for output at every step. Without a known horizon, only the order of the
+    /// times is checked.
     pub(super) fn times(&self, time: Option<Time>, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<f64>> {
         let place = place.key("times");
         match &self.times {
@@ -76,13 +77,13 @@ impl Output {
         }
     }
 
-    /// Indices of the columns to keep.
+    /// Returns the indices of the columns to keep.
     pub(super) fn fields(&self, columns: &Columns<'_>, place: &Pointer<'_>, errors: &mut Errors) -> Vec<usize> {
         let Some(fields) = &self.fields else { return columns.kept() };
         let place = place.key("fields");
         let names = || columns.names();
         let positions: HashMap<&str, usize> = names().zip(0..).collect();
-        // Names given twice are reported elsewhere and still have a column each.
+        // Names that occur twice among the columns are reported elsewhere, and each still has a column.
         let mut taken = vec![false; names().count()];
         let mut kept = Vec::with_capacity(fields.len());
         for (i, field) in fields.iter().enumerate() {
@@ -131,12 +132,12 @@ impl Columns<'_> {
         self.outputs.iter().copied().chain(further.map(String::as_str))
     }
 
-    /// The names of these fields.
+    /// Returns the names of the columns `fields`.
     pub fn named(&self, fields: &[usize]) -> Vec<String> {
         fields.iter().filter_map(|field| self.names().nth(*field)).map(str::to_owned).collect()
     }
 
-    /// What is kept where nothing is asked for.
+    /// Returns the indices of the columns that are kept by default.
     fn kept(&self) -> Vec<usize> {
         let observables = self.outputs.len() + self.observables.names.len();
         let further = observables - self.observables.integrals..observables + self.derivatives.len();

@@ -6,8 +6,9 @@ use super::ordered::Ordered;
 use super::wording::abridged;
 use expression::{Graph, Scope};
 
-/// Sorts the entries by dependence; also returns how many could be sorted, after which those with circular references
-/// follow. Entries may refer to names in `known`, whose parameters have their values in the graph `values`.
+/// Sorts the entries by dependence; also returns how many entries could be sorted, after which those with circular
+/// references follow. Entries may refer to names in `known`, whose parameters have their values in the graph
+/// `values`.
 pub(super) fn in_order<'a>(
     entries: &'a Ordered<Expression>,
     known: &Scope,
@@ -16,7 +17,7 @@ pub(super) fn in_order<'a>(
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
     for (i, (name, expression)) in entries.iter().enumerate() {
-        // The value of an expression is not known yet.
+        // The value of an entry that is an expression is not known before the order is.
         let node = graph.parameter(i, if let Expression::Number(value) = expression { *value } else { f64::NAN });
         // A name that cannot be bound is reported when its value is lowered.
         let _ = scope.bind(name, node);
@@ -65,7 +66,7 @@ pub(super) fn in_order<'a>(
     (order.into_iter().map(|i| entries[i]).collect(), ordered)
 }
 
-/// The message about entries with circular references, direct or indirect.
+/// Returns the message about entries with circular references, direct or indirect.
 pub(super) fn circular(names: &[String]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();

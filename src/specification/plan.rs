@@ -1,4 +1,4 @@
-//! From a checked specification to the settings of a run.
+//! Settings of a run from a checked specification.
 
 use super::checked::Specification;
 use super::method::{ImpactLawName, Switches, ViSolverName};
@@ -8,19 +8,19 @@ use radau::{self, Settings, StageChoice};
 use solution::Plan;
 use vi::SolverKind;
 
-/// Most steps of a run, unless `limits.steps` is smaller.
+/// Largest number of steps of a run, unless `limits.steps` is smaller.
 pub(super) const MOST_STEPS: u64 = 10_000_000;
-/// Most numbers in a trajectory: 256 MiB.
+/// Largest number of values in a trajectory: 256 MiB.
 pub(super) const MOST_VALUES: usize = 1 << 25;
 /// Default tolerance of the natural-map residual, relative to the terms of `G`.
 pub(super) const VI_TOLERANCE: f64 = 1e-10;
-/// The part of the relative tolerance by which an interpolant may differ from the run.
+/// Admissible deviation of an interpolant from the run, as a fraction of the relative tolerance.
 const INTERPOLANT: f64 = 1e-2;
 /// Default number of time-stepping steps over the horizon.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
-    /// The plan of the run: what to integrate and what to keep.
+    /// Returns the plan of the run: what to integrate and what to keep.
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
@@ -42,14 +42,14 @@ impl Specification {
         }
     }
 
-    /// By how much interpolants may differ from the run, where they are asked for and there can be some.
+    /// Returns the admissible deviation of interpolants from the run, if interpolants are requested and possible.
     fn interpolants(&self) -> Option<f64> {
         let is_run = self.search().is_none() && self.sweep().is_none() && self.sensitivities().is_none();
         let is_asked = self.keeps_interpolants && is_run && self.observables().integrals == 0;
         is_asked.then(|| if self.method().step.is_some() { 0.0 } else { INTERPOLANT * self.method().rtol })
     }
 
-    /// Settings of Radau IIA.
+    /// Returns the settings of Radau IIA.
     pub fn settings(&self) -> Settings {
         let method = self.method();
         let is_inside = |t: f64| t > self.time().start && t < self.time().end;
@@ -81,13 +81,13 @@ impl Specification {
         }
     }
 
-    /// Whether a gradient is asked for of an integral.
+    /// Whether the objective of adjoint mode is an integral.
     fn integrates_objective(&self) -> bool {
         let objective = self.sensitivities().and_then(|asked| asked.objective.as_ref());
         objective.is_some_and(|objective| objective.observables.integrals > 0)
     }
 
-    /// Settings for obstacle problems.
+    /// Returns the settings for obstacle problems.
     pub fn obstacle_settings(&self) -> obstacle::Settings {
         let method = self.method();
         obstacle::Settings {
@@ -101,7 +101,7 @@ impl Specification {
         }
     }
 
-    /// Settings of the contact steppers; `tolerance` is the default relative residual of the contact law.
+    /// Returns the settings of the contact steppers; `tolerance` is the default relative residual of the contact law.
     pub(super) fn contact_settings(&self, tolerance: f64) -> contact::Settings {
         let (method, time) = (self.method(), self.time());
         contact::Settings {
@@ -116,7 +116,7 @@ impl Specification {
     }
 }
 
-/// The solver of the given name.
+/// Returns the solver of the given name.
 pub(super) fn solver(name: ViSolverName) -> SolverKind {
     match name {
         ViSolverName::Auto => SolverKind::Auto,

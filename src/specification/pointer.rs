@@ -5,11 +5,11 @@ use std::fmt::{self, Display, Formatter, Write};
 /// A path from the root that borrows its steps, so that it costs nothing until it is formatted.
 #[derive(Clone, Copy, Debug)]
 pub enum Pointer<'a> {
-    /// The document itself.
+    /// The root, that is the document itself.
     Root,
-    /// The member with the given name.
+    /// The member with the given name, in the object at the parent pointer.
     Key(&'a Pointer<'a>, &'a str),
-    /// The element at the given index.
+    /// The element at the given index, in the list at the parent pointer.
     Index(&'a Pointer<'a>, usize),
 }
 
@@ -39,7 +39,7 @@ impl Display for Pointer<'_> {
     }
 }
 
-/// One owned step of a path.
+/// One owned step of a path in a document.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     /// Descend to the member with the given name.
@@ -48,7 +48,7 @@ pub(super) enum Step {
     Index(usize),
 }
 
-/// The JSON pointer of a path of steps.
+/// Returns the JSON pointer of a path of steps.
 pub(super) fn pointer(steps: &[Step]) -> String {
     let mut pointer = String::new();
     for step in steps {

@@ -17,7 +17,7 @@ use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
 use std::sync::Arc;
 
-/// Most bytes deserialised in all during repairs, which bounds the time for a large faulty document.
+/// Largest number of bytes deserialised in all during repairs, which bounds the time for a large faulty document.
 const WORK: usize = 64 << 20;
 
 /// The byte order mark that some editors write before UTF-8 text.
@@ -31,7 +31,7 @@ pub(super) struct Reading {
     pub errors: Errors,
     pub vectors: Vectors,
     pub prepared: Prepared,
-    /// The SHA-256 of the text, if there is one.
+    /// The SHA-256 of the text of the document, if it was read from text.
     pub digest: Option<Digest>,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn tree(text: &[u8]) -> Result<Json, Vec<SpecificationError>> {
 /// Deserialises a tree whose text has `bytes` bytes, with the given values for its named numbers.
 ///
 /// # Errors
-/// As for [`read`].
+/// The structural errors, if no repair makes the document readable.
 pub(super) fn read_tree(
     mut json: Json,
     values: &[(String, f64)],
@@ -69,7 +69,7 @@ pub(super) fn read_tree(
     rename_until(&mut json, &mut errors);
     let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
     let source = is_swept.then(|| Arc::new(json.clone()));
-    // Set the sizes of vectors before these are expanded, initial values of their elements afterwards.
+    // The sizes of vectors are set before vectors are expanded, the initial values of their elements afterwards.
     let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
     let robot = robot::write_out(&mut json, &mut errors);
     let mut vectors = vectors::write_out(&mut json, &mut errors);

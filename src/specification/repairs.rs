@@ -10,7 +10,7 @@ use super::shapes;
 use super::wording::{abridged, listed};
 use expression::nearest;
 
-/// A place whose content is no longer the user's.
+/// A place in the document whose content has been replaced.
 #[derive(Debug)]
 struct Repair {
     path: Vec<Step>,
@@ -21,7 +21,7 @@ struct Repair {
     plain: bool,
 }
 
-/// The repaired places.
+/// The repaired places of a document.
 #[derive(Debug, Default)]
 pub(super) struct Repairs(Vec<Repair>);
 
@@ -179,7 +179,7 @@ impl Repairs {
         }
         let Some(value) = json.at_mut(&path) else { return false };
         let repair = self.record(path, true);
-        // A number would stand for a list of one element, whose length the user has not given.
+        // Numbers and texts also count as lists of one element, a length that the user has not given.
         let stand_ins: Vec<&Json> = match is_list {
             true => stand_ins.iter().filter(|stand_in| !matches!(stand_in, Json::Number(_) | Json::Text(_))).collect(),
             false => stand_ins.iter().collect(),
@@ -191,7 +191,7 @@ impl Repairs {
         true
     }
 
-    /// Whether `path` lies within a replacement.
+    /// Whether `path` lies within a replaced part of the document.
     fn covers(&self, path: &[Step]) -> bool {
         self.0.iter().any(|repair| path.starts_with(&repair.path))
     }
@@ -228,7 +228,7 @@ fn stand_ins() -> Vec<Json> {
     ]
 }
 
-/// A replacement for a choice among `valid`. With null as contents it also fits a plain keyword.
+/// Returns a replacement for a choice among `valid`. With null as its contents it also fits a plain keyword.
 fn choice(valid: &[&str]) -> Vec<Json> {
     valid.first().map(|name| Json::Object(vec![((*name).into(), Json::Null)])).into_iter().collect()
 }

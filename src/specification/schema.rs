@@ -5,7 +5,8 @@ use super::document::Document;
 use serde_json::{Map, Value, json};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The JSON Schema of a specification. It describes the structure of a document; its meaning is checked separately.
+/// Returns the JSON Schema of a specification. It describes the structure of a document; the meaning is checked
+/// separately.
 pub fn json_schema() -> Value {
     let mut components = Vec::new();
     Document::schemas(&mut components);
@@ -21,7 +22,7 @@ pub fn json_schema() -> Value {
     schema
 }
 
-/// Adds `until`, the alternative name of `end`.
+/// Adds `until`, the alternative name of `end`, to the schema of `time`.
 fn allow_until(schema: &mut Value) {
     let Some(time) = schema.pointer_mut("/$defs/Time").and_then(Value::as_object_mut) else { return };
     if let Some(properties) = time.get_mut("properties").and_then(Value::as_object_mut) {

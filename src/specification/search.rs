@@ -28,9 +28,9 @@ use utoipa::{PartialSchema, ToSchema};
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PeriodicRequest {
-    /// The period.
+    /// The period of the orbit.
     pub period: Period,
-    /// Continuation of this orbit over a parameter.
+    /// Continuation of the periodic orbit over a parameter.
     #[serde(rename = "continue")]
     pub branch: Option<ContinueRequest>,
 }
@@ -41,18 +41,18 @@ pub struct PeriodicRequest {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ContinueRequest {
-    /// The parameter.
+    /// Name of the parameter that varies along the branch.
     pub parameter: String,
     /// The value of the parameter at the beginning of the branch. Default: its value in the problem.
     pub from: Option<f64>,
-    /// The value at which the branch ends, if it gets there.
+    /// The value of the parameter at which the branch ends, if the branch reaches it.
     pub to: f64,
-    /// Most points of the branch, 2 to 10,000. Default 200.
+    /// Largest number of points of the branch, 2 to 10,000. Default 200.
     #[schema(minimum = 2, maximum = 10_000)]
     pub points: Option<u32>,
 }
 
-/// A period that is given by the forcing of the problem, or unknown.
+/// The period of an orbit: given by the forcing of the problem, or unknown.
 #[derive(Clone, Debug)]
 pub enum Period {
     /// A given period: a number, or an expression in parameters.
@@ -61,11 +61,11 @@ pub enum Period {
     Free(FreePeriod),
 }
 
-/// An unknown period.
+/// The unknown period of an autonomous problem, by an initial guess and a phase condition.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FreePeriod {
-    /// Initial guess of the period.
+    /// Initial guess of the period of the orbit.
     pub free: Expression,
     /// The state that keeps its initial value, which fixes the phase of the orbit.
     pub phase: String,
@@ -76,26 +76,26 @@ pub struct FreePeriod {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SteadyStateRequest {
-    /// Continuation of this steady state over a parameter.
+    /// Continuation of the steady state over a parameter.
     #[serde(rename = "continue")]
     pub branch: Option<ContinueRequest>,
 }
 
-/// The object of a search.
+/// What is computed in place of a run over the horizon.
 #[derive(Clone, Debug)]
 pub enum Search {
-    /// A periodic orbit, and the function of the parameters that its period is, if it depends on them.
+    /// A periodic orbit, with a program that computes the period if it depends on parameters.
     Periodic(Periodic, Option<Tape>),
-    /// A steady state.
+    /// A steady state in place of a run.
     SteadyState,
-    /// A branch of orbits or steady states.
+    /// A branch of periodic orbits or steady states.
     Branch(Arc<BranchPlan>),
-    /// Parameters that fit data.
+    /// Parameters that are fitted to data.
     Fit(Arc<Fit>),
 }
 
 impl Search {
-    /// Whether values of the parameters give another period.
+    /// Whether the given parameter values change the period of the orbit.
     pub(super) fn changes_period(&self, parameters: &[f64]) -> bool {
         let Self::Periodic(periodic, Some(program)) = self else { return false };
         let (mut program, mut period) = (program.clone(), [0.0]);
@@ -105,18 +105,18 @@ impl Search {
     }
 }
 
-/// The search in the document, before it is checked.
+/// The keys `periodic` and `steady_state` of the document, before they are checked.
 pub(super) struct Request<'a> {
     pub periodic: Option<&'a PeriodicRequest>,
     pub steady_state: Option<&'a SteadyStateRequest>,
 }
 
-/// Default and largest number of points of a branch.
+/// Default (`POINTS`) and largest (`MOST_POINTS`) number of points of a branch.
 const POINTS: u32 = 200;
 const MOST_POINTS: u32 = 10_000;
 
 impl<'a> Request<'a> {
-    /// The continuation of what is searched, if it is asked for.
+    /// Returns the requested continuation of the orbit or steady state, if there is one.
     pub fn branch(&self) -> Option<&'a ContinueRequest> {
         match (self.periodic, self.steady_state) {
             (Some(asked), _) => asked.branch.as_ref(),
@@ -124,7 +124,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The key of the search, if there is one.
+    /// Returns the key of the search in the document, if there is one.
     pub fn key(&self) -> Option<&'static str> {
         match (self.periodic, self.steady_state) {
             (Some(_), _) => Some("periodic"),
@@ -133,7 +133,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The time of a run or a search; `None` if it is missing.
+    /// Returns the time horizon of a run or a search, one period for an orbit; `None` if it is missing.
     pub fn time(
         &self,
         given: Option<Time>,

@@ -1,4 +1,4 @@
-//! Requested sensitivities: of which states, with respect to which parameters and initial values.
+//! Requested sensitivities: derivatives of outputs with respect to parameters and initial values.
 
 use super::choices::choices;
 use super::error::{Errors, SpecificationError};
@@ -15,9 +15,10 @@ use solution::{By, Observables, Sensitivities};
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// Most unknowns of a differentiated problem: the sensitivity equations of all stages form one dense matrix.
+/// Largest number of unknowns of a differentiated problem: the sensitivity equations of all stages form one dense
+/// matrix.
 const MOST_UNKNOWNS: usize = 100;
-/// Most sensitivity columns.
+/// Largest number of sensitivity columns.
 const MOST_COLUMNS: usize = 10_000;
 
 /// Suffix to the name of a state that denotes its initial value.
@@ -41,14 +42,14 @@ impl Serialize for SensitivityMode {
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
-    /// An expression in states, definitions, parameters and `t`, at the end.
+    /// The value at the end of an expression in states, definitions, parameters and `t`.
     Final(Expression),
     /// The integral over time of an expression in states, definitions, parameters and `t`.
     Integral(Expression),
 }
 
 impl Objective {
-    /// The expression, with its key.
+    /// Returns the expression of the objective, with its key.
     pub(super) fn expression(&self) -> (&'static str, &Expression) {
         match self {
             Self::Final(expression) => ("final", expression),
@@ -58,8 +59,8 @@ impl Objective {
 }
 
 /// Derivatives of states, definitions and integrals with respect to parameters and initial values, as columns `dx/dm`
-/// beside the states; for a motion with located impacts also those of the times of its events, as `event_slopes`. In
-/// adjoint mode the `gradient` of one number with respect to any number of them.
+/// beside the states; for a motion with located impacts also the derivatives of the event times, as `event_slopes`.
+/// In adjoint mode the `gradient` of one number with respect to any number of parameters and initial values.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensitivitiesRequest {
@@ -76,7 +77,7 @@ pub struct SensitivitiesRequest {
 }
 
 impl SensitivitiesRequest {
-    /// Checks the request for a model.
+    /// Checks the request for sensitivities of a model.
     pub(super) fn check(
         &self,
         (model, observables, method): (&dyn Model, &Observables, &Method),
@@ -160,7 +161,7 @@ impl SensitivitiesRequest {
             let objective = Some(Arc::new(solution::Objective { observables }));
             return Some(Sensitivities { by, to, of: vec![outputs], names: Vec::new(), objective });
         }
-        // Definitions and integrals stand behind all outputs.
+        // The columns of definitions and integrals follow those of all outputs.
         let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
         Some(Sensitivities { by, to, of, names, objective: None })
     }
@@ -238,12 +239,12 @@ pub(super) fn differentiable_motion(
     None
 }
 
-/// The types of problems that have derivatives, without and with motions.
+/// The problem types that have derivatives, for messages: without and with mechanical systems.
 pub(super) const OF_DVI: &str = "`dvi`, `lcs`, `filippov`, `circuit` or `elastic`";
 pub(super) const WITH_MOTIONS: &str = "`dvi`, `lcs`, `filippov`, `circuit`, `elastic` or `mechanical`";
 
-/// The equations of a differentiable model. Any other is refused; `what` is the purpose, for the message, with the types of
-/// problems that it is for.
+/// Returns the equations of a differentiable model, and refuses any other model. The message names the purpose `what`
+/// and the problem types `types` that serve it.
 pub(super) fn differentiable<'m>(
     model: &'m dyn Model,
     (what, types): (&str, &str),
@@ -271,7 +272,7 @@ pub(super) fn differentiable<'m>(
     Some(dvi)
 }
 
-/// Indices of names in a list of known ones.
+/// Returns the indices of the names `asked` in a list of known names.
 fn places<'a>(
     asked: &[String],
     known: impl Iterator<Item = &'a String> + Clone,

@@ -4,7 +4,7 @@ use super::json::Json;
 use super::pointer::Step;
 use super::wording::{abridged, quoted};
 
-/// Examples of valid values, by key.
+/// Examples of valid values, by the key of the value.
 const EXAMPLES: [(&str, &str); 40] = [
     ("problem", r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}"#),
     ("time", r#"{"end": 10}"#),
@@ -95,7 +95,7 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
             let [a, b] = [0, 1].map(|place| quoted(text.split_whitespace().nth(place).unwrap_or_default()));
             return Some(format!("`[{a}, {b}]`"));
         }
-        // Other sets have their names under `of`.
+        // Some sets, such as `nonnegative`, are a list of names; other sets have their names under `of`.
         (Json::Object(members), Some(_))
             if is_member && (expected == "a string" || expected.contains("list")) && names_in(members).is_some() =>
         {
@@ -167,7 +167,7 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
     }
 }
 
-/// The ranges of the indices of a list of values, or of rows of equal length.
+/// Returns the ranges of the indices of a list of values, or of rows of equal length, as text.
 fn ranges(items: &[Json]) -> Option<String> {
     let lengths = items.iter().map(|item| if let Json::List(row) = item { Some(row.len()) } else { None });
     let lengths: Vec<Option<usize>> = lengths.collect();
@@ -211,7 +211,7 @@ fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
     format!("[{}]", entries.join(", "))
 }
 
-/// The first list of names in an object.
+/// Returns the first list of names in an object.
 fn names_in(members: &[(String, Json)]) -> Option<&Json> {
     members.iter().map(|(_, value)| value).find(|value| match value {
         Json::List(items) => !items.is_empty() && items.iter().all(|item| matches!(item, Json::Text(_))),
@@ -219,7 +219,7 @@ fn names_in(members: &[(String, Json)]) -> Option<&Json> {
     })
 }
 
-/// How to write a choice with contents, where only its name is given.
+/// Suggests how to write a choice with contents, if only its name is given.
 pub(super) fn alone(name: &Json) -> String {
     let of_names = ["free", "nonnegative", "nonpositive", "second_order_cone", "simplex"];
     match name {
@@ -228,7 +228,7 @@ pub(super) fn alone(name: &Json) -> String {
     }
 }
 
-/// How to write a choice that is not an object with one key.
+/// Suggests how to write a choice, if the value is not an object with one key.
 pub(super) fn choice(found: &Json, valid: &[&'static str]) -> Option<String> {
     let is_valid = |name: &&&'static str, text: &str| **name == text;
     let named = match found {

@@ -25,7 +25,7 @@ pub fn document(text: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(Value::Object(document).to_string().into_bytes())
 }
 
-/// Recognises a deck: not JSON, and with a line `.tran`.
+/// Returns the text of a SPICE deck, which is not JSON and has a line `.tran`; `None` for any other text.
 fn deck(text: &[u8]) -> Option<&str> {
     let text = str::from_utf8(text).ok()?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);

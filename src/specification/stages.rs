@@ -7,13 +7,13 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The number of stages.
+/// The number of stages of a Radau IIA method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stages {
-    /// Chosen and adapted during the solve.
+    /// A number of stages that is chosen and adapted during the solve.
     #[default]
     Auto,
-    /// A fixed number, 1 to 9.
+    /// A fixed number of stages, 1 to 9.
     Fixed(u64),
 }
 

@@ -48,11 +48,12 @@ pub struct ViProblem {
     pub set: Option<Vec<Block>>,
 }
 
-/// A variable `z_i`.
+/// A variable `z_i` of a static variational inequality.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StaticVariable {
-    /// Starting value of the solver, an expression in the parameters. Default 0, projected onto the bounds.
+    /// Starting value of the variable for the solver, an expression in the parameters. Default 0, projected onto the
+    /// bounds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial: Option<Expression>,
     /// The component of `G(z)` paired with the variable. For `z_i >= 0` it is nonnegative, and zero while `z_i > 0`;

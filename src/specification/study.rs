@@ -25,7 +25,7 @@ pub struct StudyRequest {
     pub rtol: Option<Vec<f64>>,
     /// Fixed step sizes of the runs.
     pub step: Option<Vec<f64>>,
-    /// Numbers of stages of the runs. Default: that of `method`.
+    /// Numbers of Radau IIA stages of the runs. Default: `stages` of `method`.
     pub stages: Option<Vec<Stages>>,
     /// Exact solutions, as expressions in `t` and the parameters, by the name of a state or variable. Default: a more
     /// accurate run as reference.
@@ -41,39 +41,39 @@ fn default_repeats() -> u64 {
     3
 }
 
-/// Most runs of a study, not counting repeats.
+/// Largest number of runs of a study, not counting repeats.
 const MOST_RUNS: usize = 64;
-/// Most solves per run.
+/// Largest number of solves per run of a study.
 const MOST_REPEATS: u64 = 25;
 
 /// The setting that controls the accuracy of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rung {
-    /// A relative tolerance.
+    /// A relative tolerance, with adaptive steps.
     Tolerance(f64),
-    /// A fixed step.
+    /// A fixed step size.
     Step(f64),
 }
 
 /// A study that has passed every check.
 #[derive(Clone, Debug)]
 pub struct StudyPlan {
-    /// The tolerances or steps, in the order of the document.
+    /// The tolerances or step sizes of the runs, in the order of the document.
     pub rungs: Vec<Rung>,
-    /// The numbers of stages.
+    /// The numbers of Radau IIA stages of the runs.
     pub stages: Vec<Stages>,
-    /// Number of solves per run.
+    /// Number of solves per run, whose median is the run time.
     pub repeats: usize,
-    /// The exact solution, if given.
+    /// The exact solution, if the user gives one.
     pub exact: Option<Exact>,
 }
 
-/// A solution known at any time.
+/// Exact values of some outputs, known at any time.
 #[derive(Clone, Debug)]
 pub struct Exact {
     /// Indices of the outputs with known values.
     pub fields: Vec<usize>,
-    /// One value for each of them, as a function of time alone.
+    /// One value for each of `fields`, as a function of time alone.
     pub values: Tape,
 }
 
@@ -194,7 +194,8 @@ fn check_exact(
 }
 
 impl Specification {
-    /// The same problem at another tolerance or step, with output of the columns `fields` at `times`.
+    /// Returns this specification with another tolerance or step size and number of stages, and with output of the
+    /// columns `fields` at `times`.
     pub fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
         let mut variant = self.clone();
         let method = &mut variant.method;

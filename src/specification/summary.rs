@@ -9,7 +9,7 @@ use solution::{Warning, uniqueness_caveat};
 /// Sizes, structural analysis, and the parts that a solve would build.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// The user's label.
+    /// The user's label of the specification.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label: Option<String>,
     /// The number of states.
@@ -29,7 +29,7 @@ pub struct Summary {
     pub analysis: Analysis,
     /// The method that a solve would use.
     pub method: &'static str,
-    /// The components that a solve would build.
+    /// The parts of the solver that a solve would build.
     pub built: Vec<&'static str>,
     /// The parts of the solver that are not built because the problem does not need them, each with the reason.
     pub left_out: Vec<String>,

@@ -12,13 +12,13 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableOfPoints {
-    /// The arguments: two or more, increasing.
+    /// The arguments of the points: two or more, increasing.
     #[schema(min_items = 2)]
     pub x: Vec<f64>,
-    /// The values, one per argument.
+    /// The values of the function at the points, one per argument.
     #[schema(min_items = 2)]
     pub y: Vec<f64>,
-    /// Interpolation between points.
+    /// Interpolation between the points. Default `linear`.
     #[serde(default)]
     pub interpolation: InterpolationName,
 }
@@ -27,13 +27,13 @@ pub struct TableOfPoints {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InterpolationName {
-    /// Piecewise linear.
+    /// Piecewise linear interpolation.
     #[default]
     Linear,
-    /// Monotone piecewise cubic, with a continuous slope (PCHIP).
+    /// Monotone piecewise cubic interpolation, with a continuous slope (PCHIP).
     Pchip,
-    /// Piecewise constant, with the value of the previous point. It jumps, so states and variables are not allowed as
-    /// arguments.
+    /// Piecewise constant interpolation, with the value of the previous point. The function jumps, so states and
+    /// variables are not allowed as arguments.
     Previous,
 }
 

@@ -10,14 +10,14 @@ use utoipa::{PartialSchema, ToSchema};
 /// The output times of a trajectory.
 #[derive(Clone, Debug, Default)]
 pub enum Times {
-    /// The end of every step.
+    /// Output at the end of every step.
     #[default]
     Steps,
-    /// A number of equally spaced times, including start and end.
+    /// Output at a number of equally spaced times, including start and end.
     Count(u64),
-    /// Multiples of an interval from the start, and the end.
+    /// Output at multiples of an interval from the start, and at the end.
     Every(f64),
-    /// A list of times.
+    /// Output at a list of times.
     List(Vec<f64>),
 }
 
@@ -63,7 +63,7 @@ impl<'de> Deserialize<'de> for Times {
 
 struct TimesVisitor;
 
-/// The choices written as an object.
+/// The output times that are written as an object with one key.
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Rule {

@@ -14,12 +14,12 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Absolute tolerances.
+/// Absolute tolerances of the states.
 #[derive(Clone, Debug)]
 pub enum AbsoluteTolerance {
-    /// One value for every state.
+    /// One tolerance for every state.
     Uniform(f64),
-    /// Values by the name of the state.
+    /// Tolerances by the name of the state.
     PerState(Ordered<f64>),
 }
 
@@ -27,7 +27,7 @@ pub enum AbsoluteTolerance {
 const FRACTION_OF_RTOL: f64 = 1e-3;
 
 impl Method {
-    /// The absolute tolerance of each state.
+    /// Returns the absolute tolerance of each state.
     pub(super) fn absolute_tolerances(&self, states: &[String], place: &Pointer<'_>, errors: &mut Errors) -> Vec<f64> {
         let place = place.key("atol");
         let mut atol = vec![self.rtol * FRACTION_OF_RTOL; states.len()];

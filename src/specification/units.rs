@@ -1,6 +1,7 @@
-//! The units of outputs, where a type of problem has SI units: circuits and bodies in space. Elsewhere they are the user's.
+//! The units of outputs, for the types of problems that have SI units: circuits and rigid bodies. The units of other
+//! problems are the user's.
 
-/// Endings of the outputs of bodies and joints, with their units.
+/// Endings of the names of outputs of bodies and joints, with the units of the outputs.
 const OF_BODIES: [(&str, &str); 26] = [
     (".x", "m"),
     (".y", "m"),
@@ -30,7 +31,7 @@ const OF_BODIES: [(&str, &str); 26] = [
     (".qz", "1"),
 ];
 
-/// The outputs of a scene as a whole, with their units.
+/// Names of the outputs of a scene as a whole, with the units of the outputs.
 const OF_SCENES: [(&str, &str); 7] = [
     ("kinetic_energy", "J"),
     ("potential_energy", "J"),
@@ -41,16 +42,16 @@ const OF_SCENES: [(&str, &str); 7] = [
     ("normal_impulse", "N s"),
 ];
 
-/// Beginnings of the outputs of circuits, with their units.
+/// Beginnings of the names of outputs of circuits, with the units of the outputs.
 const OF_CIRCUITS: [(&str, &str); 6] =
     [("v(", "V"), ("v_blocked(", "V"), ("i(", "A"), ("flux(", "V s"), ("charge(", "C"), ("closed(", "1")];
 
-/// The unit of time of a type of problem.
+/// Returns the unit of time of a type of problem, if it has SI units.
 pub(super) fn of_time(problem: &str) -> Option<&'static str> {
     matches!(problem, "circuit" | "rigid_bodies").then_some("s")
 }
 
-/// The unit of an output of a type of problem.
+/// Returns the unit of an output of a type of problem, if it is known.
 pub(super) fn of_output(problem: &str, output: &str) -> Option<&'static str> {
     let find = |of: &[(&str, &'static str)], is: fn(&str, &str) -> bool| {
         of.iter().find(|(part, _)| is(output, part)).map(|(_, unit)| *unit)

@@ -9,10 +9,10 @@ use super::sensitivities::SensitivitiesRequest;
 use super::wording::abridged;
 use models::Unbindable;
 
-/// Relative change of a parameter that shows whether it decides the structure of a problem.
+/// Relative change of a parameter that shows whether the parameter decides the structure of a problem.
 const SHIFT: f64 = 1e-6;
 
-/// The names of what these analyses vary: parameters, and also initial values.
+/// Returns the names of parameters and initial values that sensitivities, a fit or a continuation vary.
 pub(super) fn varied(
     sensitivities: Option<&SensitivitiesRequest>,
     fit: Option<&FitRequest>,
@@ -24,8 +24,9 @@ pub(super) fn varied(
     differentiated.chain(fitted).chain(continued).map(str::to_owned).collect()
 }
 
-/// Refuses a parameter, by its index, if it decides the structure of the equations near its value, such as a coefficient of
-/// friction at zero: equations of a fixed structure do not show what a change of it does.
+/// Refuses a parameter, by its index, if it decides the structure of the equations near its value, such as a
+/// coefficient of friction at zero: equations of a fixed structure do not show the effect of changing such a
+/// parameter.
 pub(super) fn check_structure(model: &dyn Model, at: usize, place: &Pointer<'_>, errors: &mut Errors) {
     let Some(parameters) = model.parameters() else { return };
     let (name, values) = (&parameters.names()[at], parameters.values());

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use std::collections::HashSet;
 use utoipa::ToSchema;
 
-/// Most points, and most segments.
+/// Largest number of points, and largest number of segments, of a view.
 const MOST: usize = 1000;
 
 /// The picture of a planar system on the page: moving points, and segments between them. It does not affect the answer.

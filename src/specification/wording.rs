@@ -1,4 +1,4 @@
-//! The user's names and texts in messages.
+//! The user's names and texts in messages, joined and shortened.
 
 /// Joins names for a message, at most `SHOWN` of them.
 pub(super) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
@@ -15,7 +15,7 @@ pub(super) fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     }
 }
 
-/// A user's text, shortened for a message.
+/// Shortens a user's text for a message.
 pub(super) fn abridged(text: &str) -> String {
     const SHOWN: usize = 60;
     if text.chars().count() <= SHOWN {
@@ -24,7 +24,7 @@ pub(super) fn abridged(text: &str) -> String {
     format!("{}... ({} bytes)", text.chars().take(SHOWN).collect::<String>(), text.len())
 }
 
-/// A text as a JSON string, shortened for a message.
+/// Returns a text as a JSON string, shortened for a message.
 pub(super) fn quoted(text: &str) -> String {
     serde_json::Value::from(abridged(text)).to_string()
 }

@@ -1,4 +1,4 @@
-//! The interface of a problem type as it is written, before it is checked.
+//! The interface of problem types as users write them, before they are checked.
 
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
@@ -19,8 +19,8 @@ pub(super) trait Written {
     /// Approximate number of declared states and variables.
     fn unknowns(&self) -> usize;
 
-    /// Estimated time to check the problem, beyond what the length of the text accounts for, in nanoseconds of the
-    /// machine of the measurement.
+    /// Estimated time to check the problem, beyond what the length of the text accounts for, in nanoseconds as
+    /// measured on one machine.
     fn time_to_check(&self) -> usize {
         0
     }
@@ -30,6 +30,6 @@ pub(super) trait Written {
         false
     }
 
-    /// Lowers the problem as far as possible.
+    /// Lowers the problem to a model, as far as possible.
     fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c>;
 }

@@ -22,7 +22,7 @@ const ROTATION: f64 = 10.0;
 const STEPS: [f64; 4] = [1e-3, 1e-2, 0.1, 1.0];
 /// Number of steps of a run.
 const COUNT: f64 = 50.0;
-/// Pairs of initial values.
+/// Pairs of initial values `(x, y)`, from which two solutions are compared.
 const PAIRS: [[(f64, f64); 2]; 6] = [
     [(1.0, 0.0), (0.9, 0.1)],
     [(0.7, -0.5), (-1.0, 0.5)],
@@ -35,9 +35,9 @@ const PAIRS: [[(f64, f64); 2]; 6] = [
 /// The behaviour of pairs of solutions for one number of stages and one step size.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Contraction {
-    /// The number of stages.
+    /// The number of Radau IIA stages.
     pub stages: usize,
-    /// The step size.
+    /// The step size of the two solutions.
     pub step: f64,
     /// Largest growth of a distance in a step, relative to the initial distance; zero for a B-stable method.
     pub growth: f64,
@@ -45,7 +45,7 @@ pub struct Contraction {
     pub failures: usize,
 }
 
-/// Measures all numbers of stages at all step sizes.
+/// Measures the contraction for all numbers of stages at all step sizes.
 pub fn contractions() -> Vec<Contraction> {
     let at = |stages: usize| STEPS.iter().map(move |&step| contraction(stages, step));
     STAGES.into_iter().flat_map(at).collect()

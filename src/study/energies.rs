@@ -7,7 +7,7 @@ use solution::Status;
 use specification::{By, EXAMPLES, Rung, Specification};
 use std::time::{Duration, Instant};
 
-/// The tolerances of adaptive runs.
+/// Relative tolerances of the adaptive runs.
 const TOLERANCES: [f64; 2] = [1e-5, 1e-8];
 /// Numbers of fixed steps over the horizon.
 const STEPS: [f64; 2] = [1e3, 1e4];
@@ -19,17 +19,18 @@ const LONGEST: Duration = Duration::from_secs(5);
 pub struct Balance {
     /// The name of the example.
     pub name: String,
-    /// The tolerance or step, in words.
+    /// The tolerance or step size of the run, in words.
     pub how: String,
     /// The status of the run.
     pub status: Status,
-    /// The largest defect of the balance, relative to the largest energy at the ends of the run.
+    /// The largest defect of the balance, relative to the largest of the energies at the ends of the run and the work
+    /// of the forces.
     pub defect: f64,
     /// The largest energy gain of a step in impacts, relative to the largest kinetic energy.
     pub gain_in_impacts: f64,
 }
 
-/// Runs every example with an energy balance.
+/// Runs every example that has an energy balance.
 pub fn balances() -> Vec<Balance> {
     EXAMPLES.iter().flat_map(|example| of_example(example.name, example.text)).collect()
 }
@@ -44,7 +45,7 @@ fn of_example(name: &str, text: &str) -> Vec<Balance> {
     rungs.map_while(|rung| balance(name, &specification, rung)).collect()
 }
 
-/// The energy balance of one run; `None` if the problem has none.
+/// Returns the energy balance of one run; `None` if the problem has none.
 fn balance(name: &str, specification: &Specification, rung: Rung) -> Option<Balance> {
     let end = specification.time().end;
     let variant = specification.variant(rung, specification.method().stages, vec![end], Vec::new());

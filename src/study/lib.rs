@@ -27,16 +27,16 @@ const TIMES: usize = 33;
 /// Runs longer than this many seconds are not repeated, since their times hardly vary.
 const LONG: f64 = 1.0;
 
-/// The reference is more accurate than the finest run by this factor.
+/// Ratio of the finest tolerance of a study to the tolerance of the reference run.
 const TIGHTER: f64 = 100.0;
-/// Least relative tolerance: below it there is only rounding.
+/// Smallest relative tolerance of a reference run: below it, rounding dominates.
 const LEAST_RTOL: f64 = 1e-13;
-/// The tolerance of a reference for runs with fixed steps.
+/// Relative tolerance of the reference run for runs with fixed steps.
 const REFERENCE_RTOL: f64 = 1e-12;
-/// The step of a fixed-step reference is smaller than the finest step by this factor.
+/// Ratio of the finest step size of a study to the step size of a reference run with fixed steps.
 const FINER: f64 = 32.0;
 
-/// Runs a study of a problem.
+/// Runs a study of error against run time.
 pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control) -> Study {
     let times = times(specification);
     let fields = match &plan.exact {
@@ -83,7 +83,7 @@ pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control)
     Study { reference, series, picture }
 }
 
-/// The output times of the specification, or else equally spaced times, always with the end.
+/// Returns the output times of the specification, or else equally spaced times, always with the end.
 fn times(specification: &Specification) -> Vec<f64> {
     let time = specification.time();
     let mut times = match specification.output_times() {
@@ -96,7 +96,7 @@ fn times(specification: &Specification) -> Vec<f64> {
     times
 }
 
-/// The setting of the reference run, finer than all others, and its description.
+/// Returns the accuracy setting of the reference run, finer than all others, and its description.
 fn reference(model: &dyn Model, rungs: &[Rung]) -> (Rung, String) {
     let finest = rungs.iter().fold(f64::INFINITY, |finest, rung| match rung {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
@@ -147,11 +147,11 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
     (first, run)
 }
 
-/// A column below this fraction of the largest counts as zero up to rounding.
+/// Size of a column, relative to the largest column, below which the column counts as zero up to rounding.
 const ZERO: f64 = 1e-12;
 
-/// The largest errors at the end and at all times, relative to the largest value of each column, or for a zero column
-/// to the largest value of all columns.
+/// Returns the largest errors at the end and at all times, relative to the largest value of each column, or for a
+/// zero column to the largest value of all columns.
 fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<f64>) {
     let size_of = |exact: &Vec<f64>| exact.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
     let most = values.iter().map(size_of).fold(0.0, f64::max);

@@ -17,29 +17,29 @@ use solution::Solution;
 use specification::Specification;
 use std::f64::consts::PI;
 
-/// The measured numbers of stages.
+/// Numbers of Radau IIA stages whose stability functions are measured.
 pub const STAGES: [usize; 5] = [1, 2, 3, 5, 7];
-/// The rays, in degrees from the positive real axis.
+/// Directions of the rays, in degrees from the positive real axis.
 const RAYS: [u32; 7] = [90, 105, 120, 135, 150, 165, 180];
-/// Half decades from `10^-2` to `10^8`.
+/// Numbers of half decades of the modulus of `z`, from `10^-2` to `10^8`.
 const HALF_DECADES: std::ops::RangeInclusive<i32> = -4..=16;
 
-/// A ray in the left half plane, for one number of stages.
+/// The measured stability function along a ray in the left half plane, for one number of stages.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Ray {
-    /// The number of stages.
+    /// The number of Radau IIA stages.
     pub stages: usize,
     /// The angle of `z`, in degrees.
     pub degrees: u32,
-    /// `|z|` and the measured `|R(z)|`.
+    /// Pairs of `|z|` and the measured `|R(z)|` along the ray.
     pub points: Vec<(f64, f64)>,
-    /// The largest `|R(z)|`; at most one for an A-stable method.
+    /// The largest `|R(z)|` on the ray; at most one for an A-stable method.
     pub largest: f64,
-    /// The largest distance between the measured `R(z)` and that from the coefficients.
+    /// The largest distance between the measured `R(z)` and `R(z)` computed from the coefficients.
     pub difference: f64,
 }
 
-/// Measures all rays, except those with a failed step.
+/// Measures the stability functions along all rays; rays with a failed step are left out.
 pub fn rays() -> Vec<Ray> {
     let of_stages = |stages: usize| RAYS.iter().filter_map(move |&degrees| ray(stages, degrees));
     STAGES.into_iter().flat_map(of_stages).collect()
@@ -87,11 +87,11 @@ mod tests {
         let rays = rays();
         assert_eq!(rays.len(), STAGES.len() * RAYS.len());
         for ray in &rays {
-            // Rounding errors are amplified by the transformation of the stages.
+            // Rounding errors are amplified by the condition of the transformation of the stages.
             let rounding = 1e2 * f64::EPSILON * Tableau::of(ray.stages).mixing;
             assert!(ray.difference < rounding, "{} stages at {}: {:e}", ray.stages, ray.degrees, ray.difference);
             assert!(ray.largest < 1.0 + rounding, "{} stages at {}: {}", ray.stages, ray.degrees, ray.largest);
-            // L-stability.
+            // L-stability: `R(z)` tends to zero as `|z|` grows.
             let far = ray.points.last().expect("points").1;
             assert!(far < 1e-6, "{} stages at {}: {far:e}", ray.stages, ray.degrees);
         }

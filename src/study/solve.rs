@@ -11,8 +11,8 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
     solve_on(NonZeroUsize::MIN, specification, control)
 }
 
-/// Solves a checked specification with several threads for the members of a sweep. The answer does not depend on their
-/// number.
+/// Solves a checked specification with several threads for the members of a sweep. The answer does not depend on the
+/// number of threads.
 pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &Control) -> Solution {
     let mut solution = match (specification.sweep(), specification.study()) {
         (Some(plan), _) => sweep(specification, plan.chunk().members, threads, control),
@@ -33,7 +33,7 @@ pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &
 /// Approximate share of a study's progress taken by the main solve.
 const FIRST: f64 = 0.1;
 
-/// Solves once, without a study.
+/// Solves a specification once, without its study.
 pub(crate) fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);
@@ -42,7 +42,7 @@ pub(crate) fn solve_once(specification: &Specification, control: &Control) -> So
     solution
 }
 
-/// The end time that a specification asks for; `None` if it asks for a search.
+/// Returns the end time that a specification asks for; `None` if it asks for a search.
 pub(crate) fn requested_end(specification: &Specification) -> Option<f64> {
     let is_search = specification.search().is_some() || specification.problem() == "vi";
     (!is_search).then_some(specification.time().end)

@@ -1,16 +1,17 @@
-//! The primal-dual active set method for a sparse `A` and a product of intervals, as in an obstacle problem. For a
-//! guess of the active set,
+//! The primal-dual active set method for an affine variational inequality with a sparse matrix `A` over a product of
+//! intervals, as in an obstacle problem. For a guess of the active set,
 //!
 //! ```text
 //! z_i = l_i or z_i = u_i on it,    (A z + q)_i = 0 elsewhere
 //! ```
 //!
-//! is a linear system; variables outside their interval join the active set, those whose `w_i` has the wrong sign leave
-//! it. It is Newton's method on the natural map, and ends after finitely many steps for an M-matrix and one-sided
-//! bounds (Hintermueller, Ito and Kunisch 2003, *The primal-dual active set strategy as a semismooth Newton method*,
-//! theorem 3.2). If an active set recurs, or the steps are too many, [`line_search`] takes over, which cannot cycle.
+//! is a linear system; variables outside their interval join the active set, those whose `w_i` has the wrong sign
+//! leave it. The method is Newton's method on the natural map, and ends after finitely many steps for an M-matrix and
+//! one-sided bounds (Hintermueller, Ito and Kunisch 2003, *The primal-dual active set strategy as a semismooth Newton
+//! method*, theorem 3.2). If an active set recurs, or the steps are too many, [`line_search`] takes over, which
+//! cannot cycle.
 //!
-//! A step releases one layer of nodes, so that a free boundary that moves over `k` of them costs `k` steps. For a
+//! A step releases one layer of grid nodes, so that a free boundary that moves over `k` layers costs `k` steps. For a
 //! matrix on a known grid the active set is therefore guessed on coarser grids, from the coarsest up ([`coarse`]): a
 //! few steps at any size.
 
@@ -42,13 +43,14 @@ const WARM_PASSES: usize = 2;
 /// Largest number of steps on a coarser grid, which only gives a guess.
 const COARSE_PASSES: usize = 8;
 
-/// Largest number of successive problems that skip the last active set as a start after it failed.
+/// Largest number of successive problems that do not start from the last active set after such a start failed.
 const LONGEST_PAUSE: u32 = 15;
 
-/// Below this fraction of its terms a `w_i` counts as zero: the 4e-16 of one rounding, summed over a system.
+/// A component `w_i` below this fraction of its terms counts as zero: the 4e-16 of one rounding, summed over a
+/// system.
 const ROUNDING: f64 = 1e-13;
 
-/// The activity of a variable.
+/// The activity of a variable: inside its interval, or at its lower or upper bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Face {
     Inside,
@@ -56,29 +58,29 @@ enum Face {
     Upper,
 }
 
-/// The reason why a matrix is unsuitable for the method.
+/// The reason why a matrix is unsuitable for the active set method.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Unsuitable {
     /// The matrix is not square, or its size differs from the number of grid nodes.
     #[error("the matrix is {rows} by {columns}, not {expected} by {expected}")]
     Shape {
-        /// Rows of the matrix.
+        /// The number of rows of the matrix.
         rows: usize,
-        /// Columns of the matrix.
+        /// The number of columns of the matrix.
         columns: usize,
-        /// The required number of both.
+        /// The required number of rows and of columns.
         expected: usize,
     },
-    /// A diagonal entry is not positive and finite. A matrix for which every problem has one solution has positive
-    /// principal minors.
+    /// A diagonal entry is not positive and finite. A matrix for which every problem has exactly one solution has
+    /// positive principal minors.
     #[error("the diagonal entry of row {row} (counted from 0) is {value}, not positive and finite")]
     Diagonal {
-        /// The row.
+        /// The row of the diagonal entry, counted from 0.
         row: usize,
-        /// The entry; zero if it is absent.
+        /// The diagonal entry; zero if it is absent.
         value: f64,
     },
-    /// The factors do not fit into memory.
+    /// The factors of the matrix do not fit into memory.
     #[error("the factors of the matrix do not fit into memory")]
     Memory,
     /// [`Control`] asked to stop.
@@ -92,21 +94,22 @@ impl From<Interrupted> for Unsuitable {
     }
 }
 
-/// Solves `z in K, <A z + q, z~ - z> >= 0` for one `A` and many `q` and `K`, each from the active set of the last
-/// problem.
+/// Solves `z in K, <A z + q, z~ - z> >= 0` for one matrix `A` and many `q` and `K`, each from the active set of the
+/// last problem.
 pub struct ActiveSet {
     finest: Level,
-    /// Coarser problems, from fine to coarse.
+    /// Problems on coarser grids, from fine to coarse.
     coarser: Vec<Coarse>,
     line_search: Option<LineSearch>,
     started: bool,
-    /// Remaining problems that skip the last active set as a start, and the number that the next failure adds.
+    /// Number of coming problems that do not start from the last active set (`pause`), and the number that the next
+    /// failure adds.
     pause: u32,
     next_pause: u32,
 }
 
 impl ActiveSet {
-    /// Prepares a matrix without a known grid; a tridiagonal one defines its own.
+    /// Prepares a matrix without a known grid; a tridiagonal matrix defines its own grid.
     ///
     /// # Errors
     /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
@@ -139,8 +142,8 @@ impl ActiveSet {
         Ok(Self::from_operators(finest, coarse::by_interpolation(&below, control)?))
     }
 
-    /// Solves `(A z)_i = r_i` in place of `r` for the variables that were inside their intervals in the last solution,
-    /// with the others zero. False if the system is singular, or if `control` asks to stop.
+    /// Solves `(A z)_i = r_i` in place of `r` for the variables that were inside their intervals in the last
+    /// solution, with the others set to zero. Returns false if the system is singular, or if `control` asks to stop.
     pub fn solve_inside(&mut self, r: &mut [f64], control: &Control) -> bool {
         let Level { operator, face, .. } = &mut self.finest;
         for (r, face) in r.iter_mut().zip(face.iter()) {
@@ -155,7 +158,8 @@ impl ActiveSet {
         Self { finest: Level::new(finest), coarser, line_search: None, started: false, pause: 0, next_pause: 1 }
     }
 
-    /// Solves from the active set of the last problem or, the first time, from that of `z`; writes the solution to `z`.
+    /// Solves from the active set of the last problem or, the first time, from that of `z`; writes the solution to
+    /// `z`.
     /// Returns [`Outcome::Breakdown`] for vectors of wrong length, empty intervals and values that are not finite, and
     /// [`Outcome::Unsuitable`] for sets that are not products of intervals.
     pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> Report {
@@ -201,14 +205,14 @@ impl ActiveSet {
     }
 }
 
-/// A matrix with the current active set.
+/// The matrix of one grid with its current active set.
 struct Level {
     operator: Operator,
     face: Vec<Face>,
     w: Vec<f64>,
     /// `|A| |z| + |q|`, the scale of rounding errors of `w`.
     terms: Vec<f64>,
-    /// Signatures of the active sets since the beginning of the iteration.
+    /// Hash signatures of the active sets since the beginning of the iteration.
     seen: Vec<u64>,
 }
 
@@ -219,15 +223,15 @@ impl Level {
         Self { operator, face, w: vec![0.0; n], terms: vec![0.0; n], seen: Vec::with_capacity(PASSES) }
     }
 
-    /// Sets the active set to that of a point.
+    /// Sets the active set to that of a point `z`.
     fn guess(&mut self, set: &ConvexSet, z: &[f64]) {
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
             *face = resting_place(z, set.lower[i], set.upper[i]);
         }
     }
 
-    /// Makes the active set admissible: variables at an infinite bound become inactive, those with equal bounds active;
-    /// returns the signature of the set.
+    /// Makes the active set admissible: variables at an infinite bound become inactive, those with equal bounds
+    /// active; returns the hash signature of the set.
     fn fit(&mut self, set: &ConvexSet) -> u64 {
         let mut signature = 0;
         for (i, (face, (&lower, &upper))) in self.face.iter_mut().zip(set.lower.iter().zip(&set.upper)).enumerate() {
@@ -242,8 +246,8 @@ impl Level {
         signature
     }
 
-    /// Iterates until the active set does not change. False if an active set recurs, a system is singular, or after
-    /// `most` steps.
+    /// Iterates until the active set does not change. Returns false if an active set recurs, a system is singular, or
+    /// `most` steps do not suffice.
     fn iterate(
         &mut self,
         q: &[f64],
@@ -277,7 +281,7 @@ impl Level {
         false
     }
 
-    /// Solves for `z` with the current active set. False if the system is singular.
+    /// Solves for `z` with the current active set. Returns false if the system is singular.
     fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> bool {
         for (i, ((z, &face), &q)) in z.iter_mut().zip(&self.face).zip(q).enumerate() {
             *z = match face {
@@ -289,7 +293,7 @@ impl Level {
         self.operator.solve(&self.face, None, z, control)
     }
 
-    /// Updates the active set by the signs of `z` and `w`; returns the change of the signature.
+    /// Updates the active set by the signs of `z` and `w`; returns the change of the hash signature.
     fn update(&mut self, set: &ConvexSet, z: &[f64]) -> u64 {
         let mut changes = 0;
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
@@ -306,8 +310,8 @@ impl Level {
         changes
     }
 
-    /// Whether `z` solves the problem, by the residual with rows divided by the diagonal, relative to its largest
-    /// terms; and the residual without division, NaN if a value is not finite.
+    /// Returns whether `z` solves the problem, judged by the residual with rows divided by the diagonal, relative to
+    /// its largest terms; and the residual without division, NaN if a value is not finite.
     fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (bool, f64) {
         self.operator.apply(q, z, &mut self.w, &mut self.terms);
         let (mut residual, mut scaled, mut magnitude) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -324,7 +328,7 @@ impl Level {
     }
 }
 
-/// The activity of a value relative to its interval.
+/// Returns the activity of a value relative to its interval.
 fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
     if z <= lower {
         Face::Lower
@@ -335,8 +339,8 @@ fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
     }
 }
 
-/// Hash bits of variable `i` on `face`; the exclusive or over all variables identifies an active set (Zobrist 1970; the
-/// bit mixing is `SplitMix64`).
+/// Hash bits of variable `i` with activity `face`; the exclusive or over all variables identifies an active set
+/// (Zobrist 1970; the bit mixing is `SplitMix64`).
 fn mixed(i: usize, face: Face) -> u64 {
     let mut x = (4 * i as u64 + face as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

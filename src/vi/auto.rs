@@ -1,64 +1,66 @@
-//! Choice of a solver by set and size, and of the next one if it fails.
+//! Choice of a solver of variational inequalities by set and size, and of the next solver if the first fails.
 //!
-//! Over intervals pivoting costs `m^2` a pivot and takes about `m` of them; Newton's method costs `m^3 / 3` a step and
-//! takes five, or up to a hundred if the solution is degenerate. Up to the size at which a tableau exceeds the cache,
-//! pivoting is as fast or faster, and never much slower. A large sparse matrix with the signs of an obstacle problem is
-//! solved by the active set method. Over blocks Newton's method comes first, and for many small blocks Gauss-Seidel;
-//! the interior-point method, a hundred times slower on small problems, solves what both leave unsolved.
+//! Over intervals, with `m` variables, pivoting costs `m^2` operations a pivot and takes about `m` pivots; Newton's
+//! method costs `m^3 / 3` operations a step and takes five steps, or up to a hundred if the solution is degenerate.
+//! Up to the size at which a tableau exceeds the cache, pivoting is as fast or faster, and never much slower. A large
+//! sparse matrix with the signs of an obstacle problem is solved by the active set method. Over blocks Newton's
+//! method comes first, and for many small blocks Gauss-Seidel; the interior-point method, a hundred times slower on
+//! small problems, solves those that the other two leave unsolved.
 
 use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// Largest number of variables for which pivoting comes first.
+/// Largest number of variables for which pivoting is tried first.
 const LEMKE_AT_MOST: usize = 500;
 
-/// Largest mean number of entries in a row, as on grids, for which a sparse factorisation costs less than one dense
+/// Largest mean number of nonzeros in a row, as on grids, for which a sparse factorisation costs less than one dense
 /// pivot.
 const SPARSE: usize = 30;
 
-/// Smallest number of variables, and largest size of their blocks, for which sweeps over the blocks come first.
+/// Smallest number of variables, and largest size of their blocks, for which Gauss-Seidel sweeps over the blocks are
+/// tried first.
 const SWEEPS_FROM: usize = 300;
 const SMALL_BLOCK: usize = 4;
 
-/// Names a solver, as `vi_solver` does.
+/// The kind of a solver of variational inequalities, with the name used in the setting `vi_solver`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverKind {
-    /// Chosen by set and size; others are tried if the first fails.
+    /// The solver is chosen by set and size; others are tried if the first fails.
     #[default]
     Auto,
-    /// [`Lemke`].
+    /// Complementary pivoting, [`Lemke`].
     Lemke,
-    /// [`SemismoothNewton`].
+    /// The semismooth Newton method, [`SemismoothNewton`].
     SemismoothNewton,
-    /// [`DenseActiveSet`].
+    /// The primal-dual active set method, [`DenseActiveSet`].
     ActiveSet,
-    /// [`Conic`].
+    /// The interior-point method for conic programs, [`Conic`].
     Conic,
-    /// [`BlockGaussSeidel`].
+    /// The projected block Gauss-Seidel method, [`BlockGaussSeidel`].
     BlockGaussSeidel,
 }
 
-/// A solver that was tried, with its outcome.
+/// A solver that was tried on the last problem, with its outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attempt {
-    /// The solver.
+    /// The solver that was tried.
     pub solver: SolverKind,
-    /// The outcome.
+    /// The outcome of the solver.
     pub outcome: Outcome,
 }
 
 impl SolverKind {
-    /// Every kind, in the order in which they are offered.
+    /// Every kind of solver, in the order in which they are offered to users.
     pub const ALL: [Self; 6] =
         [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::ActiveSet, Self::Conic, Self::BlockGaussSeidel];
 
-    /// The kind with this name, if any.
+    /// Returns the kind of solver with this name, if any.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// Its name.
+    /// Returns the name of the kind of solver.
     pub fn name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
@@ -70,7 +72,7 @@ impl SolverKind {
         }
     }
 
-    /// A solver of this kind for up to `m` variables.
+    /// Builds a solver of this kind for up to `m` variables.
     pub fn build(self, m: usize) -> Box<dyn ViSolver> {
         match self {
             Self::Auto => Box::new(Auto::new(m)),
@@ -83,7 +85,7 @@ impl SolverKind {
     }
 }
 
-/// The solvers used so far, with the attempts at the last problem.
+/// The automatic choice: solvers used so far, with the attempts at the last problem.
 pub struct Auto {
     size: usize,
     /// Solvers in the order of their first use.
@@ -95,7 +97,7 @@ pub struct Auto {
 }
 
 impl Auto {
-    /// A solver for problems of up to `m` variables. Each solver is built when it is first needed.
+    /// Creates a solver for problems of up to `m` variables. Each underlying solver is built when it is first needed.
     pub fn new(m: usize) -> Self {
         Self {
             size: m,
@@ -121,7 +123,7 @@ impl Auto {
     }
 }
 
-/// The solvers to try, in order.
+/// Returns the solvers to try for a problem, in order.
 fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
     use SolverKind::{ActiveSet, BlockGaussSeidel, Conic, Lemke, SemismoothNewton};
     if !vi.set.has_blocks() {
@@ -131,7 +133,7 @@ fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
             false => &[SemismoothNewton, Lemke],
         };
     }
-    // The sweeps over a single block solve the problem itself.
+    // For a single block a sweep would solve the whole problem: leave Gauss-Seidel out.
     if vi.set.blocks().iter().any(|block| block.members.len() == vi.q.len()) {
         return &[SemismoothNewton, Conic];
     }
@@ -143,7 +145,7 @@ fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
     }
 }
 
-/// Whether a matrix suits the active set method: few entries, positive on the diagonal and nowhere else.
+/// Whether a matrix suits the active set method: few nonzeros, positive on the diagonal and nonpositive off it.
 fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
     let m = matrix.nrows();
     let has_the_signs = (0..m).all(|j| matrix.column(j).iter().enumerate().all(|(i, a)| (i == j) == (*a > 0.0)));
@@ -151,8 +153,8 @@ fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
     has_the_signs && entries <= SPARSE * m
 }
 
-/// Whether the second report is more informative. A ray is more informative than a limit: it may prove that no solution
-/// exists.
+/// Whether the second report is more informative than the first. A ray is more informative than an iteration limit:
+/// it may prove that no solution exists.
 fn says_more(first: &Report, second: &Report) -> bool {
     second.outcome == Outcome::Solved
         || second.outcome == Outcome::Ray
@@ -160,7 +162,7 @@ fn says_more(first: &Report, second: &Report) -> bool {
 }
 
 impl ViSolver for Auto {
-    /// The name of the solver of the last result; `auto` before the first problem.
+    /// Returns the name of the solver of the last result; `auto` before the first problem.
     fn name(&self) -> &'static str {
         self.last.name()
     }
@@ -173,7 +175,7 @@ impl ViSolver for Auto {
         let mut best: Option<Report> = None;
         let mut iterations = 0;
         for &kind in order(vi) {
-            // The result of sweeps is a good start for Newton's method.
+            // The result of Gauss-Seidel sweeps is a good start for Newton's method.
             let warm = self.attempts.last().is_some_and(|last| last.solver == SolverKind::BlockGaussSeidel);
             let report = self.run(kind, vi, warm, control);
             iterations += report.iterations;

@@ -1,16 +1,17 @@
-//! Projected block Gauss-Seidel with over-relaxation, for many small blocks: block after block,
+//! Projected block Gauss-Seidel with over-relaxation, for variational inequalities with many small blocks: block
+//! after block,
 //!
 //! ```text
 //! y_B solves the variational inequality over K_B with A_BB and q_B + sum over C != B of A_BC z_C
 //! z_B <- P_B((1 - omega) z_B + omega y_B)
 //! ```
 //!
-//! with each local problem solved exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel like
-//! algorithm to solve frictional contact problems*, for blocks). It converges linearly for symmetric positive definite
-//! `A` and `0 < omega < 2`. For a positive definite `A` that is not symmetric it converges for small `omega` and may
-//! diverge for one: the matrix of Radau IIA with three stages multiplies the error by 1.33 a sweep at `omega = 1`, and
-//! by 0.32 at 0.86. Therefore `omega` grows while the residual falls, shrinks when it rises, and stays below values
-//! that have failed.
+//! with each local problem solved exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel
+//! like algorithm to solve frictional contact problems*, for blocks). The iteration converges linearly for symmetric
+//! positive definite `A` and `0 < omega < 2`. For a positive definite `A` that is not symmetric it converges for
+//! small `omega` and may diverge for `omega = 1`: the matrix of Radau IIA with three stages multiplies the error by
+//! 1.33 a sweep at `omega = 1`, and by 0.32 at 0.86. Therefore `omega` grows while the residual falls, shrinks when
+//! it rises, and stays below values that have failed.
 
 use super::residual::Gauge;
 use super::semismooth_newton::BlockNewton;
@@ -24,10 +25,11 @@ const SWEEPS: usize = 4_000;
 /// Number of sweeps between two evaluations of the residual.
 const STRIDE: usize = 5;
 
-/// Fast convergence: the sweeps between two evaluations lower the residual to this fraction.
+/// Convergence is fast if the sweeps between two evaluations of the residual lower it to this fraction.
 const FAST: f64 = 0.1;
 
-/// Growth of `omega` while the residual falls, its largest value, and the factor that lowers both after a rise.
+/// Growth of the relaxation factor `omega` while the residual falls, its largest value, and the factor that lowers
+/// both after a rise.
 const GROWTH: f64 = 0.02;
 const LARGEST: f64 = 1.6;
 const SHRINKAGE: f64 = 0.8;
@@ -35,7 +37,7 @@ const SHRINKAGE: f64 = 0.8;
 /// Number of sweeps whose progress predicts whether the remaining sweeps suffice.
 const WINDOW: usize = 200;
 
-/// Block Gauss-Seidel; see the module. The workspace grows with the problems.
+/// The projected block Gauss-Seidel solver. Its workspace grows with the problems.
 #[derive(Debug, Default)]
 pub struct BlockGaussSeidel {
     gauge: Gauge,
@@ -45,13 +47,13 @@ pub struct BlockGaussSeidel {
     w: Vec<f64>,
 }
 
-/// The problem of one block, with its solver.
+/// The local problem of one block, with its solver.
 #[derive(Debug)]
 struct Local {
     members: Vec<usize>,
     set: ConvexSet,
     matrix: DMatrix<f64>,
-    /// `a` if the matrix is `a I`.
+    /// The factor `a` if the matrix of the block is `a I`.
     isotropic: Option<f64>,
     q: Vec<f64>,
     z: Vec<f64>,
@@ -101,7 +103,7 @@ impl ViSolver for BlockGaussSeidel {
             if found.residual.is_nan() {
                 break;
             }
-            // The products that sweeps update accumulate rounding errors.
+            // Replace the incrementally updated `w`, which accumulates rounding errors.
             self.w.copy_from_slice(&self.gauge.w);
             if found.componentwise >= last {
                 largest = SHRINKAGE * omega;
@@ -160,7 +162,7 @@ impl BlockGaussSeidel {
     }
 }
 
-/// Sets one component and updates `w`.
+/// Sets one component of `z` and updates `w = A z + q`.
 fn advance(vi: &AffineVi<'_>, z: &mut [f64], w: &mut [f64], i: usize, new: f64) {
     let change = new - z[i];
     z[i] = new;
@@ -205,7 +207,8 @@ impl Local {
         self.isotropic = (a > 0.0 && self.matrix.iter().enumerate().all(isotropic)).then_some(a);
     }
 
-    /// Solves the local problem at `z`, where `w` is its value, and writes the relaxed solution to `self.z`.
+    /// Solves the local problem of the block at the current `z` with `w = A z + q`, and writes the relaxed solution
+    /// to `self.z`.
     fn solve(&mut self, z: &[f64], w: &[f64], omega: f64, work: &mut Workspace, control: &Control) {
         for (i, &member) in self.members.iter().enumerate() {
             self.z[i] = z[member];

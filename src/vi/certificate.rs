@@ -1,53 +1,57 @@
-//! What is certain of a solution of a variational inequality: whether it is the only one, the only one near, or one of a
-//! continuum. On intervals, with `J = G'(z)`, `a` the variables inside and `b` those at an end with `G = 0`:
+//! Certificates of a solution of a variational inequality: whether it is unique, isolated, or one of a continuum. On
+//! intervals, with `J = G'(z)`, `a` the variables inside their intervals and `b` those at a bound with `G = 0`:
 //!
-//! - `G` affine and `J` positive definite: the only one (Facchinei and Pang 2003, theorem 2.3.3);
-//! - `J_aa` regular and the Schur complement `J_bb - J_ba J_aa^-1 J_ab` a P-matrix: the only one near (Robinson 1980, *Strongly
-//!   regular generalized equations*), and, where `G` is affine and `J` positive semidefinite, so that solutions form a convex
-//!   set, the only one;
-//! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it. Otherwise these points
-//!   are where other solutions may be.
+//! - `G` affine and `J` positive definite: unique (Facchinei and Pang 2003, theorem 2.3.3);
+//! - `J_aa` regular and the Schur complement `J_bb - J_ba J_aa^-1 J_ab` a P-matrix: isolated (Robinson 1980,
+//!   *Strongly regular generalized equations*), and, if `G` is affine and `J` positive semidefinite, so that solutions
+//!   form a convex set, unique;
+//! - `G` affine, `b` empty and `J_aa` singular: all points `z + s v` with `J_aa v = 0` near `z` are solutions. If `G`
+//!   is not affine or `b` is not empty, other solutions may exist along `v`.
 
 use super::worst::sizes_of_variables;
 use factorisation::{Singular, equilibrated, least_eigenvalue, scale_of};
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
-/// The part of the largest singular value, or eigenvalue, below which one is zero: that of rounding in matrices of this size.
+/// Rank tolerance: singular values or eigenvalues of a matrix of size `m` are zero below `ZERO m` times the largest.
 const ZERO: f64 = 1e-11;
-/// A component rests on an end, and its `G` is zero, to this part of their terms: solutions of nonlinear problems are known to
-/// half their digits where they are degenerate.
+/// A component is at a bound, and its `G` is zero, to within this fraction of the size of their terms: degenerate
+/// solutions of nonlinear problems are accurate to half of the digits only.
 const REST: f64 = 1e-7;
-/// A component that is off an end by less than this part of its size is on it.
+/// A component whose distance to a bound is below this fraction of its size is at the bound.
 const ROUNDING: f64 = 1e-14;
 /// Sweeps of the scaling of a symmetric matrix: each takes the square root of the imbalance.
 const SWEEPS: usize = 8;
-/// The most components in `b`: all principal minors are looked at.
+/// Largest number of components in `b`: all principal minors are computed.
 const MOST_UNDECIDED: usize = 12;
-/// The most variables: values and vectors of full matrices.
+/// Largest number of variables for which certificates are computed, from singular values and vectors of dense
+/// matrices.
 pub const MOST_VARIABLES: usize = 400;
 
-/// Why nothing is certain where `J_aa` is singular.
+/// The reason why nothing is certified if `J_aa` is singular.
 pub const SINGULAR: &str = "the derivative with respect to the inactive variables is singular";
 
-/// What is certain.
+/// A certificate of a solution.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Certificate {
-    /// The matrix of an affine `G` is positive definite: the least eigenvalue of its symmetric part.
+    /// The solution is unique: the matrix of an affine `G` is positive definite. Holds the least eigenvalue of its
+    /// symmetric part.
     Unique(f64),
-    /// The only one near, and the matrix of an affine `G` positive semidefinite.
+    /// The solution is unique: it is isolated, and the matrix of an affine `G` is positive semidefinite.
     UniqueOfConvex,
-    /// The only one near: the least singular value of `J_aa`, and the numbers of variables in `a` and in `b`.
+    /// The solution is isolated. Holds the least singular value of `J_aa`, and the numbers of variables in `a` and in
+    /// `b`.
     Isolated(f64, usize, usize),
-    /// One of a continuum, along this direction.
+    /// The solution is one of a continuum, along this direction.
     Continuum(Vec<f64>),
-    /// Nothing, as `J_aa` is singular: if there are others near, then along this direction.
+    /// Nothing is certified, as `J_aa` is singular: if other solutions exist nearby, they lie along this direction.
     Singular(Vec<f64>),
-    /// Nothing, for this reason.
+    /// Nothing is certified, for this reason.
     Nothing(&'static str),
 }
 
-/// The solution `z` with `g = G(z)` and `J = G'(z)`; `g` and `z` are sums of terms of these sizes.
+/// Computes the certificate of the solution `z` with `g = G(z)` and the Jacobian `J = G'(z)`; `terms` are the sizes
+/// of the terms that the components of `g` sum up.
 pub fn certificate(
     jacobian: &DMatrix<f64>,
     is_affine: bool,
@@ -87,7 +91,8 @@ pub fn certificate(
         }
     }
     let part = |rows: &[usize], columns: &[usize]| jacobian.select_rows(rows).select_columns(columns);
-    // In units in which all rows and columns are of one size: what is small beside others, as in other units, is not zero.
+    // Scale rows and columns to a common size, so that entries that are small only in their units do not count as
+    // zero.
     let unit = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
     let mut own = part(&inside, &inside);
     own.row_iter_mut().zip(&inside).for_each(|(mut row, &i)| row /= unit(terms[i]));
@@ -139,8 +144,9 @@ pub fn certificate(
     }
 }
 
-/// The least eigenvalue of the symmetric part of a matrix `J`, as one of `D J D` with the diagonal `D` that brings the largest
-/// entries of its rows to one: its sign is that of `J`, in any units. NaN where an entry is not finite.
+/// Returns the least eigenvalue of `D S D`, where `S` is the symmetric part of a matrix `J` and the diagonal `D`
+/// scales the largest entry of each row to one: its sign is that of the least eigenvalue of `S`, in any units.
+/// Returns NaN if an entry is not finite.
 pub fn least_relative_eigenvalue(matrix: &DMatrix<f64>) -> f64 {
     let mut symmetric = (matrix + matrix.transpose()) * 0.5;
     for _ in 0..SWEEPS {
@@ -174,20 +180,20 @@ mod tests {
     fn definite_regular_and_singular_matrices_are_told_apart() {
         assert!(matches!(of(&[2.0, 1.0, -1.0, 1.0], true, &[1.0, 1.0], &[0.0, 0.0]), Certificate::Unique(_)));
         assert_eq!(of(&[1.0, 0.0, 0.0, 0.0], true, &[1.0, 0.0], &[0.0, 2.0]), Certificate::UniqueOfConvex);
-        // Not monotone: w = z2 - 1, z1 - 1 has solutions (1, 1), and none near it.
+        // The non-monotone `w = (z2 - 1, z1 - 1)` has the solution (1, 1), and no other near it.
         assert!(matches!(of(&[0.0, 1.0, 1.0, 0.0], true, &[1.0, 1.0], &[0.0; 2]), Certificate::Isolated(_, 2, 0)));
-        // z1 + z2 = 2.
+        // The solutions are the line z1 + z2 = 2.
         let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
         assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
-        // Small in its unit, and not zero.
+        // Entries that are small only in their units do not count as zero.
         let small = of(&[1e-9, 2.0, -1.0, 1e-9], true, &[3.0, 2.0], &[0.0; 2]);
         assert!(matches!(small, Certificate::Isolated(_, 2, 0)), "{small:?}");
         let small = of(&[-1e-9, 0.0, 0.0, 1e9], true, &[3.0, 2.0], &[0.0; 2]);
         assert!(matches!(small, Certificate::Isolated(_, 2, 0)), "{small:?}");
-        // All variables at an end, with G = 0 there.
+        // A variable at its bound with `G = 0` is not certified; with `G > 0` at all bounds the solution is isolated.
         assert!(matches!(of(&[0.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
         assert_eq!(of(&[1.0, 2.0, 2.0, 1.0], false, &[0.0; 2], &[3.0; 2]), Certificate::Isolated(f64::INFINITY, 0, 0));
-        // w = -z at z = 0: any step leaves it, as z = 0 is one end of nothing; not certified.
+        // `w = -z` at `z = 0`: the matrix is no P-matrix, so that nothing is certified.
         assert!(matches!(of(&[-1.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
     }
 }

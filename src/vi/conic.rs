@@ -1,6 +1,6 @@
-//! Monotone variational inequalities as conic programs, by the interior-point method Clarabel (Goulart and Chen 2024,
-//! *Clarabel: an interior-point solver for conic programs with quadratic objectives*). With `K` written as
-//! `B z + s = b`, `s in C` for a product `C` of `{0}`, `R+` and second-order cones, a symmetric `A` gives
+//! Monotone affine variational inequalities as conic programs, by the interior-point method Clarabel (Goulart and
+//! Chen 2024, *Clarabel: an interior-point solver for conic programs with quadratic objectives*). With the set `K`
+//! written as `B z + s = b`, `s in C` for a product `C` of `{0}`, `R+` and second-order cones, a symmetric `A` gives
 //!
 //! ```text
 //! min 1/2 <z, A z> + <q, z>    over B z + s = b,  s in C
@@ -13,8 +13,8 @@
 //! ```
 //!
 //! The program is built once for sets of one form; later problems overwrite its numbers in place, without allocations
-//! on our side (Clarabel's linear solver makes its own). An interior point lies near the active face of the solution,
-//! not on it, so Newton's method on the natural map starts from it and measures its accuracy.
+//! on our side (Clarabel's linear solver allocates). An interior point lies near the active face of the solution, not
+//! on it, so Newton's method on the natural map starts from it and measures its accuracy.
 
 use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
 use clarabel::algebra::CscMatrix;
@@ -25,13 +25,13 @@ use clarabel::solver::{
 use nalgebra::DMatrix;
 use problem::{Block, Control, ConvexSet, Shape};
 
-/// `A` counts as symmetric if entries differ from those across the diagonal by at most this fraction of the largest.
+/// `A` counts as symmetric if its entries differ from their transposes by at most this fraction of the largest entry.
 const SYMMETRIC: f64 = 1e-10;
 
-/// Tolerance on the gap and on feasibility; Newton's method does the rest.
+/// Tolerance on the duality gap and on feasibility; Newton's method improves the result.
 const ACCURACY: f64 = 1e-10;
 
-/// Clarabel, with the problem it was built for.
+/// Solver of conic programs by Clarabel, with the program of the last problem.
 #[derive(Default)]
 pub struct Conic {
     built: Option<Built>,
@@ -39,10 +39,10 @@ pub struct Conic {
     start: Vec<f64>,
 }
 
-/// A program for sets of one form.
+/// A conic program for sets of one form.
 struct Built {
     solver: DefaultSolver<f64>,
-    /// The set that the program was built for, and the last `A`.
+    /// The set that the program was built for, and the last matrix `A`.
     set: ConvexSet,
     matrix: DMatrix<f64>,
     is_symmetric: bool,
@@ -83,7 +83,8 @@ impl ViSolver for Conic {
         solver.solve();
         let iterations = solver.solution.iterations as usize;
         let failure = match solver.solution.status {
-            // A symmetric problem is unbounded below; any other has no complementary pair.
+            // The program of a symmetric problem is unbounded below; that of any other problem has no complementary
+            // pair.
             SolverStatus::DualInfeasible | SolverStatus::PrimalInfeasible => Outcome::Ray,
             SolverStatus::NumericalError => Outcome::Breakdown,
             _ => Outcome::Limit,
@@ -99,7 +100,7 @@ impl ViSolver for Conic {
 }
 
 impl Built {
-    /// `None` if `z` is unconstrained, or Clarabel rejects the data.
+    /// Builds the program; returns `None` if `z` is unconstrained, or Clarabel rejects the data.
     fn new(vi: &AffineVi<'_>) -> Option<Self> {
         let constraints = Constraints::of(vi.set);
         if constraints.b.is_empty() {
@@ -127,7 +128,8 @@ impl Built {
         Some(Self { solver, set, matrix, is_symmetric, constraints, objective, linear, equations, right })
     }
 
-    /// Overwrites the data. False if the problem has another form, so that a new program is needed.
+    /// Overwrites the data of the program. Returns false if the problem has another form, so that a new program is
+    /// needed.
     fn update(&mut self, vi: &AffineVi<'_>) -> bool {
         let is_symmetric = self.is_symmetric;
         if !have_one_form(&self.set, vi.set) || is_symmetric != self::is_symmetric(vi) {
@@ -142,7 +144,8 @@ impl Built {
             }
             if !is_symmetric {
                 let m = vi.q.len();
-                // The entries of `A` come last in each column of `z`.
+                // The entries of `A` come last in each column of the constraint matrix that belongs to a component of
+                // `z`.
                 for (j, column) in vi.matrix.as_slice().chunks_exact(m).enumerate() {
                     let end = self.equations.colptr[j + 1];
                     self.equations.nzval[end - m..end].copy_from_slice(column);
@@ -164,7 +167,8 @@ fn is_symmetric(vi: &AffineVi<'_>) -> bool {
     (0..m).all(|j| (0..j).all(|i| (vi.matrix[(i, j)] - vi.matrix[(j, i)]).abs() <= noise))
 }
 
-/// The upper triangle of `A`, or of `A + A^T` followed by a zero row and column for each component of `y`.
+/// Returns the upper triangle of the quadratic objective: `A` if symmetric, otherwise `A + A^T` followed by a zero
+/// row and column for each component of the multipliers `y`.
 fn objective(vi: &AffineVi<'_>, is_symmetric: bool, rows: usize) -> CscMatrix<f64> {
     let m = vi.q.len();
     let size = if is_symmetric { m } else { m + rows };
@@ -182,7 +186,7 @@ fn write_objective(vi: &AffineVi<'_>, is_symmetric: bool, values: &mut [f64]) {
     }
 }
 
-/// Whether two sets differ in the numbers `b` only.
+/// Whether two sets differ in the numbers `b` of their form `B z + s = b` only.
 fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
     let kind =
         |set: &ConvexSet, i: usize| (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i]);
@@ -195,10 +199,10 @@ fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
         })
 }
 
-/// `B z + s = b`, `s in C`.
+/// The set `K` in the form `B z + s = b`, `s in C`.
 #[derive(Default)]
 struct Constraints {
-    /// The entries of `B`.
+    /// The entries of `B` as row, column and value.
     rows: Vec<(usize, usize, f64)>,
     b: Vec<f64>,
     cones: Vec<SupportedConeT<f64>>,
@@ -265,7 +269,8 @@ impl Constraints {
         self.b.push(b);
     }
 
-    /// `B`, or `[B 0; A B^T; 0 -I]` with the rows of `-I` that belong to inequalities.
+    /// Returns the matrix of the constraints: `B` for a symmetric `A`, otherwise `[B 0; A B^T; 0 -I]` with those rows
+    /// of `-I` that belong to inequalities.
     fn matrix(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> CscMatrix<f64> {
         let (m, r) = (vi.q.len(), self.b.len());
         let mut entries = self.rows.clone();
@@ -281,7 +286,7 @@ impl Constraints {
         CscMatrix::new_from_triplets(height, width, rows, columns, entries.iter().map(|entry| entry.2).collect())
     }
 
-    /// The rows that are not equations; the multiplier of an equation may have any sign.
+    /// Returns the rows that are not equations; the multiplier of an equation may have any sign.
     fn signed(&self) -> impl Iterator<Item = usize> {
         let mut start = 0;
         self.cones.iter().flat_map(move |cone| {
@@ -296,7 +301,7 @@ impl Constraints {
         })
     }
 
-    /// `q`, or `(q, b)`.
+    /// Writes the linear objective: `q` for a symmetric `A`, otherwise `(q, b)`.
     fn linear(&self, vi: &AffineVi<'_>, is_symmetric: bool, linear: &mut Vec<f64>) {
         linear.clear();
         linear.extend_from_slice(vi.q);
@@ -305,7 +310,7 @@ impl Constraints {
         }
     }
 
-    /// `b`, or `(b, -q, 0)`.
+    /// Writes the right-hand side of the constraints: `b` for a symmetric `A`, otherwise `(b, -q, 0)`.
     fn right(&self, vi: &AffineVi<'_>, is_symmetric: bool, right: &mut Vec<f64>) {
         right.clear();
         right.extend_from_slice(&self.b);
@@ -315,7 +320,7 @@ impl Constraints {
         }
     }
 
-    /// `C`, or `C x {0} x C*`.
+    /// Returns the cones of the slacks `s`: `C` for a symmetric `A`, otherwise `C x {0} x C*`.
     fn cones(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> Vec<SupportedConeT<f64>> {
         let mut cones = self.cones.clone();
         if !is_symmetric {

@@ -17,14 +17,14 @@
 
 use problem::{ConvexSet, Workspace};
 
-/// `b` and `a`; any values with `0 < a < b` serve.
+/// The parameters `b` (`NEAR`) and `a` (`FAR`) of the D-gap function; any values with `0 < a < b` serve.
 const NEAR: f64 = 2.0;
 const FAR: f64 = 0.5;
 
 /// The D-gap function, with its scales and the two projections of the last evaluation.
 #[derive(Debug, Default)]
 pub(super) struct Gap {
-    /// `s`, one entry for each component, equal within a block.
+    /// The scale `s` of squared lengths, one entry for each component, equal within a block.
     pub scale: Vec<f64>,
     far: Vec<f64>,
     near: Vec<f64>,
@@ -32,7 +32,7 @@ pub(super) struct Gap {
 }
 
 impl Gap {
-    /// Evaluates `g` at `z` with the value `w` there.
+    /// Evaluates the D-gap function `g` at `z` with the value `w = A z + q`.
     pub fn value(&mut self, set: &ConvexSet, z: &[f64], w: &[f64]) -> f64 {
         let Self { scale, far, near, work } = self;
         for (p, c) in [(&mut *far, FAR), (&mut *near, NEAR)] {
@@ -49,7 +49,8 @@ impl Gap {
         sum
     }
 
-    /// The gradient at the last evaluation; `transposed` gives component `j` of `(dw/dz)^T v`.
+    /// Writes the gradient of the D-gap function at the last evaluation; `transposed` gives component `j` of
+    /// `(dw/dz)^T v`.
     pub fn gradient(&mut self, z: &[f64], transposed: impl Fn(usize, &[f64]) -> f64, out: &mut [f64]) {
         for (i, out) in out.iter_mut().enumerate() {
             *out = (NEAR * (z[i] - self.near[i]) - FAR * (z[i] - self.far[i])) / self.scale[i];

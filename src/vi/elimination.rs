@@ -3,8 +3,8 @@
 
 use nalgebra::{DMatrixViewMut, Dyn, U1};
 
-/// Overwrites the last column of `augmented`, `k x (k + 1)`, with the solution of the system in the first `k` columns.
-/// False if a pivot is zero or not a number.
+/// Overwrites the last column of `augmented`, a `k x (k + 1)` matrix, with the solution of the system in the first
+/// `k` columns. Returns false if a pivot is zero or not a number.
 pub(super) fn solve_augmented(augmented: &mut DMatrixViewMut<'_, f64, U1, Dyn>) -> bool {
     let k = augmented.nrows();
     for i in 0..k {

@@ -4,26 +4,27 @@
 //! A' = R A C,    q' = R q,    z' = C^-1 z,    w' = R w,    K' = C^-1 K
 //! ```
 //!
-//! which keeps every sign and so the solutions. If the entries of `A` differ widely in size, `R` and `C` bring the
-//! largest entry of each row and column near one (Ruiz 2001, *A scaling algorithm to equilibrate both rows and columns
-//! norms in matrices*); they are powers of two, so that scaling is exact.
+//! which keeps every sign and therefore the solutions. If the entries of `A` differ widely in size, `R` and `C` bring
+//! the largest entry of each row and column near one (Ruiz 2001, *A scaling algorithm to equilibrate both rows and
+//! columns norms in matrices*); their entries are powers of two, so that scaling is exact.
 
 use super::AffineVi;
 
 /// Rows and columns whose largest entry is within this factor of one are left unscaled.
 const BALANCED: f64 = 64.0;
 
-/// Number of sweeps: each takes the square root of the imbalance, and eight bring 1e-18..1e18 within a factor of two.
+/// Number of scaling sweeps: each takes the square root of the imbalance, and eight bring 1e-18..1e18 within a factor
+/// of two.
 const SWEEPS: usize = 8;
 
-/// The diagonals of `R` and `C`.
+/// The diagonal scaling matrices `R` of rows and `C` of columns.
 #[derive(Debug)]
 pub(super) struct Equilibration {
-    /// `R`, of length `m`.
+    /// The diagonal of the row scaling `R`, of length `m`.
     pub row: Vec<f64>,
-    /// `C`, of length `m`.
+    /// The diagonal of the column scaling `C`, of length `m`.
     pub column: Vec<f64>,
-    /// `C^-1`, exact.
+    /// The diagonal of `C^-1`, exact.
     pub inverse_column: Vec<f64>,
     row_largest: Vec<f64>,
     column_largest: Vec<f64>,
@@ -48,7 +49,8 @@ impl Equilibration {
         }
     }
 
-    /// Chooses `R` and `C`. False if the problem has an entry that is not finite, or an empty interval.
+    /// Chooses the scalings `R` and `C`. Returns false if the problem has an entry that is not finite, or an empty
+    /// interval.
     pub fn fit(&mut self, vi: &AffineVi<'_>) -> bool {
         self.row.fill(1.0);
         self.column.fill(1.0);
@@ -72,10 +74,10 @@ impl Equilibration {
         true
     }
 
-    /// Records the largest entry of each row and column of `R A C`; false if an entry is not finite.
+    /// Records the largest entry of each row and column of `R A C`; returns false if an entry is not finite.
     fn survey(&mut self, vi: &AffineVi<'_>) -> bool {
         let m = vi.q.len();
-        // Zero times an entry is zero unless the entry is infinite or NaN, and a sum keeps a NaN.
+        // Add zero times each entry: the sum is zero unless an entry is infinite or NaN.
         let mut poison = 0.0;
         self.row_largest.fill(0.0);
         for j in 0..m {

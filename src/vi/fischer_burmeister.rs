@@ -5,21 +5,21 @@
 //! psi(z, w) = phi(z - l, -phi(u - z, -w))
 //! ```
 //!
-//! with the inner or outer `phi` replaced by its limit if a bound is infinite: `psi = phi(z - l, w)`, `-phi(u - z, -w)`
-//! or `w`. Its square is continuously differentiable (Billups 1995, *Algorithms for complementarity problems and
-//! generalized equations*, chapter 3).
+//! with the inner or outer `phi` replaced by its limit if a bound is infinite: `psi = phi(z - l, w)`, `-phi(u - z,
+//! -w)` or `w`. The square of `psi` is continuously differentiable (Billups 1995, *Algorithms for complementarity
+//! problems and generalized equations*, chapter 3).
 
-/// A value of `psi` with an element of its generalised gradient.
+/// A value of the Fischer-Burmeister function `psi` with an element of its generalised gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Psi {
     pub value: f64,
-    /// The derivative by `z`.
+    /// The derivative of `psi` by `z`.
     pub by_z: f64,
-    /// The derivative by `w`.
+    /// The derivative of `psi` by `w`.
     pub by_w: f64,
 }
 
-/// `psi(z, w)` over `[lower, upper]`.
+/// Evaluates `psi(z, w)` over the interval `[lower, upper]`.
 pub(super) fn psi(z: f64, w: f64, lower: f64, upper: f64) -> Psi {
     let (below, above) = (lower > f64::NEG_INFINITY, upper < f64::INFINITY);
     if lower == upper {
@@ -37,19 +37,19 @@ pub(super) fn psi(z: f64, w: f64, lower: f64, upper: f64) -> Psi {
     psi
 }
 
-/// `phi` and its gradient; at the origin, the limit along `a = b > 0`.
+/// Returns the Fischer-Burmeister function `phi` and its gradient; at the origin, the limit along `a = b > 0`.
 fn phi(a: f64, b: f64) -> (f64, f64, f64) {
     let r = a.hypot(b);
     if r == 0.0 {
         let slope = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
         return (0.0, slope, slope);
     }
-    // Both forms are exact; the first does not cancel if the result is small relative to a and b.
+    // Both forms are equal in exact arithmetic; the first does not cancel if `phi` is small relative to `a` and `b`.
     let value = if a + b > 0.0 { 2.0 * a * (b / (a + b + r)) } else { a + b - r };
     (value, slope(a, b, r), slope(b, a, r))
 }
 
-/// `1 - a / r` without cancellation.
+/// Returns `1 - a / r` without cancellation.
 fn slope(a: f64, b: f64, r: f64) -> f64 {
     if a > 0.0 { (b / r) * (b / (r + a)) } else { 1.0 - a / r }
 }
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_small_value_of_phi_keeps_its_digits() {
-        // phi(1, b) = b - b^2/2 + O(b^4).
+        // The expansion phi(1, b) = b - b^2/2 + O(b^4) holds.
         let b = 1e-12;
         assert!((phi(1.0, b).0 / b - 1.0).abs() < 1e-11);
         assert!((phi(1.0, b).1 / (0.5 * b * b) - 1.0).abs() < 1e-11);

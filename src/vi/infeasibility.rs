@@ -1,14 +1,14 @@
-//! Infeasibility by a single row: `w_i < 0` for every `z` in `K` although `z_i` has no upper bound, or `w_i > 0`
-//! although it has no lower one.
+//! Proof of infeasibility by a single row of an affine variational inequality: `w_i < 0` for every `z` in `K`
+//! although `z_i` has no upper bound, or `w_i > 0` for every `z` in `K` although `z_i` has no lower bound.
 
 use super::AffineVi;
 use problem::Workspace;
 
-/// Margin above rounding, relative to `|q_i|`.
+/// Margin above rounding errors by which `w_i` must miss zero, relative to `|q_i|`.
 const MARGIN: f64 = 1e-10;
 
 impl AffineVi<'_> {
-    /// The first variable whose row proves that no solution exists, if any.
+    /// Returns the first variable whose row proves that no solution exists, if any.
     pub fn contradiction(&self) -> Option<usize> {
         let mut work = Workspace::default();
         let mut row = vec![0.0; self.q.len()];
@@ -41,10 +41,10 @@ mod tests {
         // w2 = -z1 - z2 - 1 is negative for every z; with a positive entry in the row it need not be.
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &orthant), Some(1));
         assert_eq!(found(&[1.0, 0.0, 1e-9, -1.0], &[1.0, -1.0], &orthant), None);
-        // A bounded variable may rest on its bound.
+        // A variable with an upper bound may be at that bound.
         let boxed = ConvexSet::intervals(vec![0.0; 2], vec![f64::INFINITY, 3.0]);
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &boxed), None);
-        // The opposite sign, without a lower bound.
+        // A row with w > 0 for every z, and a variable without a lower bound.
         let below = ConvexSet::intervals(vec![f64::NEG_INFINITY], vec![0.0]);
         assert_eq!(found(&[-1.0], &[2.0], &below), Some(0));
         assert_eq!(found(&[1.0], &[2.0], &below), None);

@@ -1,38 +1,39 @@
-//! A primal-dual interior-point method for nonlinear variational inequalities over intervals with sparse Jacobians. With
-//! distances `a = z - l`, `b = u - z` to the ends and multipliers `y`, `v`, all positive,
+//! A primal-dual interior-point method for nonlinear variational inequalities over intervals with sparse Jacobians.
+//! With distances `a = z - l`, `b = u - z` to the bounds and multipliers `y`, `v`, all positive, it solves
 //!
 //! ```text
 //! F(z) - y + v = 0,    a_i y_i = mu,    b_i v_i = mu,    mu -> 0
 //! ```
 //!
-//! by Newton's method with the predictor and corrector of Mehrotra (1992), on the system `F' + diag(y/a + v/b)`. Its directions
-//! exist and point the right way where `F` is monotone, whether the solution is one point or a set (Facchinei and Pang 2003,
-//! chapter 11; Ralph and Wright 2000, *Superlinear convergence of an interior-point method despite dependent constraints*);
-//! elsewhere it is a try.
+//! by Newton's method with the predictor and corrector of Mehrotra (1992), on the system `F' + diag(y/a + v/b)`. Its
+//! directions exist and are directions of descent if `F` is monotone, whether the solution is one point or a set
+//! (Facchinei and Pang 2003, chapter 11; Ralph and Wright 2000, *Superlinear convergence of an interior-point method
+//! despite dependent constraints*); for other `F` the method is a heuristic.
 
 use super::sparse_jacobian::SparseJacobian;
 use super::{Outcome, Report, SparseVi, Worst};
 use problem::{Control, ConvexSet};
 
-/// Steps; problems take 15 to 50, hardly more where they are large.
+/// Largest number of steps; problems take 15 to 50, hardly more if they are large.
 const ITERATIONS: usize = 150;
-/// The part of the way to the nearest end that a step takes at most.
+/// Largest step length, as a fraction of the distance to the nearest bound.
 const TO_BOUNDARY: f64 = 0.995;
-/// The halvings of a step whose residuals grow.
+/// Largest number of halvings of a step whose merit function does not fall enough.
 const HALVINGS: usize = 25;
-/// Armijo's fraction.
+/// Armijo's constant: fraction of the linearly predicted decrease that a step must reach.
 const ARMIJO: f64 = 1e-4;
-/// Where a mean product of distances and multipliers is below this part of its start, there is no more to come but rounding.
+/// The iteration ends once the mean product of distances and multipliers is below this fraction of its largest value:
+/// any further progress is rounding.
 const LEAST: f64 = 1e-26;
-/// The diagonal that is added where a system is singular, beside its rows.
+/// The diagonal that is added to a singular system, relative to its scaled rows.
 const REGULAR: f64 = 1e-12;
 
-/// The method, for problems of one pattern.
+/// The interior-point method for problems of one sparsity pattern.
 pub(super) struct InteriorPoint {
     jacobian: SparseJacobian,
     scale: Vec<f64>,
     f: Vec<f64>,
-    /// Multipliers of the lower and of the upper ends, and their steps.
+    /// Multipliers of the lower (`y`) and upper bounds (`v`), and their steps.
     y: Vec<f64>,
     v: Vec<f64>,
     dy: Vec<f64>,
@@ -43,7 +44,8 @@ pub(super) struct InteriorPoint {
 }
 
 impl InteriorPoint {
-    /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
+    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
+    /// `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let vector = || vec![0.0; m];
         Some(Self {
@@ -60,7 +62,8 @@ impl InteriorPoint {
         })
     }
 
-    /// Solves from near `z` until the natural-map residual is below `tolerance` beside its terms; leaves the best point in `z`.
+    /// Solves from near `z` until the natural-map residual relative to its terms is below `tolerance`; leaves the
+    /// best point in `z`.
     pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         if vi.set().has_blocks() {
             return Report::UNSUITABLE;
@@ -100,7 +103,7 @@ impl InteriorPoint {
         Report { outcome, residual: fit.largest, iterations }
     }
 
-    /// A point inside all intervals, with multipliers of the size of `F`.
+    /// Moves `z` inside all intervals, and sets multipliers of the size of `F`.
     fn begin(&mut self, vi: &mut dyn SparseVi, z: &mut [f64]) {
         let size = z.iter().filter(|z| z.is_finite()).fold(1.0_f64, |most, z| most.max(z.abs()));
         let set = vi.set();
@@ -138,7 +141,7 @@ impl InteriorPoint {
         sum / f64::from(count.max(1))
     }
 
-    /// One step; false if none lowers the residuals.
+    /// Makes one step; returns false if no step lowers the merit function.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn step(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], mu: f64, control: &Control) -> bool {
         let m = z.len();
@@ -153,7 +156,8 @@ impl InteriorPoint {
             .collect();
         let is_fixed = |i: usize| set.lower[i] == set.upper[i];
         let scale = &self.scale;
-        // Predictor: the ends themselves; corrector: a place on the central path, and what the products lack.
+        // Predictor: aim at the solution with zero products. Corrector: aim at a point on the central path, with the
+        // second-order terms of the products.
         let mut centre = 0.0;
         for corrects in [false, true] {
             let mut right: Vec<f64> = (0..m)
@@ -233,7 +237,7 @@ impl InteriorPoint {
         false
     }
 
-    /// How far the step can be taken with all distances and multipliers positive, at most 1.
+    /// Returns the largest step length, at most 1, for which all distances and multipliers stay nonnegative.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn reach(&self, set: &ConvexSet, z: &[f64]) -> f64 {
         let mut reach = 1.0_f64;
@@ -253,7 +257,8 @@ impl InteriorPoint {
         reach
     }
 
-    /// The sum of the residuals of the equations, scaled, and of all products, after a step of this length.
+    /// Returns the merit function after a step of this length: the norm of the residuals of the equations plus the
+    /// sum of all products of distances and multipliers.
     fn merit(&self, set: &ConvexSet, (z, f): (&[f64], &[f64]), length: f64) -> f64 {
         let (mut squares, mut products) = (0.0, 0.0);
         for i in (0..z.len()).filter(|&i| set.lower[i] < set.upper[i]) {

@@ -1,13 +1,14 @@
-//! Nonlinear variational inequalities by the Josephy-Newton method: at `z`, with `J = F'(z)`, the affine problem
+//! Nonlinear variational inequalities by the Josephy-Newton method: at the iterate `z`, with `J = F'(z)`, the affine
+//! problem
 //!
 //! ```text
 //! y in K,    <F(z) + J (y - z), x - y> >= 0  for all x in K
 //! ```
 //!
 //! gives the direction `y - z` (Josephy 1979, *Newton's method for generalized equations*). The full step is taken if
-//! it lowers the natural map enough; otherwise Armijo's search on the D-gap function shortens it. The direction is one
-//! of descent if `F` is strongly monotone; if it is not, the negative gradient takes its place (Peng and Fukushima
-//! 1999).
+//! it lowers the natural map enough; otherwise Armijo's search on the D-gap function shortens it. The direction is
+//! one of descent if `F` is strongly monotone; if it is not a direction of descent, the negative gradient of the
+//! D-gap function takes its place (Peng and Fukushima 1999).
 
 use super::auto::SolverKind;
 use super::d_gap::Gap;
@@ -15,11 +16,11 @@ use super::{AffineVi, Attempt, Outcome, Report, Terms, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Largest number of affine problems. On an exponential full steps have length one, 709 of them from the overflow
-/// threshold.
+/// Largest number of affine problems. For an exponential function full Newton steps have length one, and 709 of them
+/// lead back from the overflow threshold.
 const ITERATIONS: usize = 1000;
 
-/// A full step must lower the natural map to this fraction of the least so far.
+/// A full step must lower the natural map to this fraction of the least value so far.
 const DECREASE: f64 = 0.9;
 
 /// Armijo's fraction of the slope, and the largest number of halvings of a step.
@@ -34,13 +35,13 @@ const STILL: f64 = 1e-15;
 
 /// A nonlinear variational inequality, `<F(z), x - z> >= 0` for all `x` in `K`.
 pub trait NonlinearVi {
-    /// `K`, of dimension `m`.
+    /// Returns the set `K`, of dimension `m`.
     fn set(&self) -> &ConvexSet;
 
-    /// Writes `F(z)`, of length `m`. Undefined components are NaN or infinite.
+    /// Writes the function `F(z)`, of length `m`. Undefined components are NaN or infinite.
     fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
 
-    /// Writes `F'(z)`, `m x m`.
+    /// Writes the Jacobian `F'(z)`, `m x m`.
     fn jacobian(&mut self, z: &[f64], derivative: &mut DMatrix<f64>);
 }
 
@@ -52,7 +53,7 @@ pub struct JosephyNewton {
     matrix: DMatrix<f64>,
     f: Vec<f64>,
     q: Vec<f64>,
-    /// The solution of the affine problem, then the direction.
+    /// Workspace: first the solution of the affine problem, then the search direction.
     direction: Vec<f64>,
     gradient: Vec<f64>,
     trial: Vec<f64>,
@@ -60,7 +61,7 @@ pub struct JosephyNewton {
 }
 
 impl JosephyNewton {
-    /// A solver for `m` variables, with affine problems solved by `kind`.
+    /// Creates a solver for `m` variables, with affine problems solved by a solver of `kind`.
     pub fn new(m: usize, kind: SolverKind) -> Self {
         let vector = || vec![0.0; m];
         Self {
@@ -77,7 +78,7 @@ impl JosephyNewton {
         }
     }
 
-    /// The attempts of the solvers at the last affine problem.
+    /// Returns the attempts of the underlying solvers at the last affine problem.
     pub fn attempts(&self) -> &[Attempt] {
         self.solver.attempts()
     }
@@ -86,7 +87,7 @@ impl JosephyNewton {
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
-        // In blocks residuals are measured beside the terms of `F`, which its derivative tells.
+        // For blocks, residuals are measured relative to the terms of `F`, which follow from its derivative.
         let has_blocks = vi.set().has_blocks();
         let mut least = f64::INFINITY;
         for iterations in 0..ITERATIONS {
@@ -119,8 +120,8 @@ impl JosephyNewton {
         Report { outcome: Outcome::Limit, residual: self.residual(vi.set(), z), iterations: ITERATIONS }
     }
 
-    /// The largest `|z_i - P_K(z - F)_i|` over intervals, and of blocks the relative residual in the unit of `F`, by the
-    /// last derivative.
+    /// Returns the largest `|z_i - P_K(z - F)_i|` over components in intervals, and for blocks the relative residual
+    /// in the unit of `F`, by the last derivative.
     fn residual(&mut self, set: &ConvexSet, z: &[f64]) -> f64 {
         let Self { matrix, f, work, .. } = self;
         let mut largest = 0.0;
@@ -139,7 +140,7 @@ impl JosephyNewton {
         largest
     }
 
-    /// Makes one step from `z`; false if no step lowers the merit function.
+    /// Makes one step from `z`; returns false if no step lowers the merit function.
     fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64, control: &Control) -> bool {
         let m = z.len();
         for i in 0..m {
@@ -177,7 +178,8 @@ impl JosephyNewton {
         self.search(vi, z, merit)
     }
 
-    /// Armijo's search along the direction.
+    /// Makes Armijo's line search on the D-gap function along the direction; returns false if no step lowers it
+    /// enough.
     fn search(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], merit: f64) -> bool {
         let slope: f64 = self.gradient.iter().zip(&self.direction).map(|(g, d)| g * d).sum();
         if slope.is_nan() || slope >= 0.0 {

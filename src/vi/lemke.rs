@@ -1,17 +1,18 @@
-//! Complementary pivoting for the mixed problem over intervals, `l <= z <= u`, after Lemke:
+//! Complementary pivoting for the mixed linear complementarity problem over intervals, `l <= z <= u`, after Lemke:
 //!
 //! ```text
 //! w = A z + q + theta d,    z_i = l_i, w_i >= 0   or   l_i < z_i < u_i, w_i = 0   or   z_i = u_i, w_i <= 0
 //! ```
 //!
 //! From a `theta` for which the start is a solution, the path of solutions is followed through changes of basis until
-//! `theta = 0`, or to infinity. A basic variable may block at either bound of its interval, and the entering one at its
-//! own opposite bound. For copositive-plus `A` a ray proves that no solution exists (Cottle, Pang and Stone 1992,
-//! sections 4.4 and 4.9; Dirkse and Ferris 1995, *The PATH solver*, for intervals).
+//! `theta = 0`, or to infinity. The motion of the entering variable ends when a basic variable reaches a bound of its
+//! interval, or the entering variable its own opposite bound. For copositive-plus `A` a ray proves that no solution
+//! exists (Cottle, Pang and Stone 1992, sections 4.4 and 4.9; Dirkse and Ferris 1995, *The PATH solver*, for
+//! intervals).
 //!
-//! The path starts from the active set of the incoming `z`; if that is correct, its length is zero. The tableau of the
-//! last basis contains the inverse, which refines the solution against the original data; if that does not make it
-//! exact, the path restarts from the same active set in a fresh tableau.
+//! The path starts from the active set of the incoming `z`; if that is correct, the path has length zero. The tableau
+//! of the last basis contains the inverse of the basis matrix, which refines the solution against the original data;
+//! if refinement does not make the solution exact, the path restarts from the same active set in a fresh tableau.
 
 mod path;
 mod ratio;
@@ -27,10 +28,11 @@ use tableau::Tableau;
 /// Pivot limit of a path, large enough for Murty's exponential problems of a dozen variables.
 const PIVOTS: usize = 10_000;
 
-/// Additional pivots for each variable; paths of practical problems have one to three.
+/// Additional pivots allowed for each variable; paths of practical problems have one to three.
 const PIVOTS_PER_VARIABLE: usize = 50;
 
-/// Largest number of fresh tableaus in one solve: for the guess, for a start without one, and twice to repair rounding.
+/// Largest number of fresh tableaus in one solve: for the guessed active set, for a start without a guess, and twice
+/// to repair rounding.
 const ROUNDS: usize = 4;
 
 /// Largest number of refinements of the solution against the original data.
@@ -44,7 +46,7 @@ enum Face {
     Upper,
 }
 
-/// The end of a path.
+/// The reason why a path ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ending {
     Complementary,
@@ -54,7 +56,7 @@ enum Ending {
     Interrupted,
 }
 
-/// Lemke's method; see the module.
+/// Lemke's method of complementary pivoting.
 #[derive(Debug)]
 pub struct Lemke {
     equilibration: Equilibration,
@@ -64,7 +66,7 @@ pub struct Lemke {
     lower: Vec<f64>,
     upper: Vec<f64>,
     face: Vec<Face>,
-    /// The values of nonbasic `z`.
+    /// The values of the nonbasic `z`.
     resting: Vec<f64>,
     free_rows: Vec<usize>,
     free_columns: Vec<usize>,
@@ -184,7 +186,7 @@ impl Lemke {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY
     }
 
-    /// Sets the active set to that of a point.
+    /// Sets the active set to that of a point `z`.
     fn guess(&mut self, z: &[f64]) {
         for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
             let z = z[i] * c;
@@ -228,7 +230,7 @@ impl Lemke {
         }
     }
 
-    /// Writes `z` from the tableau, unscaled and in `K`.
+    /// Writes `z` from the tableau, unscaled and projected onto `K`.
     fn read(&self, vi: &AffineVi<'_>, z: &mut [f64]) {
         for (i, &c) in self.equilibration.column.iter().enumerate() {
             let scaled = self.tableau.row_of(i).map_or(self.resting[i], |row| self.tableau.value[row]);
@@ -236,8 +238,8 @@ impl Lemke {
         }
     }
 
-    /// Iterative refinement: recomputes `w` of the variables inside their intervals, and moves `z` by the inverse in
-    /// the tableau times `-w`.
+    /// Refines the solution iteratively: recomputes `w` of the variables inside their intervals, and moves `z` by the
+    /// inverse in the tableau times `-w`.
     fn refine(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Accuracy {
         let m = self.tableau.m;
         let mut accuracy = vi.measure(z, &mut self.w, &mut self.terms);

@@ -4,8 +4,7 @@
 //! z in K,    <w, z~ - z> >= 0  for all z~ in K,    w = A z + q
 //! ```
 //!
-//! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map residual
-//! of its result.
+//! Each solver allocates once for a size and is used many times; each reports the natural-map residual of its result.
 
 mod active_set;
 mod auto;
@@ -49,13 +48,14 @@ use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};
 
 /// A point is a solution if its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
-/// cancel in `w`: below 1e-10 of the larger of the two.
+/// cancel in `w`: below 1e-10 of the larger of the two terms.
 const TOLERANCE: f64 = 5e-11;
 
 /// A residual below this fraction of its terms is rounding.
 const EXACT: f64 = 1e-14;
 
-/// Number of pivots or steps between two polls of [`Control`], so that the clock costs nothing for microsecond solves.
+/// Number of pivots or steps between two polls of [`Control`], so that reading the clock costs nothing in microsecond
+/// solves.
 const STEPS_BETWEEN_POLLS: usize = 16;
 
 /// Polls `control` once in `STEPS_BETWEEN_POLLS` steps; returns whether it asks to stop.
@@ -63,25 +63,25 @@ fn is_interrupted(control: &Control, step: usize) -> bool {
     step % STEPS_BETWEEN_POLLS == STEPS_BETWEEN_POLLS - 1 && control.poll().is_some()
 }
 
-/// An affine variational inequality over `K`; `m = q.len()`.
+/// An affine variational inequality over `K`, of dimension `m = q.len()`.
 #[derive(Clone, Copy, Debug)]
 pub struct AffineVi<'a> {
-    /// `A`, `m x m`, of any symmetry and rank.
+    /// The matrix `A`, `m x m`, of any symmetry and rank.
     pub matrix: &'a DMatrix<f64>,
-    /// `q`, of length `m`.
+    /// The vector `q`, of length `m`.
     pub q: &'a [f64],
-    /// `K`.
+    /// The closed convex set `K`.
     pub set: &'a ConvexSet,
 }
 
 /// The natural-map residual of a point, and the size of its terms.
 #[derive(Clone, Copy, Debug)]
 struct Accuracy {
-    /// `max_i |z_i - P_K(z - w)_i|`.
+    /// The natural-map residual `max_i |z_i - P_K(z - w)_i|`.
     residual: f64,
-    /// The residual over the components in intervals only.
+    /// The natural-map residual over the components in intervals only.
     intervals: f64,
-    /// `max_i (|q| + |A| |z|)_i`.
+    /// The size of the terms, `max_i (|q| + |A| |z|)_i`.
     magnitude: f64,
     /// The largest residual of a component, relative to the component's own terms.
     componentwise: f64,
@@ -98,7 +98,7 @@ impl Accuracy {
         blockwise: f64::NAN,
     };
 
-    /// The larger of the relative residual over the intervals and that of the worst block.
+    /// Returns the larger of the relative residual over the intervals and that of the worst block.
     fn relative(&self) -> f64 {
         if self.intervals == 0.0 { self.blockwise } else { self.blockwise.max(self.intervals / self.magnitude) }
     }
@@ -107,14 +107,14 @@ impl Accuracy {
         self.relative() <= TOLERANCE
     }
 
-    /// Compares the componentwise residuals; false if `self` is NaN.
+    /// Whether the componentwise residual is smaller than that of another point; false if it is NaN.
     fn is_closer_than(&self, other: &Self) -> bool {
         self.componentwise < other.componentwise
     }
 
-    /// Whether a point is better than another: by its residual if neither is a solution, where all rows count equally;
-    /// among solutions by its worst row, which the residual does not show if the terms of that row are small. False if
-    /// `self` is NaN.
+    /// Whether the point is better than another: by the residual if neither is a solution, where all rows count
+    /// equally; among solutions by the worst row, which the residual does not show if the terms of that row are
+    /// small. Returns false if the residual is NaN.
     fn improves_on(&self, other: &Self) -> bool {
         match (self.is_solved(), other.is_solved()) {
             (true, true) => self.is_closer_than(other),
@@ -135,7 +135,7 @@ impl AffineVi<'_> {
         self.set.is_nonempty() && self.matrix.iter().chain(self.q).all(|x| x.is_finite())
     }
 
-    /// `w = A z + q`.
+    /// Computes `w = A z + q`.
     fn product(&self, z: &[f64], w: &mut [f64]) {
         w.copy_from_slice(self.q);
         for (column, z) in self.matrix.as_slice().chunks_exact(z.len().max(1)).zip(z) {
@@ -145,9 +145,10 @@ impl AffineVi<'_> {
         }
     }
 
-    /// Scales `S` that give `z` and `S w` one unit: the inverse of the largest entry of `A` within a block, or of its
-    /// rows if the block is zero; one if those are zero. If `q` alone would move a point by more than the size of the
-    /// block, the scale limits the move to that size: a projection from far away loses its digits.
+    /// Computes scales `S` that give `z` and `S w` one unit: the inverse of the largest entry of `A` within a block,
+    /// or within the rows of the block if the block is zero; one if those rows are zero. If `q` alone would move a
+    /// point by more than the size of the block, the scale limits the move to that size: a projection from far away
+    /// loses its digits.
     fn scales(&self, scale: &mut Vec<f64>) {
         let m = self.q.len();
         let inverse = |largest: f64| if largest > 0.0 { 1.0 / largest } else { 1.0 };
@@ -208,9 +209,10 @@ impl AffineVi<'_> {
 pub enum Outcome {
     /// The residual is below the tolerance.
     Solved,
-    /// Lemke's path went to infinity: for a copositive-plus matrix no solution exists; otherwise none was found.
+    /// Lemke's path went to infinity: for a copositive-plus matrix no solution exists; for other matrices none was
+    /// found.
     Ray,
-    /// A bound on the work was reached; the best point so far is returned.
+    /// A limit on the work was reached; the best point so far is returned.
     Limit,
     /// A value is not finite, or a required matrix is singular.
     Breakdown,
@@ -221,7 +223,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// A stable identifier for programs.
+    /// Returns a stable identifier of the outcome for programs.
     pub fn name(self) -> &'static str {
         match self {
             Self::Solved => "solved",
@@ -234,14 +236,14 @@ impl Outcome {
     }
 }
 
-/// The result of a solver.
+/// The result of a solver of variational inequalities.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// The outcome.
+    /// The outcome of the solve.
     pub outcome: Outcome,
-    /// `max_i |z_i - P_K(z - A z - q)_i|` at the returned point, unscaled.
+    /// The natural-map residual `max_i |z_i - P_K(z - A z - q)_i|` at the returned point, unscaled.
     pub residual: f64,
-    /// Pivots or Newton iterations; zero if the start was the solution.
+    /// The number of pivots or Newton iterations; zero if the start was the solution.
     pub iterations: usize,
 }
 
@@ -255,14 +257,14 @@ impl Report {
 
 /// A solver of affine variational inequalities.
 pub trait ViSolver: Send {
-    /// The name in `vi_solver` and in the diagnostics.
+    /// Returns the name of the solver in the setting `vi_solver` and in the diagnostics.
     fn name(&self) -> &'static str;
 
     /// Solves, starting from `z` if the method uses a start, and writes the result to `z`. Stops early if `control`
-    /// asks to.
+    /// asks to stop.
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report;
 
-    /// The solvers tried for the last problem, in order, with their outcomes; empty if there is no choice.
+    /// Returns the solvers tried for the last problem, in order, with their outcomes; empty if there is no choice.
     fn attempts(&self) -> &[Attempt] {
         &[]
     }

@@ -1,7 +1,7 @@
-//! One nonlinear variational inequality of any size, by the methods that fit it, one after the other: of few variables, or over
-//! sets that bind them together, Josephy and Newton's with pivots or conic programs, which finds solutions where Jacobians are
-//! singular; of many over intervals, active sets where `F'` is a constant M-matrix, semismooth Newton and interior points on
-//! sparse factors; and where all fail, from other starts.
+//! A portfolio of methods for one nonlinear variational inequality of any size, tried one after the other: for few
+//! variables, or over sets that couple them, Josephy-Newton with pivoting or conic programs, which finds solutions
+//! where Jacobians are singular; for many variables over intervals, active sets if `F'` is a constant M-matrix, then
+//! semismooth Newton and interior points on sparse factors; and if all fail, the same methods from other starts.
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
@@ -13,32 +13,33 @@ use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Up to this many variables pivots come first: a tableau is in the cache.
+/// Largest number of variables for which pivoting comes first: its tableau fits into the cache.
 const PIVOTS_AT_MOST: usize = 300;
-/// So often the terms that a residual is measured beside are taken anew: at the start they are larger than at a solution.
+/// Largest number of times that the terms to which a residual is relative are evaluated anew: at the start they are
+/// larger than at a solution.
 const ROUNDS: usize = 4;
-/// Up to this many variables there are full matrices.
+/// Largest number of variables for which dense matrices are used.
 const DENSE_AT_MOST: usize = 1000;
-/// The starts beside the one given, and where there are many variables.
+/// Number of starts tried beside the given one (`STARTS`), and for many variables (`FEW_STARTS`).
 const STARTS: usize = 12;
 const FEW_STARTS: usize = 2;
 
-/// What came of it.
+/// The result of the portfolio.
 #[derive(Clone, Copy, Debug)]
 pub struct Found {
-    /// How the best attempt ended.
+    /// The report of the best attempt.
     pub report: Report,
-    /// The method that it ended with.
+    /// The name of the method of the best attempt.
     pub method: &'static str,
-    /// The starts tried beside the one given.
+    /// The number of starts tried beside the given one.
     pub starts: usize,
-    /// Iterations in all.
+    /// The total number of iterations.
     pub iterations: usize,
-    /// Whether pivots on an affine problem met a ray.
+    /// Whether pivoting on an affine problem ended on a ray.
     pub ray: bool,
 }
 
-/// A problem with its full Jacobian.
+/// A problem presented with its dense Jacobian.
 struct Dense<'a>(&'a mut dyn SparseVi, Vec<f64>);
 
 impl NonlinearVi for Dense<'_> {
@@ -59,7 +60,7 @@ impl NonlinearVi for Dense<'_> {
     }
 }
 
-/// The methods, built when they are needed.
+/// The methods of the portfolio, built when they are first needed.
 pub struct Portfolio {
     m: usize,
     kind: SolverKind,
@@ -68,7 +69,7 @@ pub struct Portfolio {
     interior: Option<InteriorPoint>,
 }
 
-/// What is tried.
+/// A method of the portfolio.
 #[derive(Clone, Copy, Debug)]
 enum Method {
     JosephyNewton,
@@ -89,12 +90,14 @@ impl Method {
 }
 
 impl Portfolio {
-    /// For `m` variables; affine problems are solved by `kind`, and unless that is chosen by size, by nothing else.
+    /// Creates a portfolio for `m` variables. Affine problems are solved by a solver of `kind`; unless `kind` is
+    /// automatic, no other method is tried.
     pub fn new(m: usize, kind: SolverKind) -> Self {
         Self { m, kind, dense: None, sparse: None, interior: None }
     }
 
-    /// Solves from `z` until the natural map is below `tolerance` beside the terms of `F`, and leaves the best point there.
+    /// Solves from `z` until the natural map relative to the terms of `F` is below `tolerance`, and leaves the best
+    /// point in `z`.
     pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let first = z.to_vec();
         let mut found = self.once(vi, tolerance, z, control);
@@ -102,7 +105,7 @@ impl Portfolio {
         let starts = if self.m <= PIVOTS_AT_MOST { STARTS } else { FEW_STARTS };
         for number in 1..=starts {
             let is_over = matches!(found.report.outcome, Outcome::Solved | Outcome::Interrupted);
-            // A ray of an affine problem is met from everywhere.
+            // An affine problem that ends on a ray does so from every start.
             if is_over || found.ray || control.poll().is_some() {
                 break;
             }
@@ -122,7 +125,8 @@ impl Portfolio {
         found
     }
 
-    /// From one start; where the terms of `F` differ in size at what is found, from there on in units in which they do not.
+    /// Solves from one start. If the terms of `F` differ widely in size at the solution, continues from the solution
+    /// in units in which they do not.
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let mut found = self.as_given(vi, tolerance, z, control);
         for _ in 0..ROUNDS {
@@ -139,7 +143,7 @@ impl Portfolio {
             }
             let next = match self.m {
                 ..=PIVOTS_AT_MOST => self.as_given(&mut scaled, tolerance, &mut point, control),
-                // Near the solution this is all that is needed.
+                // Near the solution Newton's method is all that is needed.
                 _ => {
                     let report = self.newton(&mut scaled, tolerance, &mut point, false, control);
                     Found { report, iterations: report.iterations, ..found }
@@ -147,7 +151,8 @@ impl Portfolio {
             };
             found.iterations += next.iterations;
             scaled.unscale(&mut point);
-            // What vanishes at infinity only loses its terms on the way there.
+            // Reject a point at which the terms of a row have almost vanished: an `F` that tends to zero at infinity
+            // has no solution there.
             if next.report.outcome != Outcome::Solved || !Sizes::at(vi, &point).keep(&at) {
                 break;
             }
@@ -157,7 +162,7 @@ impl Portfolio {
         found
     }
 
-    /// From one start, in the units of the problem.
+    /// Solves from one start, in the units of the problem.
     fn as_given(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let only_dense = vi.set().has_blocks() || self.kind != SolverKind::Auto;
         let order: &[Method] = match (only_dense, self.m) {
@@ -224,7 +229,8 @@ impl Portfolio {
         self.sparse.as_mut().map_or(Report::UNSUITABLE, |sparse| sparse.solve(vi, tolerance, z, searches, control))
     }
 
-    /// The interior-point method, and Newton's from where it ends: what rests on an end is on it then.
+    /// Runs the interior-point method, and then Newton's method from its result, which puts active variables exactly
+    /// on their bounds.
     fn interior_point(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         if self.interior.is_none() {
             self.interior = InteriorPoint::new(self.m, vi.pattern(), control);
@@ -242,7 +248,7 @@ impl Portfolio {
         report
     }
 
-    /// Josephy and Newton's method, and on intervals further steps of Newton's where these converge fast.
+    /// Runs the Josephy-Newton method, and on intervals further Newton steps as long as these converge fast.
     fn josephy_newton(
         &mut self,
         vi: &mut dyn SparseVi,
@@ -265,7 +271,7 @@ impl Portfolio {
             }
         }
         let reached = worst(vi, z);
-        // False also where G is not finite.
+        // `is_near` is also false if `F` is not finite.
         let is_near = reached.relative() <= tolerance;
         if report.outcome == Outcome::Solved && !is_near {
             report.outcome = Outcome::Limit;
@@ -285,7 +291,7 @@ impl Portfolio {
     }
 }
 
-/// The active set method, where it ends after finitely many steps: `F` is affine, with an M-matrix.
+/// Runs the active set method if it ends after finitely many steps: `F` is affine with an M-matrix.
 fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
     let m = z.len();
     if !vi.is_affine() {
@@ -317,23 +323,24 @@ fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Co
     Report { outcome, residual: reached.largest, ..report }
 }
 
-/// How far a point is from a solution.
+/// Returns the worst residual of a point.
 fn worst(vi: &mut dyn SparseVi, z: &[f64]) -> Worst {
     let (f, _, terms) = evaluated(vi, z);
     Worst::of(vi.set(), (z, &f), &terms)
 }
 
-/// The largest size of an entry, or 1 if all are zero.
+/// Returns the largest absolute value of an entry, or 1 if all are zero.
 fn largest_of(z: &[f64]) -> f64 {
     let largest = z.iter().fold(0.0_f64, |most, z| most.max(z.abs()));
     if largest > 0.0 { largest } else { 1.0 }
 }
 
-/// Start number `number`, from one: around the one given, ever farther in units of `size`, by multiples of the golden ratio.
+/// Computes start number `number`, counted from one: around the start `first`, at growing distances in units of
+/// `size`, with components spread by multiples of the golden ratio.
 pub fn start(number: usize, (first, size): (&[f64], f64), set: &ConvexSet, z: &mut [f64]) {
     /// The golden ratio less one.
     const RATIO: f64 = 0.618_033_988_749_894_8;
-    // Sizes 0, 1, 1, 1, 10, 10, 10, 100, ..
+    // Distances for the numbers 1, 2, 3, ..: 0, 1, 1, 1, 10, 10, 10, 100, ..
     let reach = if number == 1 { 0.0 } else { size * 10.0_f64.powi(((number - 2) / 3) as i32) };
     let free = number > 1 && number.is_multiple_of(2);
     for (i, (z, first)) in z.iter_mut().zip(first).enumerate() {

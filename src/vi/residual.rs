@@ -1,14 +1,15 @@
 //! The relative residual of a point for a variational inequality over any set.
 //!
 //! Components in intervals are judged by the natural map itself. A block combines the units of `z` and `w`, so the
-//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)` is the size of `z` over that of the
-//! terms of `w`, and measured relative to `|z|`:
+//! natural map of a block is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)` is the size of `z`
+//! over that of the terms of `w`, and measured relative to `|z|`:
 //!
 //! ```text
 //! |z - P(z - s w)| <= tolerance |z|
 //! ```
 //!
-//! means that a change of `z` and one of `w`, each within the tolerance of its own size, make `z` a solution.
+//! means that a change of `z` and one of `w`, each within the tolerance relative to its own size, make `z` a
+//! solution.
 
 use super::{Accuracy, AffineVi};
 use problem::{ConvexSet, Workspace};
@@ -16,8 +17,8 @@ use problem::{ConvexSet, Workspace};
 /// A point below this fraction of the size that the data imply counts as zero.
 const NOTHING: f64 = 1e-13;
 
-/// The relative residual of a point `z` with `w` in one block, whose terms are up to `terms`, and the entries of the
-/// derivative of `w` by the members of the block up to `slope`.
+/// Returns the relative residual of a point `z` with `w` in one block. `terms` bounds the terms of `w` in the block,
+/// and `slope` the entries of the derivative of `w` by the members of the block.
 pub(super) fn of_block(
     set: &ConvexSet,
     block: usize,
@@ -35,14 +36,14 @@ pub(super) fn of_block(
 /// Evaluator of residuals, with its workspace.
 #[derive(Debug, Default)]
 pub(super) struct Gauge {
-    /// `w` at the last point.
+    /// The value `w = A z + q` at the last point.
     pub w: Vec<f64>,
     terms: Vec<f64>,
     work: Workspace,
 }
 
 impl Gauge {
-    /// Evaluates the residuals of `z`.
+    /// Evaluates the residuals of the point `z`.
     pub fn measure(&mut self, vi: &AffineVi<'_>, z: &[f64]) -> Accuracy {
         let Self { w, terms, work } = self;
         w.resize(z.len(), 0.0);

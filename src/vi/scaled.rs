@@ -1,19 +1,21 @@
-//! Variational inequalities over intervals in units of their own: with positive diagonal matrices `R` and `C`,
+//! Scaled variational inequalities over intervals: with positive diagonal matrices `R` and `C`, the problem
 //!
 //! ```text
 //! F'(z') = R F(C z'),    K' = C^-1 K
 //! ```
 //!
-//! has the solutions `C^-1 z`. `R` brings the terms of each row to one, and `C` a change of a variable by one to the largest that
-//! no row would notice as more than its terms; so that a row of small terms, as of costs beside a row of vehicles, is solved as
-//! exactly as the others. Both are powers of two: scaling is exact.
+//! has the solutions `C^-1 z`. `R` brings the terms of each row to one; `C` is chosen such that a unit change of a
+//! scaled variable changes some row by its terms and no row by more. A row of small terms, such as of costs beside a
+//! row of vehicle numbers, is thus solved as accurately as the others. The entries of both are powers of two, so that
+//! scaling is exact.
 
 use super::SparseVi;
 use super::sparse_jacobian::evaluated;
 use super::worst::sizes_of_variables;
 use problem::ConvexSet;
 
-/// Rows, or columns, that differ by less than this factor are left as they are: so much is lost of the tolerance.
+/// Rows, or columns, whose sizes differ by less than this factor are left unscaled, at the price of this factor in
+/// the tolerance.
 const BALANCED: f64 = 64.0;
 
 /// The sizes of the terms of `F` at a point.
@@ -28,12 +30,12 @@ impl Sizes {
         Self { rows: terms.sizes, derivatives }
     }
 
-    /// Whether no row has lost its terms since another point.
+    /// Whether no row's terms are much smaller than at another point.
     pub fn keep(&self, others: &Self) -> bool {
         self.rows.iter().zip(&others.rows).all(|(size, other)| *size >= other / BALANCED)
     }
 
-    /// The units in which they are of one size; `None` where they are, or not finite.
+    /// Returns the scales that bring all terms to one size; `None` if the terms are balanced already, or not finite.
     pub fn scales(&self, pattern: &[(usize, usize)]) -> Option<Scales> {
         let Self { rows: sizes, derivatives } = self;
         let columns = sizes_of_variables(sizes, pattern.iter().copied().zip(derivatives.iter().copied()));
@@ -51,14 +53,14 @@ impl Sizes {
     }
 }
 
-/// The diagonals of `R` and `C`.
+/// The diagonals of the scaling matrices `R` (rows) and `C` (columns).
 #[derive(Clone, Debug)]
 pub(super) struct Scales {
     rows: Vec<f64>,
     columns: Vec<f64>,
 }
 
-/// A problem in these units.
+/// A variational inequality in scaled units.
 pub(super) struct ScaledVi<'a> {
     vi: &'a mut dyn SparseVi,
     scales: Scales,
@@ -77,12 +79,12 @@ impl<'a> ScaledVi<'a> {
         Self { vi, scales, set, z }
     }
 
-    /// Brings a point into these units.
+    /// Converts a point of the problem to scaled units.
     pub fn scale(&self, z: &mut [f64]) {
         z.iter_mut().zip(&self.scales.columns).for_each(|(z, scale)| *z /= scale);
     }
 
-    /// Brings a point back into those of the problem.
+    /// Converts a point in scaled units back to the units of the problem.
     pub fn unscale(&self, z: &mut [f64]) {
         z.iter_mut().zip(&self.scales.columns).for_each(|(z, scale)| *z *= scale);
     }

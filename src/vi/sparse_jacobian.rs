@@ -1,40 +1,41 @@
-//! The sparse derivative of a nonlinear variational inequality, `F'(z)`, and factors of it with rows scaled and a diagonal added:
-//! of one pattern, which is analysed once.
+//! The sparse Jacobian `F'(z)` of a nonlinear variational inequality, and factors of the Jacobian with rows scaled
+//! and a diagonal added; all have one sparsity pattern, which is analysed once.
 
 use super::{Terms, Worst};
 use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use problem::{Control, ConvexSet};
 
-/// A diagonal entry below this part of the largest in its row says nothing about the scale of the row.
+/// A diagonal entry below this fraction of the largest entry of its row is too small to scale the row.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
-/// A nonlinear variational inequality with a sparse derivative.
+/// A nonlinear variational inequality with a sparse Jacobian.
 pub trait SparseVi {
-    /// `K`, of dimension `m`.
+    /// Returns the set `K`, of dimension `m`.
     fn set(&self) -> &ConvexSet;
 
-    /// The places of `F'` that may be nonzero, as `(row, column)`.
+    /// Returns the positions `(row, column)` of `F'` that may be nonzero.
     fn pattern(&self) -> &[(usize, usize)];
 
-    /// Whether `F'` is constant.
+    /// Whether the Jacobian `F'` is constant.
     fn is_affine(&self) -> bool {
         false
     }
 
-    /// The shape of the grid whose nodes the variables are, with the last index fastest, if they are those of one.
+    /// Returns the shape of the grid whose nodes are the variables, with the last index fastest; `None` if there is
+    /// no grid.
     fn grid(&self) -> Option<Vec<usize>> {
         None
     }
 
-    /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
+    /// Writes the function `F(z)`, of length `m`. Undefined components are NaN or infinite.
     fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
 
-    /// Writes the entries of `F'(z)`, in the order of the pattern.
+    /// Writes the entries of the Jacobian `F'(z)`, in the order of the pattern.
     fn derivatives(&mut self, z: &[f64], values: &mut [f64]);
 }
 
-/// `F(z)`, the entries of `F'(z)`, and the sizes of the terms of `F`.
+/// Evaluates `F(z)`, the entries of `F'(z)`, and the sizes of the terms of `F`.
 pub(super) fn evaluated(vi: &mut dyn SparseVi, z: &[f64]) -> (Vec<f64>, Vec<f64>, Terms) {
     let mut f = vec![0.0; z.len()];
     let mut derivatives = vec![0.0; vi.pattern().len()];
@@ -45,11 +46,12 @@ pub(super) fn evaluated(vi: &mut dyn SparseVi, z: &[f64]) -> (Vec<f64>, Vec<f64>
     (f, derivatives, terms)
 }
 
-/// `F'` and the factors of a system that it makes up.
+/// The sparse Jacobian `F'` and the factors of a system built from it.
 pub(super) struct SparseJacobian {
-    /// `F'`, with a place for each entry of the diagonal.
+    /// The Jacobian `F'`, with an entry stored for each diagonal position.
     matrix: SparseMatrix,
-    /// The place of each entry of the pattern in the values of the matrix, and of each of the diagonal.
+    /// The index of each entry of the pattern among the stored values of the matrix (`places`), and of each diagonal
+    /// entry (`diagonal`).
     places: Vec<usize>,
     diagonal: Vec<usize>,
     system: SparseMatrix,
@@ -58,7 +60,8 @@ pub(super) struct SparseJacobian {
 }
 
 impl SparseJacobian {
-    /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
+    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
+    /// `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let entries = pattern.iter().copied().chain((0..m).map(|i| (i, i)));
         let triplets: Vec<Triplet<usize, usize, f64>> = entries.map(|(i, j)| Triplet::new(i, j, 0.0)).collect();
@@ -81,7 +84,7 @@ impl SparseJacobian {
         })
     }
 
-    /// Takes `F'(z)`; false where an entry is not finite.
+    /// Evaluates the Jacobian `F'(z)`; returns false if an entry is not finite.
     pub fn evaluate(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
         vi.derivatives(z, &mut self.derivatives);
         let (_, values) = self.matrix.parts_mut();
@@ -90,8 +93,8 @@ impl SparseJacobian {
         values.iter().all(|value| value.is_finite())
     }
 
-    /// The scales of rows that bring `z` and `S F` to one unit: the inverse of the diagonal where that says something, else of
-    /// the largest entry.
+    /// Computes the row scales `S` that bring `z` and `S F` to one unit: the inverse of the diagonal entry if it is
+    /// large enough, otherwise of the largest entry of the row.
     pub fn scales(&self, scale: &mut [f64]) {
         let mut largest = vec![0.0_f64; scale.len()];
         for (&i, a) in self.matrix.symbolic().row_idx().iter().zip(self.matrix.val()) {
@@ -104,18 +107,19 @@ impl SparseJacobian {
         }
     }
 
-    /// The entries of a column with their rows.
+    /// Returns the entries of column `j` with their rows.
     pub fn column(&self, j: usize) -> impl Iterator<Item = (&usize, &f64)> {
         self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
     }
 
-    /// How far a point `z` with `F(z)` is from a solution, where the Jacobian is that there.
+    /// Returns the worst residual of a point `z` with the value `F(z)`, where the Jacobian was evaluated last.
     pub fn worst(&self, set: &ConvexSet, (z, f): (&[f64], &[f64])) -> Worst {
         let entries = (0..z.len()).flat_map(|j| self.column(j).map(move |(&i, a)| ((i, j), *a)));
         Worst::of(set, (z, f), &Terms::of(set, (z, f), entries))
     }
 
-    /// Factorises the system whose row `i` is that of `F'` times the first number, with the second added on the diagonal.
+    /// Factorises the system whose row `i` is row `i` of `F'` times the first number of `row(i)`, with the second
+    /// number added to the diagonal.
     pub fn factorise(&mut self, row: impl Fn(usize) -> (f64, f64), control: &Control) -> bool {
         let (symbolic, values) = self.system.parts_mut();
         for ((value, a), &i) in values.iter_mut().zip(self.matrix.val()).zip(symbolic.row_idx()) {
@@ -127,7 +131,7 @@ impl SparseJacobian {
         self.factors.factorise_unless(&self.system, || control.poll().is_some())
     }
 
-    /// Solves the system that was factorised, in place; false where the solution is not finite.
+    /// Solves the factorised system in place; returns false if the solution is not finite.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         self.factors.solve(right)
     }

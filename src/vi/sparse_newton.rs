@@ -4,48 +4,52 @@
 //! z in [l, u],    <F(z), x - z> >= 0  for all x in [l, u]
 //! ```
 //!
-//! Rows are scaled by `S`, the inverse of the diagonal of `F'` where that says something. The Newton step of the natural map
-//! `z - P(z - S F)` is taken if it lowers `|psi|`, the Fischer-Burmeister equations of all components, enough; else that of
-//! `psi` with Armijo's line search and a proximal term that vanishes with `|psi|`, so that singular Jacobians, as of problems
-//! whose solutions form a set, have directions too; else that of steepest descent (De Luca, Facchinei and Kanzow 1996;
-//! Facchinei and Pang 2003, sections 8.3, 9.1 and 12.1). The factors have one pattern, which is analysed once.
+//! Rows are scaled by `S`, the inverse of the diagonal of `F'` if it is large enough. The Newton step of the natural
+//! map `z - P(z - S F)` is taken if it lowers `|psi|`, the norm of the Fischer-Burmeister equations of all
+//! components, enough; otherwise the Newton step of `psi` is taken, with Armijo's line search and a proximal term
+//! that vanishes with `|psi|`, so that singular Jacobians, as of problems whose solutions form a set, have directions
+//! too; otherwise that of steepest descent (De Luca, Facchinei and Kanzow 1996; Facchinei and Pang 2003, sections
+//! 8.3, 9.1 and 12.1). The factors have one sparsity pattern, which is analysed once.
 
 use super::fischer_burmeister::psi;
 use super::sparse_jacobian::SparseJacobian;
 use super::{Outcome, Report, SparseVi, Worst};
 use problem::{Control, ConvexSet};
 
-/// Newton steps; practical problems take ten to sixty.
+/// Largest number of Newton steps; practical problems take ten to sixty.
 const ITERATIONS: usize = 500;
 
-/// A step that lowers the residual to this fraction is one of fast convergence.
+/// Convergence is fast if a step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
 /// A natural-map step must lower the norm of `psi` to this fraction.
 const NATURAL_DECREASE: f64 = 0.9;
 
-/// The slope of `1/2 |psi|^2` along an exact Newton direction is `-|psi|^2`; a direction with this fraction is one of descent.
+/// A direction counts as one of descent if the slope of `1/2 |psi|^2` along it is at most `-DESCENT |psi|^2`; along
+/// an exact Newton direction the slope is `-|psi|^2`.
 const DESCENT: f64 = 1e-4;
 
-/// Armijo's fraction of the slope, and the halvings of a step before it is given up.
+/// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// The proximal term, as fractions of `|psi|`: the next is tried where one has not lowered `|psi|` to the fraction below.
+/// The proximal terms, as fractions of `|psi|`, tried in turn until a step lowers `|psi|` to the fraction
+/// `SUFFICIENT_DECREASE`.
 const PROXIMAL: [f64; 4] = [0.0, 1e-6, 1e-3, 1e-1];
 const SUFFICIENT_DECREASE: f64 = 0.9;
 
-/// The same for steps of the natural map: none, or so little that regular systems lose no digit that counts.
+/// The proximal terms of natural-map steps, tried in turn: none, or so small a term that regular systems keep their
+/// accuracy.
 const REGULARISED: [f64; 2] = [0.0, 1e-9];
 
-/// A residual this small against the terms is rounding.
+/// A residual below this fraction of its terms is rounding.
 const EXACT: f64 = 1e-15;
 
-/// The method, for problems of one pattern.
+/// The semismooth Newton method for problems of one sparsity pattern.
 pub struct SparseNewton {
     jacobian: SparseJacobian,
     scale: Vec<f64>,
-    /// `F` at the iterate and at a trial point.
+    /// The function `F` at the iterate and at a trial point.
     f: Vec<f64>,
     trial_f: Vec<f64>,
     psi: Vec<f64>,
@@ -59,7 +63,8 @@ pub struct SparseNewton {
 }
 
 impl SparseNewton {
-    /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
+    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
+    /// `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let vector = || vec![0.0; m];
         Some(Self {
@@ -78,9 +83,9 @@ impl SparseNewton {
         })
     }
 
-    /// Solves from `z` until the natural-map residual is below `tolerance` beside its terms, and further as long as steps
-    /// converge fast; leaves the best point in `z`. Only for products of intervals. Without a search it ends where a step of
-    /// the natural map does not come nearer.
+    /// Solves from `z` until the natural-map residual relative to its terms is below `tolerance`, and further as long
+    /// as steps converge fast; leaves the best point in `z`. The set must be a product of intervals. If `searches` is
+    /// false, the iteration ends once a natural-map step does not lower `|psi|` enough.
     pub fn solve(
         &mut self,
         vi: &mut dyn SparseVi,
@@ -131,12 +136,13 @@ impl SparseNewton {
         Report { outcome, residual: fit.largest, iterations: ITERATIONS }
     }
 
-    /// How far the iterate is from a solution.
+    /// Returns the worst residual of the iterate.
     fn fit(&self, set: &ConvexSet, z: &[f64]) -> Worst {
         self.jacobian.worst(set, (z, &self.f))
     }
 
-    /// `F'`, the scales, and `psi` with its derivatives at the iterate; false where a number is not finite.
+    /// Evaluates `F'`, the row scales, and `psi` with its derivatives at the iterate; returns false if a number is
+    /// not finite.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
         if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
@@ -151,7 +157,7 @@ impl SparseNewton {
         true
     }
 
-    /// The Newton step of the natural map, to the trial point. False if its system is singular.
+    /// Computes the Newton step of the natural map into the trial point. Returns false if its system is singular.
     fn natural_step(&mut self, vi: &mut dyn SparseVi, z: &[f64], proximal: f64, control: &Control) -> bool {
         let set = vi.set();
         let mut is_inside = vec![false; z.len()];
@@ -167,7 +173,7 @@ impl SparseNewton {
             let set = vi.set();
             for (i, trial) in self.trial.iter_mut().enumerate() {
                 let moved = z[i] + self.direction[i];
-                // Rounding aside, what rests is on its bound.
+                // Put active variables exactly on their bounds.
                 *trial = if is_inside[i] { moved } else { set.project(i, moved) };
             }
             vi.evaluate(&self.trial, &mut self.trial_f);
@@ -175,7 +181,7 @@ impl SparseNewton {
         is_solved
     }
 
-    /// `|psi|` at the trial point, where `F` is known.
+    /// Returns the norm `|psi|` at the trial point, where `F` has been evaluated.
     fn norm_at_trial(&self, vi: &dyn SparseVi) -> f64 {
         let set = vi.set();
         let values = (0..self.trial.len())
@@ -183,8 +189,8 @@ impl SparseNewton {
         values.map(|value| value * value).sum::<f64>().sqrt()
     }
 
-    /// A step of Armijo's line search along a Newton direction of `psi`, else along the steepest descent. False if none
-    /// lowers `|psi|`.
+    /// Makes a step of Armijo's line search along a Newton direction of `psi`, or along the steepest descent. Returns
+    /// false if none lowers `|psi|`.
     fn descend(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], norm: f64, control: &Control) -> bool {
         let weighted: Vec<f64> =
             self.psi.iter().zip(&self.by_w).zip(&self.scale).map(|((psi, by_w), s)| psi * by_w * s).collect();
@@ -222,8 +228,8 @@ impl SparseNewton {
         reached < norm
     }
 
-    /// Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point if it beats the record, and returns the
-    /// better of the two.
+    /// Makes Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point found if its norm is
+    /// below `record`, and returns the smaller of the two norms.
     fn search(&mut self, vi: &mut dyn SparseVi, z: &[f64], norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {

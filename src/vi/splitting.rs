@@ -11,7 +11,7 @@ use super::AffineVi;
 use nalgebra::DMatrix;
 use problem::Workspace;
 
-/// The iteration on one problem.
+/// The Douglas-Rachford iteration on one problem.
 #[derive(Debug)]
 pub(super) struct Splitting {
     inverse: DMatrix<f64>,
@@ -21,7 +21,7 @@ pub(super) struct Splitting {
 }
 
 impl Splitting {
-    /// Starts at `z`, with its value `w`. `None` if `I + S A` is singular.
+    /// Starts the iteration at `z`, with the value `w = A z + q`. Returns `None` if `I + S A` is singular.
     pub fn new(vi: &AffineVi<'_>, scale: &[f64], z: &[f64], w: &[f64]) -> Option<Self> {
         let m = z.len();
         let resolvent = DMatrix::from_fn(m, m, |i, j| f64::from(i == j) + scale[i] * vi.matrix[(i, j)]);
@@ -30,7 +30,7 @@ impl Splitting {
         Some(Self { inverse, y, x: vec![0.0; m], work: Workspace::default() })
     }
 
-    /// Makes `times` iterations and writes the last point, in `K`, to `z`.
+    /// Makes `times` iterations and writes the last point, which lies in `K`, to `z`.
     pub fn iterate(&mut self, vi: &AffineVi<'_>, scale: &[f64], times: usize, z: &mut [f64]) {
         for _ in 0..times {
             self.x.fill(0.0);

@@ -1,27 +1,27 @@
-//! How far a point is from a solution, component by component: over an interval
+//! The relative residual of a point, component by component: over an interval
 //!
 //! ```text
 //! r_i = |median((z_i - l_i) / |z_i|, G_i / terms, (z_i - u_i) / |z_i|)|
 //! ```
 //!
-//! the natural map `z_i - P(z_i - G_i)` with `z_i` and `G_i` each beside its own size, which loses no digit where `z_i` is
-//! large. A point far away, beside which every residual would be small, does not pass for a solution in this way. In a
-//! block it is the relative residual (see [`of_block`]), in the unit of `G`.
+//! the natural map `z_i - P(z_i - G_i)` with `z_i` and `G_i` each relative to its own size, which loses no digit
+//! where `z_i` is large. A point far away, relative to which every residual would be small, is thereby not accepted
+//! as a solution. In a block the relative residual is that of [`of_block`], in the unit of `G`.
 
 use super::residual::of_block;
 use problem::{ConvexSet, Workspace};
 
-/// The sizes that residuals at a point are measured beside.
+/// The sizes to which the residuals at a point are relative.
 #[derive(Clone, Debug)]
 pub struct Terms {
-    /// Of the terms of each row, `|G| + |J| |z|`.
+    /// The size of the terms of each row, `|G| + |J| |z|`.
     pub sizes: Vec<f64>,
-    /// Of the derivatives of each row by the variables of its own block, the largest.
+    /// The largest derivative of each row by the variables of its own block, in absolute value.
     pub slopes: Vec<f64>,
 }
 
 impl Terms {
-    /// At a point `z` with `g = G(z)`, where the derivatives are these.
+    /// Computes the sizes at a point `z` with `g = G(z)` and the given entries of the Jacobian.
     pub fn of(
         set: &ConvexSet,
         (z, g): (&[f64], &[f64]),
@@ -38,7 +38,8 @@ impl Terms {
         Self { sizes, slopes }
     }
 
-    /// The residual of one block at a point `z` with `g = G(z)`, in the unit of `G`, and the size of its terms.
+    /// Returns the residual of one block at a point `z` with `g = G(z)`, in the unit of `G`, and the size of its
+    /// terms.
     pub(super) fn residual_of_block(
         &self,
         set: &ConvexSet,
@@ -55,8 +56,9 @@ impl Terms {
     }
 }
 
-/// The sizes of the variables, where the terms of the rows have sizes: a change of a variable by its size changes some row by
-/// its terms, and no row by more. Infinite for a variable that no row depends on.
+/// Returns the sizes of the variables that follow from the sizes of the terms of the rows: a change of a variable by
+/// its size changes some row by its terms, and no row by more. The size is infinite for a variable that no row
+/// depends on.
 pub(super) fn sizes_of_variables(terms: &[f64], derivatives: impl Iterator<Item = ((usize, usize), f64)>) -> Vec<f64> {
     let mut sizes = vec![f64::INFINITY; terms.len()];
     for ((i, j), a) in derivatives.filter(|((i, _), a)| *a != 0.0 && terms[*i] > 0.0) {
@@ -65,21 +67,21 @@ pub(super) fn sizes_of_variables(terms: &[f64], derivatives: impl Iterator<Item 
     sizes
 }
 
-/// The component of a variational inequality with the largest residual beside the size of its terms.
+/// The component of a variational inequality with the largest residual relative to the size of its terms.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
-    /// Which it is.
+    /// The index of the component.
     pub component: usize,
-    /// Its residual, in the unit of `z_i` or of `G_i`.
+    /// The residual of the component, in the unit of `z_i` or of `G_i`.
     pub residual: f64,
-    /// The size of its terms: at least one, or that of the largest of the problem where all are smaller.
+    /// The size of the terms of the component: at least one, or the largest size of the problem if all are below one.
     pub terms: f64,
-    /// The largest residual of all.
+    /// The largest absolute residual of all components.
     pub largest: f64,
 }
 
 impl Worst {
-    /// Of a point `z` with `g = G(z)`.
+    /// Finds the worst component of a point `z` with `g = G(z)`.
     pub fn of(set: &ConvexSet, (z, g): (&[f64], &[f64]), terms: &Terms) -> Self {
         let sizes = &terms.sizes;
         let size = |values: &[f64]| values.iter().fold(f64::MIN_POSITIVE, |most, value| most.max(value.abs()));
@@ -116,7 +118,7 @@ impl Worst {
         worst
     }
 
-    /// The residual beside its terms.
+    /// Returns the residual of the worst component relative to its terms.
     pub fn relative(&self) -> f64 {
         if self.residual == 0.0 { 0.0 } else { self.residual / self.terms }
     }
@@ -128,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_point_far_away_is_not_near_a_solution() {
-        // w2 = -1 whatever z2 is, and z2 has no upper end: beside z2 = 5e16 one is nothing.
+        // w2 = -1 whatever z2 is, and z2 has no upper bound: relative to z2 = 5e16 a residual of one vanishes.
         let set = ConvexSet::nonnegative(2);
         let worst = |z: &[f64], g: &[f64], sizes: [f64; 2]| {
             Worst::of(&set, (z, g), &Terms { sizes: sizes.to_vec(), slopes: vec![0.0; 2] })

@@ -1,5 +1,5 @@
-//! Obstacle problems `(I - dt Laplacian) u >= u_old` above an obstacle that moves at each step, as they arise in the
-//! implicit Euler method: the time of one step, in one and two dimensions. `cargo bench -p dvi-vi --bench active_set`.
+//! Time per implicit Euler step of a parabolic obstacle problem in one and two dimensions: `(I - dt Laplacian) u >=
+//! u_old` above an obstacle that moves at each step. `cargo bench -p dvi-vi --bench active_set`.
 
 use divan::{Bencher, black_box};
 use factorisation::SparseMatrix;
@@ -13,7 +13,7 @@ fn main() {
     divan::main();
 }
 
-/// `I - dt Laplacian` on the unit interval or square, with zero boundary values.
+/// Returns the matrix `I - dt Laplacian` on the unit interval or square, with zero boundary values.
 fn matrix(rows: usize, columns: usize) -> SparseMatrix {
     let c = DT * ((columns + 1) as f64).powi(2);
     let n = rows * columns;
@@ -35,7 +35,7 @@ fn matrix(rows: usize, columns: usize) -> SparseMatrix {
     SparseMatrix::try_new_from_triplets(n, n, &triplets).expect("places inside the matrix")
 }
 
-/// A bump whose top oscillates through the domain.
+/// Sets the obstacle at the time `t`: a paraboloid whose top oscillates through the domain.
 fn obstacle(rows: usize, columns: usize, t: f64, lower: &mut [f64]) {
     let top = 0.5 + 0.2 * (20.0 * t).sin();
     for (node, lower) in lower.iter_mut().enumerate() {
@@ -45,7 +45,7 @@ fn obstacle(rows: usize, columns: usize, t: f64, lower: &mut [f64]) {
     }
 }
 
-/// Solves one step after another; the obstacle is evaluated outside the measured time.
+/// Solves one time step after another, with the obstacle evaluated outside the measured time.
 fn run(bencher: Bencher, rows: usize, columns: usize) {
     let n = rows * columns;
     let mut solver =
@@ -64,7 +64,8 @@ fn run(bencher: Bencher, rows: usize, columns: usize) {
     let mut turn = 0;
     let (mut most, mut sum, mut solves) = (0, 0, 0);
     bencher.bench_local(|| {
-        // Forwards and backwards, so that every step starts from a neighbouring one.
+        // Obstacles are taken forwards and then backwards, so that every step starts from the solution of a
+        // neighbouring one.
         turn = (turn + 1) % (2 * steps.len());
         set.lower.copy_from_slice(&steps[turn.min(2 * steps.len() - 1 - turn)]);
         q.iter_mut().zip(&u).for_each(|(q, u)| *q = -u);

@@ -76,7 +76,7 @@ fn main() {
     let mut readers: Vec<_> = readers.into_iter().map(|reader| (reader, vec![0; 4096])).collect();
     while begun.elapsed() < Duration::from_secs(20) {
         for (reader, piece) in &mut readers {
-            // Read a piece now and then, since a client that reads nothing is cut off.
+            // Reads a few bytes now and then, since the service disconnects a client that reads nothing.
             let _ = reader.read(piece);
         }
         most = most.max(server.resident_kib());
@@ -95,7 +95,7 @@ fn main() {
     println!("continued in {:.1} ms", 1e3 * begun.elapsed().as_secs_f64());
 }
 
-/// The measurements of a response.
+/// Times to the first and to the last byte of a response, and its size in bytes.
 struct Met {
     first: Duration,
     last: Duration,

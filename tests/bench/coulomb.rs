@@ -9,17 +9,17 @@ use dvi::problem::Control;
 use dvi::vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// The number of problems that a bench solves in turn, so that no branch predictor learns one of them.
+/// Number of problems that a benchmark solves in turn, so that the branch predictor cannot learn a single one.
 const PROBLEMS: usize = 64;
 
-/// The change of `q` from one problem to the next, as between time steps.
+/// Change of `q` from one problem to the next, as between time steps.
 const CHANGE: f64 = 0.01;
 
 fn main() {
     divan::main();
 }
 
-/// Uniform numbers in `[-1, 1)` (`SplitMix64`).
+/// Returns a uniform random number in `[-1, 1)` (`SplitMix64`).
 fn number(state: &mut u64) -> f64 {
     *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let mut x = *state;
@@ -28,7 +28,7 @@ fn number(state: &mut u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
 }
 
-/// A free velocity that closes the contact, with sticking or slipping friction.
+/// Returns a free velocity that closes the contact, with sticking or slipping friction.
 fn closing(state: &mut u64) -> Vector3<f64> {
     Vector3::new(-1.0 - number(state).abs(), 2.0 * number(state), 2.0 * number(state))
 }
@@ -50,7 +50,8 @@ fn one_contact(bencher: Bencher) {
     });
 }
 
-/// Three contacts of one body with six degrees of freedom: a tripod, with a singular Delassus operator.
+/// Contact problems of one body with six degrees of freedom on three contacts, a tripod: their Delassus operator is
+/// singular.
 fn tripods() -> Vec<CoulombProblem> {
     let mut state = 2;
     let jacobian = SMatrix::<f64, 9, 6>::from_fn(|_, _| number(&mut state));

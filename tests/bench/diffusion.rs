@@ -1,5 +1,5 @@
-//! A diffusion chain, `x_i' = c (x_{i-1} - 2 x_i + x_{i+1})`, with up to 1e5 states: the time of a whole run, and of
-//! its factorisations and solves alone. `cargo bench -p dvi-models --bench diffusion`.
+//! Run time of a diffusion chain, `x_i' = c (x_{i-1} - 2 x_i + x_{i+1})`, with up to 1e5 states, and for comparison
+//! the time of its factorisations and solves alone. `cargo bench -p dvi-models --bench diffusion`.
 
 use divan::{Bencher, black_box};
 use expression::Graph;
@@ -14,7 +14,7 @@ use radau::{Radau, RejectionCause, Settings, StageChoice, Switches, Tableau, Wor
 use std::f64::consts::PI;
 use vi::SolverKind;
 
-/// The allocator of the program.
+/// The memory allocator that the `dvi` program uses.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -24,7 +24,7 @@ fn main() {
     divan::main();
 }
 
-/// The nonzeros of `A`, on an interval of unit length with zero values at its ends.
+/// Returns the nonzeros of the matrix `A`, on an interval of unit length with zero values at its ends.
 fn entries(n: usize) -> Vec<(usize, usize, f64)> {
     let c = ((n + 1) as f64).powi(2);
     let row = |i: usize| [(i, i.wrapping_sub(1), c), (i, i, -2.0 * c), (i, i + 1, c)];
@@ -62,13 +62,13 @@ fn settings(n: usize) -> Settings {
     }
 }
 
-/// Two sine waves, of which the fast one decays at once.
+/// Returns initial values that are two sine waves, of which the fast one decays at once.
 fn start(n: usize) -> Vec<f64> {
     let x = |i: usize| (i + 1) as f64 / (n + 1) as f64;
     (0..n).map(|i| (PI * x(i)).sin() + (20.0 * PI * x(i)).sin()).collect()
 }
 
-/// A run to the end: its work counters, and the number of real solves for the error estimate.
+/// Integrates to the end; returns the work counters, and the number of real solves for the error estimate.
 fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     let control = Control::new();
     let mut radau = Radau::new(problem, settings(x.len()), 0.0, x, END, &control).expect("a start");
@@ -83,7 +83,7 @@ fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     (radau.work(), radau.counts.accepted + radau.counts.rejected(RejectionCause::Error))
 }
 
-/// The real and the complex matrix of a step of 1e-3.
+/// Returns the real and the complex iteration matrix of a step of size 1e-3.
 fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
     let tableau = Tableau::of(3);
     let (gamma, pair) = (tableau.gamma.expect("three stages") * 1e3, tableau.pairs[0] * 1e3);
@@ -97,7 +97,7 @@ fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
     (real.expect("places inside"), complex.expect("places inside"))
 }
 
-/// The factorisations and solves of a run with these counters, and nothing else.
+/// Performs the factorisations and solves of a run with these counters, and nothing else.
 fn factor_and_solve(
     (real, complex): &(SparseMatrix, SparseMatrix<Complex<f64>>),
     (work, estimates): (Work, u64),

@@ -1,7 +1,8 @@
-//! Jobs over NATS beside jobs on one machine: `cargo bench --bench exchange`. The output has, for both, the latency of a small
-//! job that is waited for, one at a time, and the jobs a second of several clients; and, over NATS, the share of each client
-//! while all have jobs that wait; and what many workers do whose solves only sleep, so that one machine has room for them.
-//! `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes, `SLEEPERS=N` that of workers which sleep.
+//! Jobs over NATS compared with jobs on one machine: `cargo bench --bench exchange`. For both, it prints the latency
+//! of a small synchronous job, and the jobs per second of several clients. For NATS, it also prints the share of each
+//! client while all have waiting jobs, and the throughput of many workers whose solves only sleep, so that one
+//! machine can run them. `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes, `SLEEPERS=N` that of
+//! sleeping workers.
 
 #[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/nats_server.rs"]
@@ -30,7 +31,7 @@ use tokio::sync::mpsc::channel;
 
 const CLIENTS: usize = 4;
 
-/// A correct specification: exponential decay.
+/// Specification of an exponential decay.
 const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
 const MANY: [&str; 6] = ["--queue", "1000000", "--client-share", "1000000", "--kept-jobs", "1000000"];
@@ -73,7 +74,7 @@ fn headers(token: &str, more: &str) -> String {
 }
 
 fn measure(name: &str, server: &Server, tokens: &[String], jobs: usize) {
-    // Under a key, so that the job goes through the queue.
+    // An idempotency key makes the job go through the queue.
     let wait = |k: usize| {
         let begun = Instant::now();
         let key = format!("idempotency-key: w{k}\r\ncache-control: no-cache\r\n");
@@ -106,7 +107,7 @@ fn post(server: &Server, token: &str) {
     assert_eq!(answer.status, 202, "{}", answer.body);
 }
 
-/// The number of jobs that wait or run.
+/// Returns the number of jobs that wait or run.
 fn waiting(server: &Server, token: &str) -> u64 {
     let metrics = server.send("GET", "/metrics", &headers(token, ""), "").body;
     let figure = |name: &str| -> u64 {
@@ -116,8 +117,8 @@ fn waiting(server: &Server, token: &str) -> u64 {
     figure("dvi_jobs_waiting ") + figure("dvi_jobs_running ")
 }
 
-/// The first client has ten times as many jobs as the others, and has posted them before. Workers, which are faster than one
-/// client posts, start then.
+/// Measures the share of each client. The first client has posted ten times as many jobs as the others, and before
+/// them. The workers, which are faster than one client posts, start only when all jobs are posted.
 fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> Vec<Worker>) {
     (0..10 * jobs).for_each(|_| post(server, &tokens[0]));
     thread::scope(|scope| {
@@ -145,7 +146,8 @@ fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> V
     while waiting(server, &tokens[0]) > 0 {
         thread::sleep(Duration::from_millis(20));
     }
-    // While all had jobs that waited: from the start of the last client to the first that had none left.
+    // The jobs are counted while all clients have waiting jobs: from the start of the last client to the end of the
+    // first.
     let times: Vec<Vec<String>> = tokens
         .iter()
         .map(|token| done(token).iter().map(|job| job["finished"].as_str().unwrap().to_owned()).collect())
@@ -160,14 +162,14 @@ fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> V
     println!("over NATS: jobs of each client that ended while all had some: {counts:?}");
 }
 
-/// Workers that each sleep for a second in a solve, ten jobs for each.
+/// Measures workers that sleep for a second in each solve, with ten jobs per worker.
 fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
     const SLEEP: Duration = Duration::from_secs(1);
     let nats = NatsServer::start(folder);
     let url = nats.url();
     let server = Server::start(near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
     let solver: Solver = Arc::new(|specification, control| {
-        // Small jobs are tried inline first, with a short deadline: these are to be as long ones.
+        // Small jobs are first solved inline with a short deadline, which must fail so that they count as long ones.
         if control.deadline().is_some_and(|deadline| deadline < Instant::now() + SLEEP / 2) {
             return dvi::solve(specification, &Control::with_deadline(Instant::now()));
         }
@@ -201,7 +203,7 @@ fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
             thread::sleep(Duration::from_millis(20));
         }
     };
-    // While they start.
+    // One job per worker, to wait until all workers have started.
     post_all(workers);
     wait_for_all();
     let jobs = 10 * workers;

@@ -1,8 +1,9 @@
-//! Small jobs of several clients over one gateway and four workers, while workers, and then the server as well, are killed at
-//! random: `cargo bench --bench exchange_kills`. No job may be lost or have other results than it has without kills, and while
-//! all clients have jobs that wait, as many of each must end. `JOBS=N` sets the number of jobs, `SECONDS=N` the time after
-//! which there are no further kills. With `SERVERS=3` there is a cluster of servers, of which one at a time is killed, and each
-//! job is on all of them. Requests may fail by 503 only; the number of those is told.
+//! Small jobs of several clients over one gateway and four workers, while workers, and later the NATS server as well,
+//! are killed at random: `cargo bench --bench exchange_kills`. No job may be lost or have results other than it has
+//! without kills, and while all clients have waiting jobs, equally many jobs of each must end. `JOBS=N` sets the
+//! number of jobs, `SECONDS=N` the time after which there are no further kills. `SERVERS=3` starts a cluster of
+//! servers, of which one at a time is killed, with each job on all of them. Requests may fail with status 503 only,
+//! and the number of those is printed.
 
 #[path = "../service/nats_server.rs"]
 mod nats_server;
@@ -26,31 +27,31 @@ use std::time::{Duration, Instant};
 const CLIENTS: usize = 4;
 const WORKERS: usize = 4;
 
-/// The number of requests at a time in which jobs are posted.
+/// Number of concurrent requests of each client that posts jobs.
 const POSTING: usize = 4;
 
-/// The part of the jobs, in tenths, that are in the queue before there are workers: workers are as fast as clients post, so
-/// that nothing would wait.
+/// Fraction of the jobs, in tenths, that are posted before the workers start: workers are as fast as clients post, so
+/// that otherwise no job would wait.
 const BEFORE: usize = 8;
 
-/// How long a server of a cluster that was killed is given until another is.
+/// Time that a restarted server of a cluster has for catching up until the next server is killed.
 const CAUGHT_UP: Duration = Duration::from_secs(5);
 
-/// The number of answers with status 503.
+/// Number of responses with status 503.
 static REFUSED: AtomicUsize = AtomicUsize::new(0);
 
 fn number(name: &str, usual: usize) -> usize {
     env::var(name).map_or(usual, |text| text.parse().unwrap())
 }
 
-/// A client with its token and the ids of its jobs, each with the number that its specification has.
+/// A client with its token and the ids of its jobs, each with the number from which its specification is made.
 struct Client {
     authorization: String,
     jobs: Vec<(usize, String)>,
 }
 
-/// The specification of job `k`: decay at a rate of its own. Every fourth has so much output that a worker claims it before it
-/// solves it; others are solved in place of a claim.
+/// Returns the specification of job `k`, a decay with a rate of its own. Every fourth job has so much output that a
+/// worker claims it before it solves it; the others are solved without a claim.
 fn document(k: usize) -> String {
     let output = if k.is_multiple_of(4) { r#","output":{"times":{"count":300}}"# } else { "" };
     format!(
@@ -100,7 +101,7 @@ fn main() {
             }
             workers[random.usize(..WORKERS)] = Worker::start(&url, &[]);
             worker_kills += 1;
-            // Workers alone first.
+            // At first only workers are killed.
             if started.elapsed() > most / 20 && random.usize(..8) == 0 {
                 let server = random.usize(..servers);
                 nats[server].kill();
@@ -108,7 +109,7 @@ fn main() {
                 nats[server].restart();
                 server_kills += 1;
                 if servers > 1 {
-                    // One that has not caught up counts as one that is down.
+                    // A server that has not caught up counts as one that is down.
                     thread::sleep(CAUGHT_UP);
                 }
             }
@@ -132,8 +133,8 @@ fn client(folder: &Folder, k: usize) -> Client {
     Client { authorization: format!("authorization: Bearer {token}\r\n"), jobs: Vec::new() }
 }
 
-/// Posts the jobs of these numbers, every fourth for each client: those of one client, and then those of the next, so that a
-/// queue without turns would show.
+/// Posts the jobs with these numbers, every fourth for each client: all jobs of one client, and then those of the
+/// next, so that a queue that does not alternate between clients would show.
 fn post_all(address: &str, clients: &mut [Client], numbers: Range<usize>) {
     for (first, client) in clients.iter_mut().enumerate() {
         let authorization = &client.authorization;
@@ -150,7 +151,7 @@ fn post_all(address: &str, clients: &mut [Client], numbers: Range<usize>) {
     }
 }
 
-/// Posts job `k` under its number until it is accepted, and returns its id.
+/// Posts job `k`, with its number as idempotency key, until it is accepted, and returns its id.
 fn post(address: &str, authorization: &str, k: usize) -> String {
     let headers =
         format!("{authorization}prefer: respond-async\r\nidempotency-key: {k}\r\ncontent-type: application/json\r\n");
@@ -167,7 +168,7 @@ fn post(address: &str, authorization: &str, k: usize) -> String {
     }
 }
 
-/// The answer at `path`, once the server is there.
+/// Returns the response to a GET request for `path`, repeated until its status is not 503.
 fn get(address: &str, client: &Client, path: &str) -> Answer {
     loop {
         let answer = send(address, "GET", path, &client.authorization, "").expect("the gateway is not killed");
@@ -179,7 +180,7 @@ fn get(address: &str, client: &Client, path: &str) -> Answer {
     }
 }
 
-/// The number of jobs that wait or run.
+/// Returns the number of jobs that wait or run.
 fn waiting(address: &str, client: &Client) -> Option<u64> {
     let metrics = get(address, client, "/metrics").body;
     let figure =
@@ -187,7 +188,7 @@ fn waiting(address: &str, client: &Client) -> Option<u64> {
     Some(figure("dvi_jobs_waiting ")? + figure("dvi_jobs_running ")?)
 }
 
-/// The statuses of all jobs of a client.
+/// Returns the statuses of all jobs of a client.
 fn list(address: &str, client: &Client) -> Vec<Value> {
     let mut all: Vec<Value> = Vec::new();
     loop {
@@ -202,7 +203,8 @@ fn list(address: &str, client: &Client) -> Vec<Value> {
     }
 }
 
-/// The number of jobs of each client that ended in the middle half of the time in which all had some in the queue.
+/// Returns the number of jobs of each client that ended in the middle half of the time in which all clients had jobs
+/// in the queue.
 fn shares(listed: &[Vec<Value>]) -> Vec<usize> {
     let ended = |jobs: &Vec<Value>| {
         let mut times: Vec<String> =
@@ -216,7 +218,7 @@ fn shares(listed: &[Vec<Value>]) -> Vec<usize> {
     times.iter().map(|times| times.iter().filter(|time| **time > from && **time <= to).count()).collect()
 }
 
-/// The number of jobs that have not ended well, and of those that did in a later attempt.
+/// Returns the number of jobs that were not successful, and the number of those that succeeded in a later attempt.
 fn count(clients: &[Client], listed: &[Vec<Value>]) -> (usize, usize) {
     let (mut lost, mut again) = (0, 0);
     for (client, listed) in clients.iter().zip(listed) {
@@ -234,7 +236,7 @@ fn count(clients: &[Client], listed: &[Vec<Value>]) -> (usize, usize) {
     (lost, again)
 }
 
-/// The number of jobs with other results than they have alone.
+/// Returns the number of jobs whose results differ from those of a direct solve.
 fn differing(address: &str, clients: &[Client]) -> usize {
     let differing = AtomicUsize::new(0);
     thread::scope(|scope| {

@@ -4,7 +4,7 @@
 use divan::{AllocProfiler, Bencher, black_box};
 use expression::{Graph, Node, Scope, Tape};
 
-/// A right-hand side in the states `y1, .., yn`.
+/// A right-hand side in the states `y1, .., yn`, as text.
 struct System {
     parameters: Vec<(&'static str, f64)>,
     rates: Vec<String>,
@@ -23,7 +23,8 @@ impl System {
         Self::new(&POLLU_PARAMETERS, &POLLU)
     }
 
-    /// `y_i' = 100 (y_{i-1} - 2 y_i + y_{i+1}) + reaction(y_i)`, with `%` for `y_i`.
+    /// Returns the chain `y_i' = 100 (y_{i-1} - 2 y_i + y_{i+1}) + reaction(y_i)`, where `%` in `reaction` stands for
+    /// `y_i`.
     fn chain(n: usize, reaction: &str) -> Self {
         let neighbour = |i: usize| if (1..=n).contains(&i) { format!("y{i}") } else { "0".to_owned() };
         let rate = |i: usize| {
@@ -33,7 +34,7 @@ impl System {
         Self { parameters: Vec::new(), rates: (1..=n).map(rate).collect() }
     }
 
-    /// The graph of the rates, and if wanted of their derivatives row by row.
+    /// Returns the expression graph of the rates, followed by their derivatives row by row if `with_jacobian`.
     fn outputs(&self, with_jacobian: bool) -> (Graph, Vec<Node>) {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         for &(name, value) in &self.parameters {
@@ -69,7 +70,7 @@ impl System {
 /// A right-hand side with its name.
 type Named = (&'static str, fn() -> System);
 
-/// The programs evaluated at the stages of a step.
+/// Right-hand sides that are evaluated at all stages of a step.
 const PROGRAMS: [Named; 7] = [
     ("van der Pol", System::van_der_pol),
     ("friction belt", || System::new(&[("c", 0.1)], &["y2", "-c*y2 - y1 - y3", "-(y2 - 0.5)"])),
@@ -80,13 +81,13 @@ const PROGRAMS: [Named; 7] = [
     ("chain of 1000", || System::chain(1000, "%*(1 - %^2)")),
 ];
 
-/// Every program with every number of stages.
+/// Returns the names of all combinations of a right-hand side and a number of stages.
 fn at_stages() -> impl Iterator<Item = String> {
     let programs = PROGRAMS.iter();
     programs.flat_map(|(name, _)| [3, 5, 7].map(|stages| format!("{name}, {stages} stages")))
 }
 
-/// Evaluates the rates of a program at its stages, in one batch or one after the other.
+/// Evaluates the rates of a right-hand side at all stages, in one batch or one stage after the other.
 fn evaluate_at_stages(bencher: Bencher, case: &str, side_by_side: bool) {
     let (name, stages) = case.rsplit_once(", ").expect("a program and stages");
     let stages: usize = stages[..1].parse().expect("a number of stages");
@@ -108,7 +109,7 @@ fn evaluate_at_stages(bencher: Bencher, case: &str, side_by_side: bool) {
     }
 }
 
-/// Counts allocations in addition to times: evaluation makes none.
+/// Counts allocations in addition to times: an evaluation must not allocate.
 #[global_allocator]
 static ALLOCATIONS: AllocProfiler = AllocProfiler::system();
 

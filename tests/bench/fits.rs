@@ -1,8 +1,8 @@
-//! How often the 95 % intervals of a fit hold the values that its data were made with. `cargo bench --bench fits`.
+//! Coverage of the 95 % confidence intervals of a fit. `cargo bench --bench fits`.
 //!
-//! A thousand times the motion of a mass on a belt, which sticks and then slips, is measured with errors that are normal, and
-//! friction and speed are fitted to it: with the standard deviation of the errors given, and without. Of so many fits 95 % +- 2 %
-//! must cover.
+//! The motion of a mass on a belt, which sticks and then slips, is measured a thousand times with normal errors, and
+//! friction and belt speed are fitted to the data: with the standard deviation of the errors given, and without. Of a
+//! thousand intervals, 95 % +- 2 % must contain the true value.
 
 use dvi::problem::Control;
 use dvi::specification::Specification;
@@ -10,23 +10,23 @@ use serde_json::json;
 use std::f64::consts::TAU;
 
 const FITS: u64 = 1000;
-/// Friction and speed.
+/// True values of the friction bound and of the belt speed.
 const EXACT: [(&str, f64); 2] = [("f", 1.0), ("v_belt", 0.5)];
-/// The standard deviation of the errors.
+/// Standard deviation of the measurement errors.
 const SD: f64 = 0.02;
 
-/// The belt carries the mass until it slips at `x = f`, and then `x = f + v sin(t - f/v)`.
+/// Position of a mass that the belt carries until it slips at `x = f`; afterwards `x = f + v sin(t - f/v)`.
 fn position(t: f64) -> f64 {
     let [(_, f), (_, v)] = EXACT;
     if t <= f / v { v * t } else { f + v * (t - f / v).sin() }
 }
 
-/// How many of the intervals of each parameter hold its value.
+/// Returns, for each parameter, the number of confidence intervals that contain its true value.
 fn covered(is_told: bool) -> [u64; 2] {
     let mut held = [0; 2];
     for seed in 0..FITS {
         let mut random = fastrand::Rng::with_seed(seed);
-        // Box and Muller 1958.
+        // Normal numbers by the method of Box and Muller 1958.
         let mut normal = || (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (TAU * random.f64()).cos();
         let t: Vec<f64> = (1..=20).map(|i| f64::from(i) * 0.375).collect();
         let x: Vec<f64> = t.iter().map(|&t| position(t) + SD * normal()).collect();

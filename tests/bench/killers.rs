@@ -1,9 +1,9 @@
-//! Short requests that declare a lot of work: the resources that the service needs to check them.
-//! `cargo bench --bench killers`.
+//! Short requests that declare a lot of work: the resources that the service needs to check them. `cargo bench
+//! --bench killers`.
 //!
 //! Each request is sent by four clients at the same time. The table has the time until the last of them is answered,
-//! the slowest `GET /healthz` meanwhile, the peak memory of the process, and the count of each response: 200, the name
-//! of a problem, or none. No check and no solve may take longer than 20 seconds.
+//! the slowest `GET /healthz` meanwhile, the peak memory of the process, and the count of each response: the status
+//! 200, the name of a problem type, or none. No check and no solve may take longer than 20 seconds.
 
 #[path = "../service/process.rs"]
 mod process;
@@ -62,7 +62,7 @@ fn main() {
     }
 }
 
-/// The measurements of a request sent by several clients.
+/// Measurements of a request that is sent by several clients.
 struct Met {
     time: Duration,
     slowest: Duration,
@@ -99,7 +99,7 @@ fn meet(server: &Server, path: &str, text: &str) -> Met {
     })
 }
 
-/// A response as one word.
+/// Returns a response as one word: its status, the name of its problem type, or `none`.
 fn name(answer: Option<Answer>) -> String {
     match answer {
         None => "none".to_owned(),

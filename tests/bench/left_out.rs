@@ -18,7 +18,7 @@ use dvi::specification::Specification;
 use serde_json::{Value, json};
 use std::time::Instant;
 
-/// The number of runs of each; the medians are printed.
+/// Number of runs of each system; their medians are printed.
 const TURNS: usize = 15;
 
 fn main() {
@@ -51,7 +51,7 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// The name of the part left out, the system as it is, and the system with the part forced in.
+/// Returns, for each part, its name, the system without it, and the system with the part forced in.
 fn scenes() -> [(&'static str, Value, Value); 9] {
     let van_der_pol = |factor: u32| {
         json!({"states": {"x": {"initial": 2, "rate": format!("{factor}*y")},

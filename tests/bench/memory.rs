@@ -1,8 +1,8 @@
-//! A scalar problem with memory over more and more steps: `O(N log^2 N)` time and `O(N)` memory.
-//! `cargo bench --bench memory`.
+//! A scalar problem with memory with an increasing number of steps N: `O(N log^2 N)` time and `O(N)` memory. `cargo
+//! bench --bench memory`.
 //!
-//! The force oscillates, so that the bounds are left and reached again all the time. The table has the total time, the
-//! time of a step, which grows like `log^2 N`, and the peak memory of the process.
+//! The force oscillates, so that the variable leaves and reaches its bounds throughout the run. The table has the
+//! total time, the time per step, which grows like `log^2 N`, and the peak memory of the process.
 
 use dvi::problem::Control;
 use dvi::solution::Status;
@@ -32,7 +32,7 @@ fn main() {
     }
 }
 
-/// The peak memory so far in KiB, if the system reports it.
+/// Returns the peak memory of the process so far in KiB, if the system reports it.
 fn memory() -> Option<f64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.split_whitespace().next()?.parse().ok()

@@ -1,7 +1,8 @@
-//! The time of a step of an obstacle problem against the number of nodes: `cargo bench --bench obstacle`. A paraboloid
-//! moves under a membrane, in one, two and three dimensions; the time of a step is the difference between a longer and
-//! a shorter run, divided by the number of steps. A slope of one is linear growth. The last column is the longest time
-//! from a cancellation, at one of several moments, to the end of a run of the largest size.
+//! Time per step of an obstacle problem as a function of the number of nodes: `cargo bench --bench obstacle`. A
+//! paraboloid moves under a membrane, in one, two and three dimensions; the time per step is the difference between a
+//! longer and a shorter run, divided by the difference of their numbers of steps. A slope of one is linear growth.
+//! The last column is the longest time from a cancellation, at one of several moments, to the end of a run of the
+//! largest size.
 
 use dvi::problem::Control;
 use dvi::solution::Status;
@@ -39,7 +40,7 @@ fn main() {
     }
 }
 
-/// The seconds, the number of active sets tried and the residual of a run of `steps` steps.
+/// Solves `steps` steps; returns the seconds, the number of active sets tried and the largest residual.
 fn run(dimension: usize, elements: u64, steps: u32) -> (f64, f64, f64) {
     let solution = dvi::solve(&specification(dimension, elements, steps), &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
@@ -47,7 +48,7 @@ fn run(dimension: usize, elements: u64, steps: u32) -> (f64, f64, f64) {
     (solution.diagnostics.wall_seconds, vi.pivots as f64, vi.largest_residual)
 }
 
-/// The longest time from a cancellation to the end of the run, in seconds.
+/// Returns the longest time from a cancellation to the end of the run, in seconds.
 fn latency(dimension: usize, elements: u64) -> f64 {
     let specification = specification(dimension, elements, 1000);
     let moments = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0];

@@ -1,13 +1,13 @@
-//! The throughput of the service, compared with an echo of the same body: `cargo bench --bench overhead`, which drives
-//! both with `wrk` in turns, so that both see the same load of the machine. A *repeated* text gets its stored solution;
-//! a *solve* of the text is made inline all the same, as `Cache-Control: no-cache` asks; *other* texts have other
-//! parameter values in a structure seen before, and *new* ones are compiled afresh; *queued* ones have a key, so that
-//! they wait for their turn; *stored* jobs are asynchronous: on the disk before the response. *Flush* is the bound set
-//! by one disk flush per group of stored jobs, one job of each connection: their bytes are appended to a file and
-//! synced, again and again.
+//! Throughput of the service, compared with an HTTP echo of the same body: `cargo bench --bench overhead`, which
+//! measures both alternately with `wrk`, so that both see the same load of the machine. A *repeated* text gets its
+//! stored solution; a *solve* of the text is computed inline, as `Cache-Control: no-cache` asks; *other* texts have
+//! other parameter values in a structure seen before; *new* texts have to be compiled; *queued* texts have an
+//! idempotency key, so that they go through the queue; *stored* jobs are asynchronous, and on the disk before the
+//! response. *Flush* is the upper bound set by one disk flush per group of stored jobs, one job of each connection:
+//! their bytes are repeatedly appended to a file and synced.
 //!
-//! *Unlogged* is a solve without its log lines. Words after `--` select among these, and numbers select the numbers of
-//! connections.
+//! *Unlogged* is a solve without its log lines. Words after `--` select among these, and numbers select the numbers
+//! of connections.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -34,7 +34,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::reload;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// The allocator of the program.
+/// The memory allocator that the `dvi` program uses.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -43,10 +43,10 @@ const BODY: &str =
 const SECONDS: u32 = 3;
 const ROUNDS: usize = 3;
 
-/// A script that demands a solve for every request.
+/// A script for `wrk` that asks for a new solve with every request.
 const ANEW: &str = "wrk.headers[\"cache-control\"] = \"no-cache\"\n";
 
-/// A script with another parameter value for every request.
+/// A script for `wrk` with another parameter value in every request.
 const OTHER: &str = r#"
 local n = 0
 request = function()
@@ -54,7 +54,7 @@ request = function()
   return wrk.format(nil, nil, nil, (wrk.body:gsub('"k":1', '"k":1.' .. n)))
 end"#;
 
-/// A script with another rate for every request.
+/// A script for `wrk` with another rate expression in every request.
 const NEW: &str = r#"
 local n = 0
 request = function()
@@ -62,7 +62,7 @@ request = function()
   return wrk.format(nil, nil, nil, (wrk.body:gsub('k%*x', 'k*x*1.' .. n)))
 end"#;
 
-/// A script with a new key for every request.
+/// A script for `wrk` with a new idempotency key in every request.
 const KEYS: &str = r#"
 local run, n = os.time(), 0
 request = function()
@@ -72,7 +72,7 @@ request = function()
 end"#;
 
 fn main() {
-    // Log as the program does, so that the measurement includes it.
+    // Logs as the program does, so that the measurement includes the cost of logging.
     let log = Log::start(std::io::stderr()).expect("a thread");
     let (filter, logged) = reload::Layer::new(LevelFilter::INFO);
     let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line()).with_ansi(false);
@@ -127,7 +127,7 @@ fn main() {
             assert!(!report.contains("Non-2xx"), "{report}");
             let requests: f64 = requests.and_then(|count| count.parse().ok()).expect("a count of requests");
             let p50 = after("50%").unwrap_or("?");
-            // A stored job counts when it has ended.
+            // Waits for stored jobs to end, so that the rate counts completed jobs.
             runtime.block_on(async {
                 jobs.jobs().idle().await;
                 jobs.jobs().flush().await;
@@ -137,12 +137,12 @@ fn main() {
             println!("{connections:>12} {name:>8} {p50:>10} {rate:>12.0} {cpu:>16.1}");
         }
     }
-    // If it cannot be removed, it stays in the temporary folder.
+    // If the folder cannot be removed, it stays in the temporary folder.
     let _ = std::fs::remove_dir_all(folder);
     runtime.shutdown_background();
 }
 
-/// Writes a script for `wrk`.
+/// Writes a script for `wrk`, and returns its path.
 fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     let path = folder.join(name).with_extension("lua");
     let headers =
@@ -152,10 +152,10 @@ fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     path
 }
 
-/// The time of a flush of `group` jobs, and the resulting number of jobs per second.
+/// Returns the time of a disk flush of `group` jobs, and the resulting number of jobs per second.
 fn flushes(folder: &Path, group: usize) -> (f64, f64) {
     let mut file = std::fs::File::create(folder.join("flushes")).expect("a file");
-    // The rows and specifications of the jobs.
+    // As many bytes as the rows and specifications of the jobs take.
     let bytes = vec![7; group * 1024];
     let (start, mut count) = (Instant::now(), 0_u32);
     while start.elapsed().as_secs() < u64::from(SECONDS) {
@@ -166,7 +166,8 @@ fn flushes(folder: &Path, group: usize) -> (f64, f64) {
     (seconds, group as f64 / seconds)
 }
 
-/// The CPU time of this process and of its workers, which other load on the machine disturbs less than elapsed time.
+/// Returns the CPU time of this process and of its workers, which other load on the machine disturbs less than
+/// elapsed time.
 fn cpu_seconds() -> f64 {
     let own = std::process::id();
     let processes = std::fs::read_dir("/proc").expect("Linux").filter_map(Result::ok);
@@ -200,7 +201,7 @@ fn start_echo(runtime: &Runtime) -> SocketAddr {
     let router = Router::new().route("/solve", post(async |body: Bytes| body));
     runtime.spawn(async move {
         while let Ok((stream, _)) = listener.accept().await {
-            // A failure shows when the connection is used.
+            // A failure of this setting would show when the connection is used.
             let _ = stream.set_nodelay(true);
             let router = router.clone();
             let service = service_fn(move |request: hyper::Request<Incoming>| router.clone().call(request));

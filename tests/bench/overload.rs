@@ -1,9 +1,10 @@
-//! Ten times more load than the service can handle, for a minute: `cargo bench --bench overload`, or `SECONDS=5` for
-//! less.
+//! Ten times more load than the service can handle, for a minute: `cargo bench --bench overload`; `SECONDS=5` sets
+//! another time.
 //!
-//! `wrk` sends jobs of some milliseconds as fast as it is answered, now and then a synchronous one. The requirements:
-//! every response is a result, an acceptance, or a refusal with a time to retry; every accepted job is solved; and the
-//! memory of the program does not grow. All but the last are asserted; the memory is printed during the run.
+//! `wrk` sends jobs of some milliseconds as fast as they are answered, and now and then a synchronous one. The
+//! requirements: every response is a result, an acceptance, or a refusal with a time to retry; every accepted job is
+//! solved; and the memory of the program does not grow. All but the last are asserted; the memory is printed during
+//! the run.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -13,7 +14,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::Duration;
 
-/// The script for `wrk`, which prints the count of each response at its end.
+/// A script for `wrk` that prints the number of responses of each kind at its end.
 const SCRIPT: &str = r#"
 local turn, results, acceptances, refusals, others = 0, 0, 0, 0, 0
 local body = '{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x + cos(300*t)"}}}},"time":{"end":10},"output":{"times":{"count":11}}}'
@@ -75,11 +76,11 @@ fn main() {
     assert!(solved >= results + acceptances, "an accepted job was not solved");
     assert_ended(&address);
     stop(server);
-    // If it cannot be removed, it stays in the temporary folder.
+    // If the folder cannot be removed, it stays in the temporary folder.
     let _ = std::fs::remove_dir_all(folder);
 }
 
-/// Asserts that every known job has been solved, or was dismissed because `wrk` went away at its end.
+/// Asserts that every known job has been solved, or was dismissed because `wrk` disconnected at its end.
 fn assert_ended(address: &str) {
     let mut path = "/jobs?limit=1000".to_owned();
     loop {
@@ -94,12 +95,12 @@ fn assert_ended(address: &str) {
     }
 }
 
-/// The program, killed when it is dropped.
+/// The service process, which is killed when it is dropped.
 struct Server(Child);
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // Fails if the program has ended by itself.
+        // Killing fails if the program has ended by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -126,14 +127,14 @@ fn stop(mut server: Server) {
     assert!(asked.success() && server.0.wait().expect("its end").success());
 }
 
-/// The resident memory of the program, in MiB.
+/// Returns the resident memory of the program, in MiB.
 fn resident(server: &Server) -> f64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.0.id())).expect("Linux");
     let kib = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
     kib.map_or(f64::NAN, |kib: f64| kib / 1024.0)
 }
 
-/// The value of a metric in `GET /metrics`, zero if it has not been counted yet.
+/// Returns the value of a metric from `GET /metrics`, zero if it has not been counted yet.
 fn figure(address: &str, name: &str) -> f64 {
     let (_, text) = get(address, "/metrics");
     let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' ')?.parse().ok());

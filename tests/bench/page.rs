@@ -1,12 +1,14 @@
-//! How fast the page answers a hand: `cargo bench --bench page`, in a headless Chromium without a graphics card; `DVI_CHROMIUM` names another.
+//! Response times of the web page: `cargo bench --bench page`, in a headless Chromium without a graphics card;
+//! `DVI_CHROMIUM` names another browser.
 //!
-//! The slider of ten examples is dragged, its value another in each frame of the screen, and each value is timed until a picture that is at least
-//! as new is *drawn* (its curves are on the canvas) and *seen* (the frame with them is done). Then the film of a hundred bodies is played on
-//! 800 x 500 pixels. The requirements: drawn within 16 ms at the median and 50 ms at the 99th percentile; 20 frames a second. Names of
-//! examples after `--` select among these, `bodies` the film.
+//! The slider of ten examples is dragged, with another value in each frame of the screen, and each value is timed
+//! until a picture that is at least as new is *drawn* (its curves are on the canvas) and *seen* (the frame with them
+//! is done). Then the animation of a hundred bodies is played on 800 x 500 pixels. The requirements: drawn within 16
+//! ms at the median and 50 ms at the 99th percentile; 20 frames per second. Names of examples after `--` select among
+//! these, and `bodies` selects the animation.
 //!
-//! Beside them stands what the browser takes of the processors for an answer or a frame, all of its processes together, which the load of the
-//! machine does not change.
+//! The output also has the CPU time of all browser processes for an answer or a frame, which the load of the machine
+//! does not change.
 
 #[path = "../browser/driver.rs"]
 #[expect(dead_code, reason = "tests need more of it")]
@@ -32,7 +34,8 @@ const DRAGGED: [&str; 10] = [
     "memory_abel",
 ];
 
-/// Times what happens to the answers of a slider: an answer is of the newest value at the time of its request.
+/// A script for the page that times the answers to a slider; an answer belongs to the newest value at the time of its
+/// request.
 const WATCH: &str = r#"(() => {
     const watch = (window.watch = { newest: 0, answers: [], drawing: null });
     const { fetch } = window;
@@ -66,7 +69,8 @@ const WATCH: &str = r#"(() => {
     };
 })()"#;
 
-/// Drags the first slider for two seconds; gives, for each value, after how many milliseconds it was drawn and seen.
+/// A script that drags the first slider for two seconds; returns, for each value, the milliseconds until it was drawn
+/// and seen.
 const DRAG: &str = r#"(async () => {
     const { watch } = window;
     const slider = document.querySelector('.knob input[type=range]');
@@ -87,7 +91,7 @@ const DRAG: &str = r#"(async () => {
     return { drawn: values.map((value) => after(value, 'drawn')), seen: values.map((value) => after(value, 'seen')), answers: watch.answers.length };
 })()"#;
 
-/// Plays the film for five seconds; gives the milliseconds between frames.
+/// A script that plays the animation for five seconds; returns the milliseconds between frames.
 const PLAY: &str = r#"(async () => {
     const [play, slider] = document.querySelectorAll('#clock button, #clock input');
     slider.value = 0;
@@ -130,13 +134,13 @@ fn main() {
     }
 }
 
-/// The answers to a drag of the first slider of an example, and what one took of the processors, in milliseconds.
+/// Returns the answers to a drag of the first slider of an example, and the CPU time per answer in milliseconds.
 fn dragged(page: &Page, example: &str) -> (Value, f64) {
     page.call("Page.navigate", json!({"url": "about:blank"}));
     page.go(&format!("/#example={example}"));
     page.wait("/successful in/.test(document.getElementById('outcome').textContent)");
     page.wait("document.querySelectorAll('.knob').length > 0");
-    // Once for what is made when it is first wanted.
+    // A first drag, not measured, for initialisations at first use.
     page.value(DRAG);
     page.value("window.watch.answers.length = 0");
     std::thread::sleep(std::time::Duration::from_millis(500));
@@ -152,7 +156,7 @@ fn row(name: &str, drawn: Vec<f64>, seen: Vec<f64>, rest: &str) {
     println!("{name:<22}{a:>10.1}{b:>8.1}{c:>10.1}{d:>8.1}{rest}");
 }
 
-/// The median and the 99th percentile.
+/// Returns the median and the 99th percentile.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     [50, 99].map(|percent| values[(values.len() * percent / 100).min(values.len() - 1)])
@@ -188,7 +192,7 @@ fn played(page: &Page) {
     );
 }
 
-/// A hundred spheres, boxes, capsules and cylinders, thrown up from over the ground.
+/// Returns a specification of a hundred spheres, boxes, capsules and cylinders that are thrown up above the ground.
 fn bodies() -> String {
     const SHAPES: [&str; 4] = [
         r#"{"sphere":{"radius":0.1}}"#,
@@ -213,7 +217,7 @@ fn bodies() -> String {
     )
 }
 
-/// The time that all threads of all browsers of this machine have run, in milliseconds.
+/// Returns the CPU time of all threads of all browsers on this machine, in milliseconds.
 fn processors() -> f64 {
     let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten().map(|entry| entry.path());
     let browsers = processes.filter(|path| {

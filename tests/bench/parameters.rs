@@ -1,17 +1,18 @@
-//! The time to bind new values to the parameters of a problem, against compiling it afresh with these values: the diode
-//! bridge with its components as parameters, as matrices and as expressions, and a dense nonlinear system of 100
-//! states. `cargo bench --bench parameters`.
+//! Time to bind new values to the parameters of a problem, compared with compiling the problem again with these
+//! values: the diode bridge with its components as parameters, as matrices and as expressions, and a dense nonlinear
+//! system of 100 states. `cargo bench --bench parameters`.
 //!
 //! The table has the times for the model alone (`with_parameters` of a model, as used for each member of a sweep) and
-//! for the specification with its checks at the start and its analysis, each against compiling the text; and the times
-//! to evaluate rows and Jacobian, and to compile, with the parameters as inputs against numbers in their place.
+//! for the specification with its checks at the start and its analysis, each compared with compiling the text; and
+//! the ratios of the times to evaluate rows and Jacobian, and to compile, with the parameters as inputs and with
+//! numbers in their place.
 
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// The number of runs of each; the medians are printed.
+/// Number of runs of each measurement; their medians are printed.
 const TURNS: usize = 31;
 
 fn main() {
@@ -65,7 +66,7 @@ fn seconds<T>(run: impl FnOnce() -> T) -> f64 {
     seconds
 }
 
-/// The time of a thousand evaluations of rows and Jacobian.
+/// Returns the time of a thousand evaluations of rows and Jacobian.
 fn evaluations(specification: &Specification) -> f64 {
     let model = specification.model().dvi().expect("a problem");
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -86,7 +87,7 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// The document with the values of its numeric parameters written into all expressions.
+/// Returns the document with the values of its numeric parameters written into all expressions.
 fn folded(document: Value) -> Value {
     let problem = document["problem"].as_object().and_then(|problem| problem.values().next()).expect("a type");
     let parameters: Vec<(String, f64)> = problem["parameters"]
@@ -127,7 +128,7 @@ fn folded(document: Value) -> Value {
     document
 }
 
-/// The problems, each with the parameter that varies.
+/// Returns the problems, each with its name and the parameter that varies.
 fn problems() -> [(&'static str, Value, &'static str); 3] {
     let parameters = json!({"R": 1000, "C": 1e-6, "L": 0.01, "v0": 10});
     let time = json!({"end": 0.005});

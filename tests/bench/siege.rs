@@ -1,7 +1,7 @@
-//! Clients that send only hostile jobs, beside one that solves the friction belt: `cargo bench --bench siege` for ten
-//! minutes, or `SECONDS=60`. The output has the number of failed belts, their latencies before and during the siege,
-//! the peak memory of the front, and the responses to the hostile clients. The front must not end, and no belt may
-//! fail.
+//! Clients that send only hostile jobs, while another client solves the friction belt: `cargo bench --bench siege`
+//! for ten minutes; `SECONDS=60` sets another time. The output has the number of failed solves of the belt, their
+//! latencies before and during the siege, the peak memory of the front process, and the responses to the hostile
+//! clients. The front must not end, and no solve of the belt may fail.
 
 #[path = "../service/process.rs"]
 mod process;
@@ -16,13 +16,14 @@ use std::time::{Duration, Instant};
 
 const CLIENTS: usize = 8;
 
-/// The friction belt of the examples.
+/// Specification of the friction belt from the examples.
 const BELT: &str = include_str!("../../api/examples/friction_belt.json");
 
-/// The time for which the belt is solved without other load.
+/// Time during which the belt is solved without other load.
 const QUIET: Duration = Duration::from_secs(10);
 
-/// Short requests for a lot of work: memory, time, nodes, pairs, depth, and long results; and invalid documents.
+/// Returns short requests that ask for much work (memory, time, nodes, contact pairs, nesting depth, long results),
+/// and invalid documents.
 fn hostile() -> Vec<(&'static str, String)> {
     let spheres = |count: usize| {
         json!({
@@ -109,16 +110,16 @@ fn main() {
     assert_eq!(beside.failed, 0);
 }
 
-/// The results of the belts.
+/// Measurements of the repeated solves of the friction belt.
 struct Belts {
-    /// The latencies in milliseconds, in ascending order.
+    /// Latencies in milliseconds, in ascending order.
     times: Vec<f64>,
-    /// The slowest latencies, each with the `Server-Timing` of the service.
+    /// The slowest latencies in milliseconds, each with the `Server-Timing` header of its response.
     slowest: Vec<(f64, String)>,
     failed: usize,
 }
 
-/// The number of slowest belts whose timing is printed.
+/// Number of slowest solves whose timing is printed.
 const SLOWEST: usize = 20;
 
 impl Belts {
@@ -135,13 +136,13 @@ impl std::fmt::Display for Belts {
     }
 }
 
-/// The authorization header with a new token.
+/// Returns an authorization header with a new token.
 fn token(folder: &Folder, name: &str) -> String {
     let made = Command::new(DVI).args(["token", "create", "--name", name, "--data"]).arg(folder.path()).output();
     format!("authorization: Bearer {}\r\n", String::from_utf8_lossy(&made.expect("a token").stdout).trim())
 }
 
-/// Solves the belt again and again.
+/// Solves the friction belt repeatedly for the given time.
 fn solve_belts(server: &Server, token: &str, time: Duration) -> Belts {
     let (start, mut belts) = (Instant::now(), Belts { times: Vec::new(), slowest: Vec::new(), failed: 0 });
     let headers = format!("{token}cache-control: no-cache\r\nprefer: wait=60\r\n");
@@ -162,7 +163,7 @@ fn solve_belts(server: &Server, token: &str, time: Duration) -> Belts {
     belts
 }
 
-/// Sends hostile requests, and cancels some of the accepted jobs; returns the count of each response.
+/// Sends hostile requests, and cancels some of the accepted jobs; returns the count of each kind of response.
 fn besiege(
     server: &Server,
     token: &str,

@@ -1,10 +1,10 @@
-//! A thousand spheres settle in a box: the time of a step, the depth of penetration and the residual of the contact
-//! laws, over three seconds, each against its bound: of the law that is solved, which has a proximal term where contacts
-//! are many, and of Coulomb's law itself. `cargo bench --bench spheres -- 5` has five spheres a side instead
-//! of ten.
+//! A thousand spheres settle in a box: the time per step, the depth of penetration and the residual of the contact
+//! law, over three seconds, each compared with its bound. Residuals are those of the law that is solved, which has a
+//! proximal term if there are many contacts, and of Coulomb's law itself. `cargo bench --bench spheres -- 5` has five
+//! spheres per side instead of ten.
 //!
-//! A residual is the relative natural map of the law,
-//! `|r - P_K(r - u - mu |u_t| n)|` over the largest of `|q|`, `|r|` and `|u|`.
+//! A residual is the relative natural map of the law, `|r - P_K(r - u - mu |u_t| n)|` over the largest of `|q|`,
+//! `|r|` and `|u|`.
 
 #[path = "../systems/rigid_bodies/heap.rs"]
 mod heap;
@@ -14,7 +14,7 @@ use dvi::problem::Control;
 use heap::{H, RADIUS, SETTINGS};
 use std::time::Instant;
 
-/// The bounds for a step: the time in milliseconds, the deepest penetration in radii, and the residual.
+/// Bounds for a step: the time in milliseconds, the deepest penetration in radii, and the residual.
 const BARS: [f64; 3] = [30.0, 1e-4, 1e-6];
 
 fn main() {

@@ -1,8 +1,9 @@
-//! A sweep of ten thousand belts at `rtol` 1e-8, beside the bare steps of Radau IIA, a loop over the command line and a loop of
-//! single requests to a service. `cargo bench --bench sweep [MEMBERS]`.
+//! A sweep of ten thousand friction belts at `rtol` 1e-8, compared with the bare steps of Radau IIA, a loop over the
+//! command line and a loop of single requests to a service. `cargo bench --bench sweep [MEMBERS]`.
 //!
-//! Told are seconds for all members, and as a ratio to the bare steps on one thread. What takes long a member is run for a part of
-//! them and told for all. Then the memory of a million rows, above that of a sweep of one, on the command line and in a service.
+//! The output has the seconds for all members, also as a ratio to the bare steps on one thread. The slow loops run a
+//! part of the members, and their times are scaled to all. The output also has the memory of a sweep with a million
+//! rows, minus that of a sweep with one, on the command line and in a service.
 
 use dvi::problem::Control;
 use dvi::radau::Radau;
@@ -19,11 +20,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 const DVI: &str = env!("CARGO_BIN_EXE_dvi");
-/// Members of the loops that start a process or send a request for each.
+/// Number of members of the loops that start a process or send a request for each.
 const LOOPED: usize = 200;
-/// Turns of what is quick; the least time is told, as others use the machine.
+/// Number of repetitions of fast measurements; the least time is printed, as other programs use the machine, too.
 const TURNS: usize = 5;
-/// Between two looks at the memory of a process, whose peak the system keeps.
+/// Interval at which the memory of a process is read, whose peak the system records.
 const LOOK: Duration = Duration::from_millis(20);
 
 fn main() {
@@ -106,7 +107,7 @@ fn main() {
     let _ = fs::remove_dir_all(&folder);
 }
 
-/// A decay over its rate and its start, with two numbers of each.
+/// A sweep of a decay over its rate and its initial value, which collects two numbers of each member.
 fn decays(members: usize) -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
@@ -115,13 +116,13 @@ fn decays(members: usize) -> Value {
             "collect": {"x": {"final": "x"}, "mean": {"mean": "x"}}}})
 }
 
-/// The peak resident memory of a process so far, in KiB; nothing once it has ended.
+/// Returns the peak resident memory of a process so far, in KiB; `None` once it has ended.
 fn peak(process: u32) -> Option<f64> {
     let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.split_whitespace().next()?.parse().ok()
 }
 
-/// The peak resident memory of a command, in KiB.
+/// Runs a command, and returns its peak resident memory in KiB.
 fn peak_of(command: &mut Command) -> f64 {
     let mut child = command.spawn().expect("the program");
     let mut most = 0.0_f64;
@@ -132,7 +133,8 @@ fn peak_of(command: &mut Command) -> f64 {
     most
 }
 
-/// The peak resident memory of a service that solves a sweep and sends its table, and of the largest of its workers, in KiB.
+/// Returns the peak resident memory of a service that solves a sweep and sends its table, and that of the largest of
+/// its workers, in KiB.
 fn of_service(sweep: &Value, data: &std::path::Path) -> (f64, f64) {
     let (mut server, address) = serve(data);
     let ask = |request: String| -> String {
@@ -163,7 +165,7 @@ fn of_service(sweep: &Value, data: &std::path::Path) -> (f64, f64) {
     (front, workers)
 }
 
-/// A belt over its speed and its friction.
+/// A sweep of the friction belt over its speed and its friction.
 fn belts(members: usize) -> Value {
     let speeds = members.div_ceil(25).max(1);
     json!({
@@ -179,7 +181,7 @@ fn read(document: &Value) -> Specification {
     Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}"))
 }
 
-/// The steps of Radau IIA and nothing beside them.
+/// Performs the steps of Radau IIA for a member, and nothing else.
 fn steps_of(member: &Specification) {
     let (model, time, control) = (member.model().dvi().expect("a problem"), member.time(), Control::new());
     let mut problem = model.problem();
@@ -190,7 +192,7 @@ fn steps_of(member: &Specification) {
     }
 }
 
-/// A run with all that is measured of it.
+/// Runs a member with the checks and measurements of a solve.
 fn run_of(member: &Specification) -> Solution {
     let mut plan = member.plan();
     (plan.times, plan.fields) = (Some(vec![plan.end]), Vec::new());
@@ -207,12 +209,12 @@ fn least(times: &[f64]) -> f64 {
     times.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// A service on a folder, and its address.
+/// Starts a service on a data folder, and returns it with its address.
 fn serve(data: &std::path::Path) -> (Child, String) {
     let mut server = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
         .arg(data)
-        // Lines for requests would fill a pipe that nobody reads.
+        // The log lines of requests are switched off: they would fill a pipe that is not read.
         .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
         .stderr(Stdio::piped())
         .spawn()
@@ -226,12 +228,12 @@ fn serve(data: &std::path::Path) -> (Child, String) {
             break address.to_owned();
         }
     };
-    // What it logs further on has a reader.
+    // The rest of the log is read and discarded, so that the pipe does not fill.
     thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
     (server, address)
 }
 
-/// The time of requests, one after the other on one connection.
+/// Returns the time of requests, one after the other on one connection.
 fn posts(belt: &Value, folder: &std::path::Path) -> f64 {
     let (mut server, address) = serve(&folder.join("data"));
     let mut connection = TcpStream::connect(&address).expect("a connection");

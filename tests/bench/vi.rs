@@ -10,7 +10,8 @@ const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
 
 const CONTACTS: [usize; 4] = [3, 9, 30, 150];
 
-/// The number of problems of one size that a bench solves in turn, so that no branch predictor learns one of them.
+/// Number of problems of one size that a benchmark solves in turn, so that the branch predictor cannot learn a single
+/// one.
 const PROBLEMS: usize = 16;
 
 fn main() {
@@ -23,7 +24,7 @@ struct Problem {
     set: ConvexSet,
 }
 
-/// Uniform numbers in `[-1, 1)` (`SplitMix64`).
+/// Returns a uniform random number in `[-1, 1)` (`SplitMix64`).
 fn number(state: &mut u64) -> f64 {
     *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let mut x = *state;
@@ -51,7 +52,7 @@ fn contact(m: usize, state: &mut u64) -> Problem {
     Problem { matrix: &j * j.transpose(), q: (j * v).as_slice().to_vec(), set: ConvexSet::nonnegative(m) }
 }
 
-/// Solves problems in turn, from zero or, if `warm`, from their solutions.
+/// Solves problems in turn, starting from zero or, if `warm`, from their solutions.
 fn run(bencher: Bencher, mut solver: impl ViSolver, family: fn(usize, &mut u64) -> Problem, m: usize, warm: bool) {
     let mut state = 1;
     let problems: Vec<_> = (0..PROBLEMS).map(|_| family(m, &mut state)).collect();
@@ -108,7 +109,7 @@ fn newton_nonsymmetric(bencher: Bencher, m: usize) {
     run(bencher, SemismoothNewton::new(m), nonsymmetric, m, false);
 }
 
-/// Discs and intervals in turn, three variables to a contact.
+/// A problem in which each group of three variables has a nonnegative one and two in a disc.
 fn discs(m: usize, state: &mut u64) -> Problem {
     let mut problem = positive_definite(m, state);
     for contact in 0..m / 3 {
@@ -117,7 +118,7 @@ fn discs(m: usize, state: &mut u64) -> Problem {
     problem
 }
 
-/// Second-order cones of dimension three.
+/// A problem over second-order cones of dimension three.
 fn cones(m: usize, state: &mut u64) -> Problem {
     let mut problem = positive_definite(m, state);
     for contact in 0..m / 3 {

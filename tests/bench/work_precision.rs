@@ -1,9 +1,9 @@
-//! Error against run time, in one program: stiff problems without variables, and systems with switches; Radau IIA with
-//! adaptive order, beside implicit Euler with the variational inequality at every step and without event location (the
-//! first-order time-stepping method).
+//! Error versus run time: stiff problems without complementarity variables, and systems with switches. Radau IIA with
+//! adaptive order is compared with implicit Euler with the variational inequality at every step and without event
+//! location (the first-order time-stepping method).
 //!
-//! `cargo bench --bench work_precision [-- NAME..]` prints a row per run, then the time in which each method reaches an
-//! error, interpolated between runs. Times are the least of several, in milliseconds.
+//! `cargo bench --bench work_precision [-- NAME..]` prints a row per run, then the time in which each method reaches
+//! an error, interpolated between runs. Times are the least of several, in milliseconds.
 
 #[path = "../systems/reference.rs"]
 mod reference;
@@ -14,7 +14,7 @@ use mimalloc::MiMalloc;
 use reference::{digits, example, read, switching};
 use serde_json::{Value, json};
 
-/// The allocator of the program.
+/// The memory allocator that the `dvi` program uses.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -22,13 +22,13 @@ static ALLOCATOR: MiMalloc = MiMalloc;
 struct Case {
     name: String,
     specification: Value,
-    /// The ratio of `atol` to `rtol`.
+    /// Ratio of the tolerance `atol` to `rtol`.
     atol_factor: f64,
-    /// States, their exact final values, and the smallest scale by which an error is divided.
+    /// Names of states, their exact final values, and the smallest scale by which each error is divided.
     end: Vec<(String, f64, f64)>,
 }
 
-/// An error, and the run time in milliseconds.
+/// Error of a run, and its run time in milliseconds.
 type Point = (f64, f64);
 
 fn smooth() -> Vec<Case> {
@@ -69,7 +69,7 @@ fn with_switches() -> Vec<Case> {
     systems.into_iter().map(case).collect()
 }
 
-/// The error and the time of one run with this method.
+/// Solves a problem with this method, and returns the error and the run time.
 fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     let mut document = case.specification.clone();
     document["method"] = method;
@@ -96,8 +96,8 @@ fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     }
 }
 
-/// The time at which an error is reached: log-log interpolation between the two runs around it; the least if several
-/// do.
+/// Returns the time at which an error is reached, by log-log interpolation between the two runs around it; the least
+/// if several pairs of runs do.
 fn time_at(points: &[Point], target: f64) -> Option<f64> {
     let crossing = |pair: &[Point]| {
         let ((e0, t0), (e1, t1)) = (pair[0], pair[1]);

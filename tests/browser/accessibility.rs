@@ -1,4 +1,5 @@
-//! axe-core finds nothing, in light and dark, wide and narrow, on the page and in the guide.
+//! The accessibility checker axe-core finds no fault on the page and in the guide, in light and dark, wide and
+//! narrow.
 
 use crate::driver::Page;
 use serde_json::{Value, json};
@@ -6,9 +7,9 @@ use serde_json::{Value, json};
 const AXE: &str = include_str!("vendor/axe.min.js");
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// The rules that are broken, each with the elements that break it.
+/// Returns the accessibility rules that the page violates, each with the violating elements.
 fn broken(page: &Page) -> Value {
-    // The policy of the page lets no script in but its own: the debugger may.
+    // The security policy of the page blocks foreign scripts, but the debugger may run them.
     page.value(&format!("window.axe ? null : (() => {{ {AXE}; }})()"));
     page.value(
         "axe.run(document, {resultTypes: ['violations']}).then(({violations}) => violations.map(({id, nodes}) => [id, nodes.map(({html}) => html.slice(0, 160))]))",

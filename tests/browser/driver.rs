@@ -1,7 +1,7 @@
 //! A browser with one page, driven over the protocol of its developer tools (CDP).
 //!
-//! With `--remote-debugging-pipe` the browser reads messages from file descriptor 3 and writes them to 4, each ended by
-//! a zero byte; a shell gives it its standard input and output as these.
+//! With `--remote-debugging-pipe` the browser reads messages from file descriptor 3 and writes them to 4, each ended
+//! by a zero byte; a shell connects its standard input and output to these two descriptors.
 
 use crate::server::Server;
 use serde_json::{Value, json};
@@ -11,14 +11,14 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// The longest that anything on the page may take: the machine may be busy.
+/// Timeout for anything on the page: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run \
     --disable-extensions --disable-background-networking --remote-debugging-pipe --user-data-dir="$1" \
     --window-size=1360,1000 about:blank 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#;
 
-/// What is inside of the editor.
+/// The JavaScript expression of the editor's shadow root.
 pub const EDITOR: &str = "document.getElementById('text').shadowRoot";
 
 pub struct Page {
@@ -37,12 +37,12 @@ struct Wire {
 }
 
 impl Page {
-    /// The page of a server of its own, at `path`, loaded.
+    /// Starts a server and opens its page at `path`; returns when the page has loaded.
     pub fn open(name: &str, path: &str) -> Self {
         Self::of(Server::start(), name, path)
     }
 
-    /// The page of `server`.
+    /// Opens the page of `server` at `path`.
     pub fn of(server: Server, name: &str, path: &str) -> Self {
         let profile = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("browser-{name}"));
         let _ = std::fs::remove_dir_all(&profile);
@@ -74,12 +74,12 @@ impl Page {
         self.wait("document.readyState === 'complete' && document.querySelectorAll('#example option').length > 1");
     }
 
-    /// Sends a command of the protocol and gives its answer.
+    /// Sends a command of the protocol and returns its answer.
     pub fn call(&self, method: &str, parameters: Value) -> Value {
         self.wire.borrow_mut().call(method, &parameters)
     }
 
-    /// The value of an expression in the page; a promise is awaited.
+    /// Evaluates a JavaScript expression in the page; a promise is awaited.
     pub fn value(&self, expression: &str) -> Value {
         let parameters = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
         let answer = self.call("Runtime.evaluate", parameters);
@@ -91,7 +91,7 @@ impl Page {
         self.value(&format!("document.querySelector({selector:?})?.innerText ?? ''")).as_str().unwrap().to_owned()
     }
 
-    /// Waits until an expression in the page is true.
+    /// Waits until a JavaScript expression in the page is true.
     #[track_caller]
     pub fn wait(&self, condition: &str) {
         let start = Instant::now();
@@ -102,7 +102,7 @@ impl Page {
         }
     }
 
-    /// Presses a key by the name that `KeyboardEvent.key` gives it.
+    /// Presses the key with this name in `KeyboardEvent.key`.
     pub fn press(&self, key: &str, control: bool) {
         let (code, text) = match key {
             "Tab" => (9, None),
@@ -140,12 +140,13 @@ impl Page {
         panic!("Tab does not lead to {selector}");
     }
 
-    /// Types into what has the focus, all at once as if it were pasted.
+    /// Inserts text into the focused element, all at once as if it were pasted.
     pub fn paste(&self, text: &str) {
         self.call("Input.insertText", json!({"text": text}));
     }
 
-    /// Puts `specification` in place of the text, by keys, and submits it; nothing is solved while it is written.
+    /// Replaces the text of the editor by `specification`, with keys, and submits it; solving while the text is
+    /// edited is switched off.
     pub fn solve(&self, specification: &str) {
         self.value("document.getElementById('live').checked = false");
         self.replace_text(specification);
@@ -160,21 +161,21 @@ impl Page {
         self.paste(text);
     }
 
-    /// The numbers of the lines that the editor marks as wrong.
+    /// Returns the numbers of the lines that the editor marks as wrong.
     pub fn marked(&self) -> Value {
         self.value(&format!(
             "[...{EDITOR}.querySelectorAll('.cm-lineNumbers .marked')].map((line) => line.textContent)"
         ))
     }
 
-    /// Keeps a picture of the page as the reader sees it, for people to look at.
+    /// Saves a screenshot of the page for people to look at.
     pub fn picture(&self, name: &str) {
         let answer = self.call("Page.captureScreenshot", json!({"captureBeyondViewport": true}));
         let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.png"));
         std::fs::write(path, from_base64(answer["data"].as_str().unwrap())).unwrap();
     }
 
-    /// Scripts that failed and what the security policy refused, since the page was opened.
+    /// Returns the failed scripts and the refusals of the security policy since the page was opened.
     pub fn complaints(&self) -> Vec<String> {
         self.wire.borrow().complaints.clone()
     }
@@ -214,7 +215,7 @@ impl Wire {
     fn listen(&mut self, message: &Value) {
         let entry = &message["params"]["entry"];
         let failed = message["method"] == "Runtime.exceptionThrown";
-        // Of an answer that is a refusal the page itself tells.
+        // Network errors, such as refused requests, do not count: the page reports them itself.
         let refused =
             message["method"] == "Log.entryAdded" && entry["level"] == "error" && entry["source"] != "network";
         if failed || refused {

@@ -1,4 +1,4 @@
-//! The guide, from the page and back.
+//! Links from the page to the guide and back.
 
 use crate::driver::Page;
 use serde_json::json;

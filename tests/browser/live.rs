@@ -1,13 +1,13 @@
-//! Solved while one drags: sliders, links that carry the specification, answers that are marked as old.
+//! Solves while the user drags a slider, links that contain the specification, and results marked as old.
 
 use crate::driver::{EDITOR, Page};
 use serde_json::json;
 
-/// `x' = -k x`, so that `x(1) = x0 exp(-k)`.
+/// Specification of `x' = -k x`, so that `x(1) = x0 exp(-k)`.
 const DECAY: &str = r#"{"label":"Decay","problem":{"dvi":{"parameters":{"k":2},"states":{"x":{"initial":1,"rate":"-k*x"}}}},
 "time":{"end":1},"method":{"rtol":1e-9},"output":{"times":{"count":11}}}"#;
 
-/// Puts a slider where `value` is, as a drag does.
+/// Moves the slider called `name` to `value`, as a drag does.
 fn drag(page: &Page, name: &str, value: f64) {
     page.value(&format!(
         "(() => {{ const slider = document.querySelector('.knob input[type=range][aria-label={name:?}]');
@@ -15,13 +15,14 @@ fn drag(page: &Page, name: &str, value: f64) {
     ));
 }
 
-/// Whether what is in view is of the newest text: what a slider waits for is marked as old only where it takes more than a moment.
+/// Whether the result on the page belongs to the newest text: a result is marked as old only if the next one takes
+/// more than a moment.
 const ANSWERED: &str = "document.getElementById('before').hidden && document.getElementById('result').getAttribute('aria-busy') !== 'true'";
 
 /// The text in the editor.
 const TEXT: &str = "[...document.getElementById('text').shadowRoot.querySelectorAll('.cm-line')].map((line) => line.textContent).join('\\n')";
 
-/// The last value of a field that the page shows, as a phase plot of it and the figure have it.
+/// Returns the last value of the field that the page shows, read at the right edge of its first plot.
 fn shown_end(page: &Page) -> f64 {
     page.value("document.getElementById('plots').focus()");
     page.press("0", false);
@@ -46,7 +47,7 @@ fn a_slider_writes_its_number_and_the_answer_follows() {
         let end = shown_end(&page);
         assert!((end - (-k).exp()).abs() < 1e-4, "x(1) = {end} where k is {k}");
     }
-    // The curve of before stays as a ghost; no job is left behind by any of it.
+    // The previous curve stays as a ghost, and no job is left behind.
     page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
     assert_eq!(page.value("localStorage.getItem('jobs')"), json!(null));
     page.picture("page_slider");
@@ -115,7 +116,7 @@ fn what_takes_long_is_not_run_by_itself_for_long() {
         "output":{"times":{"count":11}}}"#;
     page.replace_text(endless);
     page.wait("document.getElementById('before').textContent.includes('press Solve')");
-    // The service has dropped what nobody waits for.
+    // The service drops a job as soon as no client waits for it.
     page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
     assert_eq!(page.complaints(), Vec::<String>::new());
 }

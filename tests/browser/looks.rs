@@ -1,11 +1,11 @@
-//! Light and dark, wide and narrow.
+//! The page in light and dark, wide and narrow.
 
 use crate::driver::Page;
 use serde_json::json;
 
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// The contrast of the page's text with its ground (WCAG 2.2, "contrast ratio"), and the luminance of the ground.
+/// Contrast of the page's text with its background (WCAG 2.2, "contrast ratio"), and the luminance of the background.
 const CONTRAST: &str = "(() => {
     const luminance = (colour) => {
         const [r, g, b] = colour.match(/[0-9.]+/g).map(Number).map((c) => c / 255)
@@ -32,7 +32,7 @@ fn it_is_light_or_dark_as_the_reader_wishes_and_readable_in_both() {
         let seen = page.value(CONTRAST);
         let ground = seen["ground"].as_f64().unwrap();
         assert_eq!(ground > 0.5, scheme == "light", "{scheme}: {seen}");
-        // Level AA for text of normal size.
+        // WCAG level AA requires a contrast of 4.5 for text of normal size.
         assert!(seen["least"].as_f64().unwrap() >= 4.5, "{scheme}: {seen}");
     }
     assert_eq!(page.complaints(), Vec::<String>::new());

@@ -1,4 +1,4 @@
-//! The page in a real browser: a headless Chromium, driven as its user would, by keys and by what is on the screen.
+//! The page in a real browser: a headless Chromium, driven by keys and checked by what the screen shows.
 //!
 //! Needs Debian's package `chromium`; `DVI_CHROMIUM` names another program.
 

@@ -1,4 +1,4 @@
-//! Numbers as people read them.
+//! The format of the numbers that the page shows.
 
 use crate::driver::Page;
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! Errors of a specification, at the lines where they are.
+//! Errors of a specification, marked at their lines.
 
 use crate::driver::{EDITOR, Page};
 use serde_json::json;
@@ -53,7 +53,8 @@ fn a_text_that_is_no_json_is_marked_where_it_breaks() {
 fn a_pointer_leads_to_the_line_of_its_key_or_element() {
     let page = Page::open("pointers", "/");
     let text = "{\n  \"a\": [\n    {\"x/y\": 1},\n    2\n  ],\n  \"b\": {\"~\": {\n    \"c\": \"q\\\"}\",\n    \"d\"";
-    // RFC 6901: ~0 is ~, ~1 is /. What is not there is looked for around it; what is broken ends the text.
+    // RFC 6901: ~0 stands for ~, and ~1 for /. A pointer to a missing member leads to the member around it; text
+    // after a syntax error is ignored.
     let pointers = ["", "/a", "/a/0/x~1y", "/a/1", "/b/~0/c", "/b/~0/d", "/b/~0/missing", "/missing"];
     let expression =
         format!("import('/page/places.js').then(({{linesOf}}) => linesOf({}, {}))", json!(text), json!(pointers));

@@ -1,12 +1,12 @@
-//! Under a path, as behind a proxy that shows the service there: nothing that the page asks for or leads to stands outside.
+//! The page under a path prefix, as behind a proxy: each address that it requests or links to lies below the prefix.
 
 use crate::driver::Page;
 use crate::server::Server;
 
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// What the page has asked for, and where its links within the service lead, other than below the path of its address.
-/// Citations lead to other sites, as they should.
+/// The requested addresses and the link targets within the service that do not lie below the path prefix. Citations
+/// may link to other sites.
 const OUTSIDE: &str = "(() => {
     const below = new URL('/lab/dvi/', location.href).href;
     const asked = performance.getEntriesByType('resource').map((entry) => entry.name);
@@ -21,7 +21,7 @@ fn a_page_under_a_path_stays_below_it() {
     let page = Page::of(server, "prefix", "/lab/dvi/");
     page.solve(EXAMPLE);
     assert_eq!(page.value(OUTSIDE), serde_json::json!([]));
-    // The address that the page has now leads a colleague to the same result.
+    // The address that the page shows after the solve leads another browser to the same result.
     let place = page.value("location.pathname + location.search + location.hash");
     let place = place.as_str().unwrap();
     assert!(place.starts_with("/lab/dvi/"), "{place}");

@@ -1,4 +1,4 @@
-//! The program, serving on a port of its own until it is dropped.
+//! A process of the program that serves on a port of its own until it is dropped.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -9,12 +9,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// One for this machine alone, that keeps nothing.
+    /// Starts a service that is reachable from this machine only and keeps nothing on disk.
     pub fn start() -> Self {
         Self::start_with(&["--listen", "127.0.0.1:0", "--ephemeral"])
     }
 
-    /// One that asks for tokens, and a token for each list of scopes.
+    /// Starts a service that requires tokens, and creates a token for each list of scopes.
     pub fn guarded<const N: usize>(name: &str, scopes: [&[&str]; N]) -> (Self, [String; N]) {
         let data = format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"));
         let _ = std::fs::remove_dir_all(&data);
@@ -43,7 +43,7 @@ impl Server {
         let line = log.find_map(|line| line.ok().filter(|line| line.contains("serving on"))).unwrap();
         let at = line.find("http://").unwrap();
         let address = line[at..].split_whitespace().next().unwrap().to_owned();
-        // A server whose log nobody reads would wait for a reader.
+        // Reads the log, since a server blocks when the pipe of its log is full.
         std::thread::spawn(move || log.for_each(drop));
         Self { child, address }
     }

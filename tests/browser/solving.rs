@@ -6,11 +6,11 @@ use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
-/// `x' = -x`.
+/// Specification of `x' = -x`, `x(0) = 1`.
 const DECAY: &str = r#"{"label":"Decay","problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
 "output":{"times":{"count":101}}}"#;
 
-/// The points of the first plot that have the colour of its line.
+/// The number of pixels of the first plot that have the colour of its line.
 const LINE: &str = "(() => {
     const canvas = document.querySelector('#plots canvas');
     const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
@@ -22,7 +22,7 @@ const LINE: &str = "(() => {
     return count;
 })()";
 
-/// What the first plot looks like.
+/// The first plot as an encoded image.
 const IMAGE: &str = "document.querySelector('#plots canvas').toDataURL()";
 
 #[test]
@@ -60,7 +60,7 @@ fn the_cursor_reads_the_solution() {
     page.wait("document.getElementById('hover').innerText.startsWith('t = ')");
     let told: f64 = page.text("#plots figcaption .first").parse().unwrap();
     let time: f64 = page.text("#hover").strip_prefix("t = ").unwrap().parse().unwrap();
-    // The value of the nearest of 101 times is told.
+    // The page shows the value at the nearest of 101 times.
     assert!((told - (-time).exp()).abs() < 0.006, "x({time}) = {told}");
 }
 
@@ -75,7 +75,7 @@ fn a_job_that_runs_shows_how_far_it_is_and_can_be_cancelled() {
     page.tab_to("#cancel");
     page.press("Enter", false);
     page.wait("document.getElementById('outcome').dataset.status === 'dismissed'");
-    // Small pictures of examples leave jobs of their own behind, which are forgotten.
+    // Each job is requested only once; thumbnails of examples have jobs of their own.
     let asked = "(() => {
         const jobs = performance.getEntriesByType('resource').map((entry) => /\\/jobs\\/([^/]*)(\\/events)?$/.exec(entry.name)?.[1]).filter(Boolean);
         return [jobs.length > 0, new Set(jobs).size === jobs.length];
@@ -100,7 +100,7 @@ fn the_result_is_saved_as_a_table() {
             .unwrap()
             .filter_map(Result::ok)
             .filter(|file| file.path().extension().is_some_and(|end| end == "csv"))
-            // It is there before it is filled.
+            // The browser creates the file before it fills it.
             .find(|file| file.metadata().is_ok_and(|file| file.len() > 0))
     };
     for _ in 0..500 {

@@ -1,4 +1,4 @@
-//! Error against run time: on the page, and as a picture of its own.
+//! Work-precision studies (error against run time): on the page, and as a picture of their own.
 
 use crate::driver::Page;
 use dvi::solution::pictures::work_precision;
@@ -6,7 +6,7 @@ use dvi::solution::{Series, Status, StudyRun};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// `x' = -x` at two tolerances and with two numbers of stages.
+/// A study of `x' = -x` with two tolerances and two numbers of stages.
 const STUDY: &str = r#"{"label":"Decay","problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
 "study":{"rtol":[1e-3,1e-6],"stages":[3,"auto"],"exact":{"x":"exp(-t)"}}}"#;
 
@@ -36,7 +36,7 @@ fn a_study_is_shown_as_a_picture_and_in_numbers() {
     assert_eq!(page.complaints(), Vec::<String>::new());
 }
 
-/// Texts that begin or end outside of the picture.
+/// Texts that begin or end outside the picture.
 const OUTSIDE: &str = "(() => {
     const {width} = document.documentElement.viewBox.baseVal;
     return [...document.querySelectorAll('text')]

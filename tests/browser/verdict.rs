@@ -1,4 +1,4 @@
-//! The verdict: before all else, readable in light and dark, and never that of another run.
+//! The verdict on a result is shown first, is readable in light and dark, and never belongs to another run.
 
 use crate::driver::Page;
 use serde_json::{Value, json};
@@ -8,7 +8,7 @@ const DECAY: &str =
 const ENDLESS: &str = r#"{"label":"Endless","problem":{"dvi":{"states":{"x":{"initial":0,"rate":"cos(1000*t)"}}}},
     "time":{"end":1e6},"output":{"times":{"count":11}}}"#;
 
-/// Has the page take every answer for one with this verdict.
+/// Replaces the verdict and the checks in each result that the page receives.
 fn answer_with(page: &Page, verdict: &Value, checks: &Value) {
     page.value(&format!(
         "(() => {{
@@ -47,7 +47,7 @@ fn doubt() -> (Value, Value) {
     (verdict, checks)
 }
 
-/// The least contrast of the verdict's text with what it stands on (WCAG 2.2).
+/// The smallest contrast between the verdict's text and its background (WCAG 2.2).
 const CONTRAST: &str = "(() => {
     const luminance = (colour) => {
         const [r, g, b] = colour.match(/[0-9.]+/g).map(Number).map((c) => c / 255)
@@ -70,7 +70,7 @@ fn is_readable(page: &Page, name: &str) {
         let features = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
         page.call("Emulation.setEmulatedMedia", features);
         page.picture(&format!("verdict_{name}_{scheme}"));
-        // Level AA for text of normal size.
+        // WCAG level AA requires a contrast of 4.5 for text of normal size.
         let contrast = page.value(CONTRAST).as_f64().unwrap();
         assert!(contrast >= 4.5, "{name}, {scheme}: {contrast}");
     }

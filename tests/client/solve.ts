@@ -1,5 +1,5 @@
-// A client that a generator has made of the description of the interface, used as it is typed: solves at once and as a job,
-// meets an error, follows a job to its end, asks for an excerpt.
+// Uses a client that is generated from the OpenAPI description: solves at once and as a job, meets an error, follows
+// a job to its end, and requests a part of a result.
 import { check, continueJob, findJob, findResults, followJob, listJobs, solve } from "./client/index.js";
 import { client } from "./client/client.gen.js";
 import type { Solution, Specification } from "./client/types.gen.js";
@@ -12,7 +12,7 @@ function expect(right: boolean, what: string): asserts right {
   if (!right) throw new Error(what);
 }
 
-// x' = -x from 1: exp(-t).
+// The solution of x' = -x with x(0) = 1 is exp(-t).
 const decay = (rate: string): Specification => ({
   label: "a decay",
   problem: { dvi: { states: { x: { initial: 1, rate } } } },
@@ -43,7 +43,7 @@ expect(posted.data !== undefined && "id" in posted.data, JSON.stringify(posted.e
 const id = posted.data.id;
 const { stream } = await followJob({ path: { id } });
 for await (const _ of stream) {
-  // It ends with the job.
+  // The stream of events ends with the job.
 }
 const job = await findJob({ path: { id } });
 expect(job.data?.status === "successful", JSON.stringify(job.data ?? job.error));

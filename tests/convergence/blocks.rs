@@ -1,13 +1,14 @@
-//! The order `2s - 1` over whole trajectories whose switches are changes of the face of a block: from the interior of a
-//! ball, a cone or a polyhedron to its boundary and back, along a sphere and along a cone that turn, between the faces of
-//! a simplex, and from side to side.
+//! The order `2s - 1` of Radau IIA methods with `s` stages over whole trajectories whose switches change the active
+//! face of a set of several variables: from the interior of a ball, a cone or a polyhedron to its boundary and back,
+//! along the boundary of a ball or a cone while the direction turns, between the faces of a simplex, and between the
+//! sides of a polygon.
 
 use super::switches::{System, assert_order};
 use serde_json::json;
 
-/// A body of unit mass on a slope with the friction coefficient twice its gradient, pushed across: with `w` the tangent
-/// of half the angle between its velocity and the slope, its speed is `C w (1 + w^2)/2`, and it stops in finite time,
-/// turned down the slope (d ln speed / d angle = (2 - cos)/sin).
+/// A body of unit mass on a slope, pushed across it, with a friction coefficient of twice the gradient: if `w` is the
+/// tangent of half the angle between the velocity and the downward direction, the speed is `C w (1 + w^2)/2`. The
+/// body turns down the slope and stops in finite time (d ln speed / d angle = (2 - cos)/sin).
 #[test]
 fn a_body_pushed_across_a_slope_turns_down_and_stops() {
     let specification = json!({"problem": {"dvi": {
@@ -18,7 +19,8 @@ fn a_body_pushed_across_a_slope_turns_down_and_stops() {
         "variables": {"F": {"inequality": "-vx"}, "H": {"inequality": "-vy"}},
         "set": [{"ball": {"of": ["F", "H"], "radius": 2}}]}},
         "time": {"end": 1.25}});
-    // C = 3/2: it stops at C (w + w^3/3)/2 = 1, at (C^2 (w^2/2 - w^6/6)/4, C^2 (w^3/3 + w^5/5)/2), where w = 1 at the start.
+    // With C = 3/2 and w = 1 at the start, the body stops at the time C (w + w^3/3)/2 = 1, at the point (C^2 (w^2/2 -
+    // w^6/6)/4, C^2 (w^3/3 + w^5/5)/2).
     assert_order(&System {
         specification,
         end: vec![("x", 0.1875), ("y", 0.6)],
@@ -27,8 +29,8 @@ fn a_body_pushed_across_a_slope_turns_down_and_stops() {
     });
 }
 
-/// The force `f = (1 + s) u + s^2/2 u'`, `u = (cos s, sin s)`, `s = t - 1`, is below the friction up to `t = 1` and then
-/// moves the body with the velocity `s^2/2 u`.
+/// The applied force `f = (1 + s) u + s^2/2 u'` with `u = (cos s, sin s)`, `s = t - 1`, is below the friction limit
+/// up to `t = 1`; then the body moves with the velocity `s^2/2 u`.
 #[test]
 fn a_body_at_rest_starts_to_slide_along_a_curve() {
     let specification = json!({"problem": {"dvi": {
@@ -48,7 +50,8 @@ fn a_body_at_rest_starts_to_slide_along_a_curve() {
     });
 }
 
-/// Along a line, friction takes `2 r` of the amplitude in every half period.
+/// An oscillator in the plane that moves along a line: dry friction of size `r` reduces the amplitude by `2 r` in
+/// every half period.
 #[test]
 fn an_oscillator_with_dry_friction_turns_back_in_the_plane() {
     let specification = json!({"problem": {"dvi": {
@@ -68,8 +71,8 @@ fn an_oscillator_with_dry_friction_turns_back_in_the_plane() {
     });
 }
 
-/// A point pressed against a cone while it circles: `s' = -cos t` above it, half of that on it, off again as the pressure
-/// ends.
+/// A point `(s, x, y)` above a cone circles and is pressed towards the cone: above the cone `s' = -cos t`, on the
+/// cone half of that, and it lifts off when the pressure ends.
 #[test]
 fn a_point_circles_down_a_cone_and_lifts_off() {
     let specification = json!({"problem": {"dvi": {
@@ -89,7 +92,8 @@ fn a_point_circles_down_a_cone_and_lifts_off() {
     });
 }
 
-/// The three regions at a speed that decays, `5 e^-t`: in the length `5 (1 - e^-t)` travelled all is linear.
+/// Three regions of a piecewise constant field whose speed decays as `5 e^-t`: as functions of the travelled length
+/// `5 (1 - e^-t)`, the coordinates are piecewise linear.
 #[test]
 fn a_sliding_mode_between_three_regions() {
     let specification = json!({"problem": {"dvi": {
@@ -109,7 +113,7 @@ fn a_sliding_mode_between_three_regions() {
     let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
     let time = |length: f64| -(1.0 - length / 5.0).ln();
     let (first, second) = (time(line), time(origin));
-    // The integral of c - 5 (1 - e^-t).
+    // The integral of c - 5 (1 - e^-t) over time.
     let integral = |c: f64, t: f64| (c - 5.0) * t - 5.0 * (-t).exp();
     let way = integral(2.0, first) - integral(2.0, 0.0) + 0.25 * (integral(origin, second) - integral(origin, first));
     assert_order(&System {
@@ -120,7 +124,8 @@ fn a_sliding_mode_between_three_regions() {
     });
 }
 
-/// Friction whose set is a square on its corner: a corner, then the side between two corners, then rest.
+/// Friction whose set of forces is a square that stands on a corner: the force is first at a corner, then on a side,
+/// and then the body rests.
 #[test]
 fn friction_with_a_polygon_of_directions() {
     let specification = json!({"problem": {"dvi": {

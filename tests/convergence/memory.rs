@@ -1,15 +1,16 @@
-//! Convolution quadrature has order `min(2s - 1, s + 1 - a)` in `z` where `z` is smooth, over bumps of `u` and `w` in turn
-//! with the switches between them.
+//! For the kernel `t^(a - 1)/Gamma(a)`, convolution quadrature with `s` stages has the order `min(2s - 1, s + 1 - a)`
+//! where the solution is smooth. The complementary variables `u` and `w` have smooth bumps in turn, with switches
+//! between the bumps.
 
 use crate::systems::harness::{distance, solve};
 use crate::systems::memory::{abel, gamma};
 use serde_json::json;
 
-/// The degree of the bumps, B-splines on knots half apart.
+/// The degree of the bumps, which are B-splines with the knot distance `WIDTH`.
 const DEGREE: i32 = 5;
 const WIDTH: f64 = 0.5;
 
-/// The truncated powers `coefficient (t - knot)_+^5` of a bump.
+/// Returns the knots and coefficients of the truncated powers `coefficient (t - knot)_+^5` whose sum is a bump.
 fn powers(start: f64) -> Vec<(f64, f64)> {
     let mut binomial = 1.0;
     let factorial: f64 = (1..=DEGREE).map(f64::from).product();
@@ -26,7 +27,7 @@ fn bump(start: f64, t: f64) -> f64 {
     powers(start).iter().map(|(knot, factor)| factor * (t - knot).max(0.0).powi(DEGREE)).sum()
 }
 
-/// The largest error of `u` over bumps of `u` from 0.3 and 6.9, with bumps of `w` from 3.6 and 10.2 between.
+/// Returns the largest error of `u`, whose bumps begin at 0.3 and 6.9; the bumps of `w` begin at 3.6 and 10.2.
 fn error(alpha: f64, stages: usize, step: f64) -> f64 {
     let mut q = String::from("0");
     for start in [3.6, 10.2] {

@@ -1,4 +1,4 @@
-//! Measured orders of convergence, against closed forms.
+//! Measured orders of convergence, with closed-form solutions as reference.
 
 mod blocks;
 mod memory;

@@ -1,11 +1,12 @@
-//! Radau IIA has order `2s - 1` in `x`: on a smooth ODE and on a smooth problem of index one, for s = 1, .., 5.
+//! Radau IIA with `s` stages has the order `2s - 1` in the states `x`: on a smooth ODE and on a smooth problem of
+//! index one, for s = 1, .., 5.
 
 use dvi::problem::{Control, ConvexSet, Dvi, Mass, Structure};
 use dvi::radau::{Radau, Settings, StageChoice, Switches};
 use dvi::vi::SolverKind;
 use hybrid::OneStep;
 
-/// A problem given by two closures.
+/// A problem whose functions and derivatives are closures.
 pub struct Problem<F, J> {
     pub structure: Structure,
     pub values: F,
@@ -63,12 +64,12 @@ pub fn settings(stages: usize, step: f64, n: usize) -> Settings {
     }
 }
 
-/// Long enough for the fine runs to err by more than rounding.
+/// The end time, so late that even the fine runs have errors above rounding.
 const END: f64 = 151.0;
-/// Steps of the coarsest run, for s = 1, .., 5.
+/// Number of steps of the coarsest run, for s = 1, .., 5.
 const COARSEST: [usize; 5] = [60_000, 3000, 800, 460, 350];
 
-/// `y = (x, z)` at `end` with `steps` equal steps, as it is reported.
+/// Returns the reported `y = (x, z)` at `end` after `steps` equal steps.
 fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) -> Vec<f64> {
     let control = Control::new();
     let mut radau = Radau::new(problem, settings(stages, end / steps as f64, x.len()), 0.0, x, end, &control).unwrap();
@@ -80,7 +81,8 @@ fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) 
     y
 }
 
-/// The slope of log(error) over log(steps), from the two finest of a ladder of runs whose error is above rounding.
+/// The observed order, from the finest run and the second run before it in a ladder of runs, among those with an
+/// error above rounding.
 fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
     let ladder = (0..8).map(|k| (coarsest as f64 * 1.06_f64.powi(k)).round() as usize);
     let runs: Vec<(f64, f64)> = ladder
@@ -96,7 +98,7 @@ fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
 
 #[test]
 fn a_smooth_ode_converges_with_order_2s_minus_1() {
-    // x1' = cos(t) x1, x1 = exp(sin t), with a second state that couples in the Jacobian.
+    // x1' = cos(t) x1 with the solution x1 = exp(sin t), and a second state that depends on x1.
     for s in 1..=5 {
         let order = order(
             |steps| {
@@ -123,8 +125,8 @@ fn a_smooth_ode_converges_with_order_2s_minus_1() {
 
 #[test]
 fn a_smooth_problem_of_index_one_converges_with_order_2s_minus_1_in_x_and_in_z() {
-    // 0 <= z perp x1 (2 + x2) >= 0 held active: x1 = 0, x2 = exp(sin t), z = x2 / (1 + x2^2) > 0. Stage values of z are of
-    // order s; those reported belong to x.
+    // 0 <= z perp x1 (2 + x2) >= 0 with z > 0: x1 = 0, x2 = exp(sin t), z = x2 / (1 + x2^2). The stage values of z
+    // have the order s only; the reported values of z are computed from x.
     let x = END.sin().exp();
     for s in 1..=5 {
         for (component, exact) in [(1, x), (2, x / (1.0 + x * x))] {

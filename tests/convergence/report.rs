@@ -1,4 +1,5 @@
-//! Chapters of the report, on systems in closed form: what its tables say of orders, switch times and other programs.
+//! Chapters of the report on test systems with closed-form solutions: the orders, switch times and comparisons with
+//! other programs in its tables.
 
 use dvi::specification::{EXAMPLES, Example};
 use dvi::study::report::{Answer, Chapter, Ladder, Outcome, chapter, request};
@@ -29,7 +30,7 @@ fn a_rectifier_switches_at_the_time_of_its_closed_form_and_implicit_euler_is_of_
         let power = run.change.expect("a power");
         assert!((power - 1.0).abs() < 0.2, "order {power} of implicit Euler");
     }
-    // Errors over time are no less than those at the end, and the diode's voltage is as large as what drives it.
+    // The largest error over time is at least the error at the end, and the variables have an error as well.
     for run in euler.runs.iter().filter_map(|run| run.errors.as_ref()) {
         assert!(run.states >= run.end && run.variables.is_some(), "{run:?}");
     }
@@ -45,7 +46,7 @@ fn a_relay_that_implicit_euler_solves_to_rounding_is_told_apart() {
     assert_eq!(Chapter::lost(&chapter.ladders), (0, 24));
 }
 
-/// A ladder of one run, as a peer would return it.
+/// Returns the runs of another program ("peer") as it would report them: one completed and one stopped.
 fn peer(chapter: &Chapter, fields: Value, switches: Value) -> Ladder {
     let answer = json!({"method": "Peer", "runs": [
         {"rtol": 1e-6, "steps": 12, "seconds": [3e-3, 1e-3, 2e-3], "fields": fields, "switches": switches},
@@ -61,7 +62,8 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert_eq!(asked["specification"]["problem"]["dvi"]["parameters"]["mu"], 0.5);
     let stop = chapter.reference.switches[0];
     assert!(times.iter().all(|t| (t - stop).abs() > 1e-3), "a time of comparison is at the jump of the friction");
-    // v falls from 2 along a straight line, and rests; off by a five-hundredth of its largest value that is compared.
+    // v falls linearly from 2 to rest; the returned values differ by 1/500 of the largest value among the compared
+    // times.
     let rate = 2.0 / stop;
     let exact: Vec<f64> = times.iter().map(|t| f64::max(2.0 - rate * t, 0.0)).collect();
     let largest = exact.iter().copied().fold(0.0, f64::max);
@@ -73,12 +75,13 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert!(errors.variables.is_none(), "what was not returned has no error");
     assert_eq!((found.runs[0].seconds, found.runs[0].spread), (2e-3, (1e-3, 3e-3)));
     assert_eq!((found.runs[1].outcome, Chapter::lost(std::slice::from_ref(&found))), (Outcome::Failed, (1, 2)));
-    // What is no number is no answer, and no small error.
+    // Missing values give no error at all, rather than a small one.
     let nothing: Vec<Option<f64>> = vec![None; times.len()];
     assert!(peer(&chapter, json!({"v": nothing}), json!(null)).runs[0].errors.as_ref().expect("errors").end.is_none());
 }
 
-/// A peer that is not installed is named, with the way to get it: that is all it can say without the packages it needs.
+/// A peer program that is not installed still states its name and how to install it, without any of the packages that
+/// it needs.
 #[test]
 fn every_peer_has_a_name_and_a_way_to_install_it_without_being_installed() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers");
@@ -100,10 +103,10 @@ fn every_peer_has_a_name_and_a_way_to_install_it_without_being_installed() {
 fn a_mesh_is_measured_apart_from_the_steps() {
     let chapter = of("oxygen_diffusion");
     assert!(chapter.semidiscrete && chapter.reference.outside.is_empty());
-    // Linear elements are of second order, in the table of Hansen and Hougaard as well.
+    // Linear elements are of second order, as in the table of Hansen and Hougaard.
     let orders: Vec<f64> = chapter.meshes.iter().filter_map(|mesh| mesh.order).collect();
     assert!(orders.len() == 3 && orders[..2].iter().all(|order| (order - 2.0).abs() < 0.3), "{:?}", chapter.meshes);
-    // In time an answer far better than that of its mesh is seen as such.
+    // The time integration error is reported apart from the mesh error, also if it is much smaller.
     let chosen = ladder(&chapter, "tr_bdf2");
     let finest =
         chosen.runs.last().and_then(|run| run.errors.as_ref()).and_then(|errors| errors.end).expect("an error");

@@ -1,5 +1,5 @@
-//! A run that returns to a saved point makes the same steps again, to the last bit: through switches, with any number of
-//! stages, and with factors and derivatives that a run without a saved point would have kept.
+//! A run that is reset to a saved point repeats the same steps to the last bit: through switches, with any number of
+//! stages, and although factors and derivatives are computed anew that an uninterrupted run would have reused.
 
 use crate::systems::reference::example;
 use dvi::problem::Control;
@@ -7,7 +7,7 @@ use dvi::radau::Radau;
 use dvi::specification::Specification;
 use hybrid::OneStep;
 
-/// The times and the unknowns at the ends of all steps to come.
+/// Makes all remaining steps of the run, and returns the time and the unknowns at the end of each step.
 fn steps(radau: &mut Radau<'_>) -> Vec<(f64, Vec<f64>)> {
     let mut steps = Vec::new();
     while !radau.is_done() {

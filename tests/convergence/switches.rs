@@ -1,23 +1,24 @@
-//! The order `2s - 1` holds over whole trajectories with switches, in `x` at the end and in the times of the switches,
-//! for s = 1, 2, 3 with a fixed step between switches.
+//! The order `2s - 1` of Radau IIA methods with `s` stages holds over whole trajectories with switches, for the
+//! states `x` at the end and for the switch times, with s = 1, 2, 3 and a fixed step size between switches.
 
 use crate::systems::harness::{last, solve};
 use crate::systems::reference::{digits, example, switching};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// A system with what is known of it.
+/// A test system with its exact final state and switch times.
 pub struct System {
     pub specification: Value,
-    /// The states at the end.
+    /// The exact states at the end.
     pub end: Vec<(&'static str, f64)>,
-    /// The times of its switches.
+    /// The exact switch times.
     pub switches: Vec<f64>,
-    /// Steps of the coarsest run, for s = 1, 2, 3.
+    /// Number of steps of the coarsest run, for s = 1, 2, 3.
     pub coarsest: [usize; 3],
 }
 
-/// The largest error of the states at the end over their size, and the largest of the switch times over the horizon.
+/// Returns the largest error of the states at the end relative to the largest state, and the largest error of the
+/// switch times relative to the horizon.
 fn errors(system: &System, stages: usize, steps: usize) -> (f64, f64) {
     let mut specification = system.specification.clone();
     let end = specification["time"]["end"].as_f64().expect("an end");
@@ -29,7 +30,7 @@ fn errors(system: &System, stages: usize, steps: usize) -> (f64, f64) {
     (system.end.iter().map(state).fold(0.0, f64::max), switch_error(system, &solution) / end)
 }
 
-/// The largest distance of a switch from the nearest event.
+/// The largest distance of an exact switch time from the nearest event.
 fn switch_error(system: &System, solution: &Solution) -> f64 {
     let nearest = |exact: &f64| {
         solution.trajectory.events.iter().map(|event| (event.t - exact).abs()).fold(f64::INFINITY, f64::min)
@@ -37,7 +38,7 @@ fn switch_error(system: &System, solution: &Solution) -> f64 {
     system.switches.iter().map(nearest).fold(0.0, f64::max)
 }
 
-/// The slope of log(error) over log(steps) by least squares over a ladder of runs.
+/// The observed order: the slope of -log(error) over log(steps), fitted by least squares to a ladder of runs.
 fn slope(ladder: &[(usize, f64)]) -> f64 {
     let points: Vec<(f64, f64)> = ladder.iter().map(|&(steps, error)| ((steps as f64).ln(), error.ln())).collect();
     let count = points.len() as f64;
@@ -57,7 +58,7 @@ pub fn assert_order(system: &System) {
         let expected = (2 * s - 1) as f64 - 0.3;
         for (what, ladder) in [("x at the end", above(|error| error.0)), ("switch times", above(|error| error.1))] {
             if ladder.is_empty() && what == "switch times" {
-                // Where the monitor is known as a function of time alone.
+                // If the switching function depends on time alone, the switch times have no error above rounding.
                 continue;
             }
             assert!(ladder.len() >= 3, "s = {s}, {what}: too few runs above rounding, {ladder:?}");
@@ -100,7 +101,7 @@ fn the_sliding_mode() {
 #[test]
 fn the_filtered_bridge() {
     let reference = switching("diode_bridge_filter");
-    // The coil current is a thousand times smaller than the voltages; all errors are relative to the largest.
+    // The coil current is a thousand times smaller than the voltages; all errors are relative to the largest value.
     assert_order(&System {
         specification: example("diode_bridge_filter"),
         end: ends(&reference, &["v", "i", "v_filter"]),
@@ -113,7 +114,8 @@ fn the_filtered_bridge() {
 fn the_switching_circle() {
     let tau = 2.0 * std::f64::consts::PI;
     let end = std::f64::consts::FRAC_PI_2;
-    // z = 1 inside the unit circle, where the field turns one way, z = 0 outside, where it turns the other.
+    // z = 1 inside the unit circle, where the vector field turns one way, and z = 0 outside, where it turns the other
+    // way.
     let specification = json!({
         "problem": {"dvi": {
             "parameters": {"w": "2*pi"},

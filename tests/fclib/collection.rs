@@ -1,17 +1,17 @@
-//! Reading the collection.
+//! Reads problems of the FCLIB and Siconos collections.
 
 use dvi::vi::coulomb::CoulombProblem;
 use serde_json::Value;
 use std::path::Path;
 
-/// A file of the collection.
+/// Reads a file of the collection.
 pub fn document(name: &str) -> Value {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/reference/fclib/{name}.json"));
     let text = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_slice(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Its problem.
+/// Reads the frictional contact problem of a file.
 pub fn problem(name: &str) -> CoulombProblem {
     let value = document(name);
     let matrix = &value["W"];
@@ -25,7 +25,7 @@ pub fn problem(name: &str) -> CoulombProblem {
     .unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// Every number of a list, or of a list of lists.
+/// Returns all numbers of a list, or of a list of lists.
 pub fn numbers(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(list) => list.iter().flat_map(numbers).collect(),

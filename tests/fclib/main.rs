@@ -1,6 +1,7 @@
-//! Frictional contact problems of the FCLIB and Siconos collections (`tests/reference/fclib`: boxes, capsules, spheres,
-//! rover wheels, finite elements; most with a singular Delassus operator), each solved from rest to the error measure
-//! of those collections. Impulses are not compared: where the operator is singular they are not unique.
+//! Frictional contact problems of the FCLIB and Siconos collections (`tests/reference/fclib`: boxes, capsules,
+//! spheres, rover wheels, finite elements; most with a singular Delassus operator). Each is solved from zero
+//! impulses, until the error measure of the collections is small enough. Impulses are not compared: with a singular
+//! operator they are not unique.
 
 mod collection;
 mod measure;

@@ -1,4 +1,4 @@
-//! Every problem, to `1e-8`.
+//! Each problem of the collection is solved to the error `1e-8`.
 
 use crate::collection::problem;
 use crate::measure::natural_map;
@@ -7,7 +7,7 @@ use dvi::vi::Outcome;
 use dvi::vi::coulomb::Coulomb;
 use nalgebra::Vector3;
 
-/// The bound on the relative natural map.
+/// Upper bound of the relative residual of the natural map.
 const BOUND: f64 = 1e-8;
 
 fn solve(name: &str) {
@@ -17,7 +17,8 @@ fn solve(name: &str) {
     let residual = natural_map(&problem, &r);
     assert!(residual <= BOUND, "{name}: residual {residual:.1e}, {report:?}");
     assert_eq!(report.outcome, Outcome::Solved, "{name}: {report:?}");
-    // Signorini and friction apart, by the largest impulse and velocity that each of them is made of.
+    // The errors of the Signorini condition and of the friction law, each relative to the largest impulses and
+    // velocities in it.
     let u: Vec<_> = (0..r.len()).map(|k| problem.velocity(k, &r)).collect();
     let largest = |v: &[Vector3<f64>]| v.iter().chain(problem.q()).map(Vector3::norm).fold(0.0, f64::max);
     let (r_size, u_size) = (largest(&r), largest(&u));

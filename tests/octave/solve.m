@@ -1,10 +1,11 @@
-% What Octave writes as JSON is understood, and what comes back is a struct. Usage: octave solve.m, with DVI_SERVER and DVI_TOKEN.
+% The service reads specifications as Octave writes them in JSON, and results are structs.
+% Usage: octave solve.m, with the environment variables DVI_SERVER and DVI_TOKEN.
 1;
 addpath (fullfile (fileparts (mfilename ('fullpath')), '..', '..', 'api', 'octave'));
 url = getenv ('DVI_SERVER');
 token = getenv ('DVI_TOKEN');
 
-% A block on a belt, in structs: `until` for `end`, one block of the set and one variable without brackets.
+% A mass on a belt as a struct: `until` stands for `end`, and lists of one element are written without brackets.
 s.problem.dvi.parameters = struct ('k', 1, 'f', 1, 'v_belt', 0.5);
 s.problem.dvi.states.x = struct ('initial', 4, 'rate', 'v');
 s.problem.dvi.states.v = struct ('initial', 0, 'rate', '-k*x - F');
@@ -13,13 +14,13 @@ s.problem.dvi.set.box = struct ('of', 'F', 'lower', '-f', 'upper', 'f');
 s.time.until = 1;
 s.method.rtol = 1e-10;
 r = dvi_solve (s, url, token);
-% It slides backwards over the belt from x = 4 about x = 1.
+% The mass slides backwards over the belt, and oscillates about x = 1 from x = 4.
 t = r.trajectory.t(end);
 assert (r.trajectory.fields.x(end), 1 + 3 * cos (t), 1e-8);
 assert (r.verdict.trusted);
 disp ('ok  a struct is solved, as its closed form says');
 
-% A linear complementarity problem of one state: matrices of one entry are scalars, and absent values are not written.
+% A linear complementarity system with one state: matrices of one entry are scalars, and the zero matrix D is left out.
 l.problem.lcs = struct ('initial', 1, 'A', -1, 'a', -1, 'B', 1, 'C', 1, 'g', 0);
 l.problem.lcs.set.nonnegative = 'z1';
 l.time.until = 2;
@@ -27,14 +28,14 @@ r = dvi_solve (l, url, token);
 assert (isfield (r.trajectory.fields, 'x1') && abs (r.trajectory.fields.x1(end)) < 1e-6);
 disp ('ok  matrices of one entry are scalars');
 
-% Two states and one variable: a column and a row are both flat lists.
+% Two states and one variable: Octave writes column and row vectors both as flat lists.
 l.problem.lcs = struct ('initial', [1 2], 'A', [-1 0; 0 -2], 'B', [1; 3], 'C', [1 4], 'D', 1);
 l.problem.lcs.set.nonnegative = 'z1';
 r = dvi_solve (l, url, token);
 assert (r.trajectory.fields.x2(end), 2 * exp (-4), 1e-5);
 disp ('ok  columns and rows are flat lists');
 
-% One component is an object, two are a list; nodes are a list.
+% Components are a cell array of structs, and the nodes of a component a cell array of names.
 c.problem.circuit.components = {struct('resistor', struct ('name', 'R1', 'nodes', {{'a', '0'}}, 'ohms', 2)), ...
     struct('inductor', struct ('name', 'L1', 'nodes', {{'a', '0'}}, 'henries', 1, 'amperes', 3))};
 c.time.until = 1;
@@ -43,7 +44,7 @@ names = fieldnames (r.trajectory.fields);
 assert (numel (names) > 2);
 disp ('ok  a circuit is solved');
 
-% A bad specification is an error with every place.
+% The error for a faulty specification lists the place of each fault.
 b = s; b.problem.dvi.states.x = struct ('inital', 4, 'rate', 'w');
 try
   dvi_solve (b, url, token);
@@ -55,7 +56,7 @@ catch told
 end
 disp ('ok  errors have their places');
 
-% NaN, which JSON writes as null, is a value that was not measured.
+% NaN in the data of a fit, which Octave writes as null, stands for a missing measurement.
 d.problem.dvi.parameters.k = 1;
 d.problem.dvi.states.x = struct ('initial', 1, 'rate', '-k*x');
 d.fit.parameters.k = struct ('lower', 0);
@@ -66,7 +67,7 @@ r = dvi_solve (d, url, token);
 assert (r.fit.parameters.k.estimate, 0.7, 1e-5);
 disp ('ok  NaN is a gap in data');
 
-% A name for the end that can be written in MATLAB stands for `end`, and not beside it.
+% `until` stands for `end`, which is a reserved word in MATLAB, and must not occur beside it.
 b = s; b.time = struct ('until', 1, 'end', 1);
 try
   dvi_solve (b, url, token);
@@ -76,7 +77,7 @@ catch told
 end
 disp ('ok  an end has one name');
 
-% JSON text goes as it is; a service that asks for a token gets nothing done without.
+% A specification may be JSON text; a service that requires tokens refuses a request without one.
 text = fileread (fullfile (fileparts (mfilename ('fullpath')), '..', '..', 'api', 'examples', 'friction_belt.json'));
 assert (dvi_solve (text, url, token).trajectory.t(end), 20);
 try

@@ -14,10 +14,11 @@ import sys
 import time
 import warnings
 
-# A run that divides by zero is a failed run, which the report shows.
+# A division by zero makes a run fail, and the report shows the failure: no warning is
+# needed.
 warnings.simplefilter("ignore", RuntimeWarning)
 
-LONG, LONGEST = 0.5, 20  # as src/study/report/measure.rs
+LONG, LONGEST = 0.5, 20  # seconds, as in src/study/report/measure.rs
 
 
 class Stopped(Exception):
@@ -51,12 +52,12 @@ def measure(request, method, key, rungs, prepare):
                     again = solve()
                     run["seconds"].append(again.get("seconds", time.perf_counter() - start))
             run["steps"] = int(found.get("steps", 0))
-            run[key] = found.get(key, rung)  # Where the program has rungs of its own.
+            run[key] = found.get(key, rung)  # The program may use another step size or tolerance than requested.
             run["fields"] = {name: [finite(x) for x in values] for name, values in found["fields"].items()}
             run["switches"] = found.get("switches")
         except (Stopped, subprocess.TimeoutExpired):
             run["seconds"], run["message"], stopped = [time.perf_counter() - start], f"stopped after {LONGEST} s", True
-        except Exception as error:  # A run that fails is a mark in the figure, and the next one may succeed.
+        except Exception as error:  # A failed run is marked in the figure; later runs may succeed.
             run["seconds"], run["message"] = [time.perf_counter() - start], f"{type(error).__name__}: {error}"[:200]
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -75,7 +76,7 @@ def main(name, install, systems):
     elif "--name" in sys.argv:
         print(name())
     else:
-        name()  # Packages are loaded before anything is timed.
+        name()  # Loads packages before runs are timed.
         signal.signal(signal.SIGALRM, stop)
         request = json.load(sys.stdin)
         ladders = systems(request)

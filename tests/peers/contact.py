@@ -16,14 +16,14 @@ import numpy as np
 
 import engines
 
-STEP = 0.002  # seconds, the step by which MuJoCo is shipped
+STEP = 0.002  # seconds, the default step size of MuJoCo
 G = 9.81
-MARGIN = 20  # what friction can bear, over what it has to
-SETTLED = 1.0  # seconds after which creep counts: soft contacts sink in before
+MARGIN = 20  # ratio of the friction limit to the required friction force
+SETTLED = 1.0  # seconds after which creep is measured: before, soft contacts settle
 SIDE = 0.1
-SPEED = 6.0  # of the cube that slides, in m/s
-#: What the program may differ by from the exact answer, in metres, and in creep in metres a second: a hundred millionth of a body. Impulses
-#: are solved to some 1e-10 of their size, and that sums up over the steps.
+SPEED = 6.0  # initial speed of the sliding cube, in m/s
+#: Permitted difference of dvi from the exact solution, in metres, and of the creep in metres per second: 1e-8 of the
+#: size of a body. Impulses are solved to about 1e-10 of their size, and their errors accumulate over the steps.
 ROUNDING = 1e-8 * SIDE
 
 CUBE = {"name": "cube", "box": [SIDE] * 3, "mass": 1.0, "at": [0, 0, SIDE / 2]}
@@ -48,7 +48,7 @@ def pinched():
     bodies = [{"name": "left", "box": size, "mass": 0.1, "at": [-reach, 0, height], "slides": True, "force": [grip, 0, 0]},
               {"name": "right", "box": size, "mass": 0.1, "at": [reach, 0, height], "slides": True, "force": [-grip, 0, 0]},
               {"name": "held", "capsule": [radius, 0.02], "mass": mass, "at": [0, 0, height]}]
-    # The pads have the ground below, which they never meet.
+    # The contacts of the pads with the ground are never active.
     return {"gravity": DOWN, "friction": 0.7, "end": 5.0, "bodies": bodies, "held": "held",
             "gaps": [("left", "held", 0, reach), ("held", "right", 0, reach)]}
 
@@ -92,7 +92,8 @@ SCENES = [("a cube at rest on a slope, friction 20 times what holds it", slope()
 def lowest(places, turns, size):
     """The height of the lowest corner of a box at each time."""
     w, x, y, z = turns.T
-    # The third row of the matrix of rotation: what it makes of half sizes is how far corners reach down.
+    # Half sizes weighted with the absolute values of the third row of the rotation matrix give the
+    # distance of the lowest corner below the centre.
     row = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
     return places[:, 2] - np.abs(row).T @ (np.array(size) / 2)
 
@@ -145,7 +146,8 @@ def main(program):
             found = measure(scene, STEP, places, turns)
             if k == 0:
                 print_row("exact", {key: None if value is None else 0.0 for key, value in found.items()}, "")
-                # Its method is of first order: a slide may end within what the cube covers in one step.
+                # The time stepping of dvi is of first order: the slide may end within the distance that
+                # the cube covers in one step.
                 allowed = {"creep": ROUNDING, "rise": ROUNDING, "depth": ROUNDING, "error": SPEED * STEP}
                 failures += [f"{title}: {key}" for key, value in found.items() if value is not None and not abs(value) <= allowed[key]]
             print_row(engine.name, found, f"{seconds * 1e6:10.1f}")

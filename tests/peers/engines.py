@@ -14,7 +14,8 @@ import time
 
 import numpy as np
 
-#: The time of a step is the least mean of so many runs, where one takes no more than `LONG` seconds; otherwise of one.
+#: The time per step is the smallest mean of RUNS runs, or that of a single run if a run takes longer than `LONG`
+#: seconds.
 RUNS, LONG = 3, 1.0
 
 
@@ -49,7 +50,7 @@ class Dvi:
             if "box" in body:
                 given = {"shape": {"box": {"size": body["box"]}}}
             else:
-                half = np.sqrt(0.5)  # From z to y.
+                half = np.sqrt(0.5)  # Rotates the z axis to the y axis.
                 radius, length = body["capsule"]
                 given = {"shape": {"capsule": {"radius": radius, "length": length}}, "orientation": [half, half, 0, 0]}
             bodies.append({"name": body["name"], "mass": body["mass"], "position": body["at"], "velocity": body.get("velocity", [0, 0, 0]), **given})
@@ -165,7 +166,7 @@ class Rapier:
                 else:
                     collider = rapier.Collider.capsule_y(body["capsule"][1] / 2, body["capsule"][0])
                 handles.append(world.add_body(made, [collider.mass(body["mass"]).friction(scene["friction"])]))
-                if "force" in body:  # It stays until it is taken away.
+                if "force" in body:  # A force persists until it is removed.
                     world.rigid_bodies[handles[-1]].add_force(tuple(body["force"]))
             return world, handles
 
@@ -227,7 +228,7 @@ class Bullet:
 
         def advance(bodies):
             for number, link, force in bodies:
-                if force:  # It is forgotten after a step.
+                if force:  # A force acts for one step only.
                     centre = bullet.getLinkState(number, 0)[0] if link == 0 else bullet.getBasePositionAndOrientation(number)[0]
                     bullet.applyExternalForce(number, link, force, centre, bullet.WORLD_FRAME)
             bullet.stepSimulation()

@@ -43,7 +43,7 @@ CAPSULE = ("<mujoco>" + OPTION + "<worldbody>" + PAD.replace("{place}", "-0.014"
            'condim="3" ' + STIFF + "/></body></worldbody></mujoco>")
 
 MODELS = {"rolling_ball": ROLLING, "heavy_chain": chain(), "pendulum": PENDULUM, "sliding_cube": CUBE, "held_capsule": CAPSULE}
-GRIP = 12.0  # newtons on each pad of the capsule
+GRIP = 12.0  # force in newtons on each pad that holds the capsule
 
 
 def outputs(system, model, data):
@@ -71,7 +71,8 @@ def stepping(integrator, impratio):
         system = request["system"]
         text = MODELS[system].format(h=step, stiff=2 * step, integrator=integrator, impratio=impratio, mu=0.3 if system == "rolling_ball" else 0.5)
         model = mujoco.MjModel.from_xml_string(text)
-        # Times of comparison are ends of steps, or between two of them, where a straight line joins positions.
+        # Comparison times are ends of steps, or lie between two of them, where positions are interpolated
+        # linearly.
         times = request["times"]
 
         def solve():
@@ -88,7 +89,7 @@ def stepping(integrator, impratio):
                 before = outputs(system, model, data)
                 start = n * step
                 mujoco.mj_step(model, data)
-                # It starts anew where it becomes unstable, and would go on as if nothing had been.
+                # MuJoCo resets an unstable simulation and would continue silently.
                 if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or data.warning[mujoco.mjtWarning.mjWARN_BADQPOS].number:
                     raise RuntimeError(f"unstable at t = {n * step:.3g}")
                 mujoco.mj_kinematics(model, data)

@@ -17,14 +17,14 @@ import time
 
 import numpy as np
 
-#: Emission coefficients: the thermal voltage of 26 mV, and a tenth and a hundredth of it.
+#: Emission coefficients: the exponential diode has the thermal voltage of 26 mV, a tenth, and a hundredth of it.
 LADDER = (1.0, 0.1, 0.01)
 IDEAL = ".model DX D(IS=1e-12 N={n})"
 REAL = ".model DX D(IS=2.52n RS=0.568 N=1.752 CJO=4p M=0.4 TT=20n)"
-#: The 1N4148 as a threshold and a resistor, about right from milliamperes to amperes.
+#: A model of the 1N4148 by a threshold voltage and a resistor, roughly valid from milliamperes to amperes.
 THRESHOLD = ".model DX D(VF=0.72 RS=0.9)"
 
-#: Name, deck, the node that is compared, the times, the largest voltage.
+#: For each circuit: its netlist, the node whose voltage is compared, and the largest voltage in V.
 DECKS = {
     "half-wave rectifier with a filter": (
         "V1 in 0 SIN(0 10 50)\nR0 in a 1\nD1 a out DX\nC1 out 0 100u IC=0\nR1 out 0 1k\n.tran 2u 60m 0 2u uic", "out", 10.0),
@@ -79,7 +79,7 @@ def main(program):
         for name, (body, node, size) in DECKS.items():
             differences, doubted = [], False
             end = float(re.search(r"\.tran \S+ (\S+)", body).group(1).replace("m", "e-3"))
-            # No time is the edge of a pulse.
+            # No comparison time is an edge of a pulse.
             times = (np.arange(400) + 0.4567) / 400 * end
             for n in LADDER:
                 theirs, t, v = of_ngspice(folder, body, IDEAL.format(n=n), node)
@@ -91,7 +91,8 @@ def main(program):
             real = np.abs(np.interp(times, t, v) - threshold).max()
             shown = " ".join(f"{1e3 * difference:9.3f}" for difference in differences)
             print(f"{name:36} {shown}  {1e3 * real:9.1f}  {theirs:8.3f} {ours:7.3f}{'  doubted' if doubted else ''}")
-            # A tenth of the emission coefficient, about a tenth of the difference, until the tolerances of ngspice.
+            # With a tenth of the emission coefficient, the difference falls to about a tenth, until it reaches the
+            # tolerances of ngspice.
             ideal = differences[2] < 2e-3 * size and differences[0] / differences[1] > 5 and differences[1] > differences[2]
             if not (ideal and real < 0.1 * size):
                 failures.append(name)

@@ -39,10 +39,12 @@ def circle(casadi, p):
     return x, [math.exp(-1), 0.0], rates, 1 - x[0] ** 2 - x[1] ** 2, ["x", "y"]
 
 
-# The first column of the rates holds where the last function is above zero.
+# For each system, the first column of the rates holds where the switching function is
+# positive.
 SYSTEMS = {"friction_belt": belt, "sliding_mode": sliding, "switching_circle": circle}
 ELEMENTS = 2
-# Intervals of the ladder: every one is a program of its own, of some tens of milliseconds.
+# Numbers of control intervals of the runs: each interval is a nonlinear program of its
+# own, which takes tens of milliseconds.
 INTERVALS = {0: 10, 1: 20, 2: 40, 3: 80}
 
 
@@ -69,11 +71,13 @@ def fesd(stages):
                 looper = NosnocSimLooper(solver, np.array(x0), intervals)
                 looper.run()
             found = looper.get_results()
-            # The solution is returned at the ends of elements: elsewhere nothing is compared.
+            # nosnoc returns the solution at the ends of finite elements: only the values at
+            # the end of the run are compared.
             last = found["X_sim"][-1]
             nothing = [float("nan")] * (len(request["times"]) - 1)
             fields = {name: nothing + [value] for name, value in zip(names, last)}
-            # Its list of switches leaves out where a trajectory ceases to slide: it is not compared.
+            # nosnoc does not list the times at which a sliding mode ends: switch times are not
+            # compared.
             return {"fields": fields, "steps": len(found["time_steps"]), "step": end / intervals / ELEMENTS}
 
         return solve

@@ -43,7 +43,7 @@ printf("%s", jsonencode(struct("y", y(2:end, :), "seconds", median(seconds), "st
 
 
 def name():
-    import smooth  # SymPy is needed too.
+    import smooth  # Checks that SymPy is installed.
 
     assert smooth
     told = subprocess.run([shutil.which("octave-cli"), "--version"], capture_output=True, text=True, check=True).stdout
@@ -68,7 +68,7 @@ def session(method):
         kept = {}
 
         def solve():
-            # One session does all repeats; its median is their time.
+            # One Octave session makes all repetitions and returns their median time.
             if not kept:
                 told = subprocess.run(["octave-cli", "--norc", "--eval", text], capture_output=True, text=True, timeout=1.5 * LONGEST)
                 if not told.stdout.startswith("{"):

@@ -26,7 +26,7 @@ cat(sprintf('{{"y":[%s],"seconds":%.17g,"steps":%d}}', paste(rows, collapse = ",
 
 
 def name():
-    import smooth  # SymPy is needed too.
+    import smooth  # Checks that SymPy is installed.
 
     assert smooth and shutil.which("gcc")
     told = subprocess.run([shutil.which("Rscript"), "-e", 'cat(as.character(packageVersion("deSolve")))'], capture_output=True, text=True, check=True)

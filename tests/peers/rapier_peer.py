@@ -2,8 +2,8 @@
 
 from common import main
 
-HEIGHT = 1.0  # of the capsule over a ground that its example does not have
-GRIP = 12.0  # newtons on each pad of the capsule
+HEIGHT = 1.0  # height of the capsule above a ground that the example of dvi does not have
+GRIP = 12.0  # force in newtons on each pad that holds the capsule
 
 PAD = {"box": [0.02, 0.04, 0.04], "mass": 0.1, "slides": True}
 SCENES = {
@@ -37,7 +37,8 @@ def stepping(**settings):
             for _ in range(steps):
                 advance(model)
                 rows.append(read(model)[0][:3])
-            # Times of comparison are ends of steps, or between two of them, where a straight line joins positions.
+            # Comparison times are ends of steps, or lie between two of them, where positions are interpolated
+            # linearly.
             places = np.array(rows) - [0, 0, scene.get("below", 0.0)]
             return {"fields": {f"{of}.{axis}": np.interp(times, step * np.arange(steps + 1), places[:, k]) for k, axis in enumerate("xyz")},
                     "steps": steps}

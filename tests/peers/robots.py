@@ -18,7 +18,8 @@ import numpy as np
 MODELS = pathlib.Path(__file__).resolve().parents[1] / "systems" / "robots" / "models"
 STEP = 1e-5
 
-#: File, start of joints (position, velocity), end, bodies that are compared, and by how much they may differ at the smaller step.
+#: For each robot: its file, the initial position and velocity of joints, the end time, the compared bodies, and the
+#: permitted difference at the smaller step size.
 RUNS = [
     ("pendulum.urdf", {"theta": (1.2, 0.0)}, 1.0, ["arm"], 1e-7),
     ("double_pendulum.urdf", {"shoulder": (1.1, 0.0), "elbow": (0.6, 1.0)}, 1.0, ["upper", "lower"], 1e-6),

@@ -9,7 +9,7 @@ def name():
     import scipy
     import scipy.integrate
 
-    import smooth  # SymPy is needed too.
+    import smooth  # Checks that SymPy is installed.
 
     assert smooth
     return f"SciPy {scipy.__version__} (Radau, BDF)"
@@ -84,7 +84,8 @@ def belt(p):
 
     def tear(y):
         way = math.copysign(1, -(k * y[0] + c * v_belt))
-        # Beyond the edge, so that the event is not met again at once.
+        # Moves the velocity slightly beyond the switching surface, so that the event is
+        # not detected again at once.
         return slip(way), [y[0], v_belt + way * 1e-14]
 
     def stick():

@@ -27,7 +27,8 @@ from scipy.optimize import brentq
 M, C, K, END, START = 1.0, 0.1, 1.0, 20.0, 4.0
 METHODS = ["RK45", "DOP853", "Radau", "LSODA"]
 TOLERANCES = [10.0**-k for k in range(3, 14)]
-# A slip is searched for changes at this many points: some hundred per period.
+# Number of points of a slip phase between which sign changes of the slip velocity are
+# searched for: about a hundred per period.
 POINTS = 400
 
 
@@ -65,7 +66,7 @@ def exact(v_belt, f):
     while t < END:
         load = -(K * state[0] + C * v_belt)
         if sign == 0:
-            # It sticks until the spring and the damper exceed friction.
+            # The mass sticks until the forces of spring and damper exceed the friction.
             leave = t + (f - C * v_belt - K * state[0]) / (K * v_belt)
             if leave >= END:
                 return state[0] + v_belt * (END - t), v_belt
@@ -112,7 +113,8 @@ def by_scipy(task):
             load = -(K * state[0] + C * v_belt)
             if sign == 0:
                 sign = float(np.sign(load))
-                # Beyond the edge, so that the event is not met again at once.
+                # Moves the velocity slightly beyond the switching surface, so that the
+                # event is not detected again at once.
                 state[1] += 1e-14 * sign
             else:
                 state[1] = v_belt

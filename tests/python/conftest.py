@@ -16,7 +16,8 @@ EXAMPLES = sorted((ROOT / "api/examples").glob("*.json"))
 
 
 def pytest_configure(config):
-    # A shell in the background ignores Ctrl-C, and what it starts does too; tests send it to themselves.
+    # A shell starts background jobs with SIGINT ignored, which child processes inherit; but the tests
+    # send SIGINT to themselves.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "slow: takes more than some seconds")
 

@@ -24,7 +24,8 @@ def test_the_version_is_that_of_the_house():
 def test_types_hold(tmp_path):
     if importlib.util.find_spec("mypy") is None:
         pytest.skip("mypy is not installed")
-    # Not beside the installed packages, where mypy takes its own for ours.
+    # Runs in an empty folder: in the folder of the installed packages, mypy would take
+    # its own modules for ours.
     done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "-p", "dvi"], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
 

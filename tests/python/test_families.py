@@ -51,7 +51,7 @@ def test_a_table_is_that_of_the_program_to_the_byte(extension, program, tmp_path
         told, saved = json.loads(told.read_bytes()), json.loads(saved.read_bytes())
         assert without_times(told) == without_times(saved)
     elif extension == "arrow":
-        # The metadata of a schema have no order.
+        # The metadata of an Arrow schema have no order.
         pyarrow = pytest.importorskip("pyarrow")
         tables = [pyarrow.ipc.open_stream(path.read_bytes()).read_all() for path in (told, saved)]
         assert tables[0].equals(tables[1], check_metadata=True)
@@ -201,7 +201,7 @@ def test_pictures_of_sweeps(decay):
     line = dvi.sweep(decay, {"k": [1, 2, 3]}, {"end": {"final": "x"}, "modes": "mode_word"})
     assert len(line.plot().axes) == 2 and "<svg" in line._repr_html_()
     grid = dvi.sweep(decay, {"k": [1, 2, 3], "x.initial": [1, 2]}, {"end": {"final": "x"}, "modes": "mode_word"})
-    assert len(grid.plot().axes) == 4  # with their bars
+    assert len(grid.plot().axes) == 4  # two maps and their colour bars
     cloud = dvi.sweep(decay, {"k": {"uniform": [0, 1]}}, design="latin_hypercube", count=8)
     assert len(cloud.plot("x").axes) == 1
 
@@ -217,7 +217,7 @@ def test_sweeps_are_pickled_and_read_back(decay):
 
 
 def test_a_straight_line_has_the_estimates_of_the_normal_equations():
-    # x' = a from b, with unit weights: ordinary least squares.
+    # x' = a with x(0) = b and unit weights: ordinary least squares.
     rng = np.random.default_rng(1)
     t = np.arange(1.0, 21.0)
     x = 0.7 + 0.3 * t + 0.1 * rng.standard_normal(20)
@@ -234,7 +234,7 @@ def test_a_straight_line_has_the_estimates_of_the_normal_equations():
     assert np.allclose(found.residuals["x"], x - design @ exact, atol=1e-6)
     correlation = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
     assert abs(found.correlation[0, 1] - correlation) < 1e-4
-    # Student's variable with 18 degrees of freedom.
+    # The 97.5 % quantile of Student's t distribution with 18 degrees of freedom.
     assert abs((found.estimates["a"].upper - exact[0]) / found.estimates["a"].sd - 2.10092) < 1e-3
 
 
@@ -290,7 +290,7 @@ def test_the_builder_fits_up_to_the_end_of_the_data():
     assert abs(found.parameters["k"] - 0.5) < 1e-6 and found.t[-1] == 4
 
 
-# --- derivatives, orbits, rest
+# --- derivatives, periodic orbits, steady states
 
 
 def test_derivatives_are_those_of_the_closed_form(decay):
@@ -307,7 +307,7 @@ def test_derivatives_are_those_of_the_closed_form(decay):
 
 
 def test_a_gradient_is_that_of_the_closed_form(decay):
-    # x = exp(-k t), whose square integrates to (1 - exp(-2 k t))/2k.
+    # x = exp(-k t), and the integral of x^2 is (1 - exp(-2 k t))/2k.
     assert dvi.solve(decay).gradient == {} and dvi.solve(decay).objective is None
     end, to = decay["time"]["end"], ["k", "x.initial"]
     decay["sensitivities"] = {"to": to, "mode": "adjoint", "objective": {"integral": "x^2"}}
@@ -318,7 +318,8 @@ def test_a_gradient_is_that_of_the_closed_form(decay):
 
 
 def test_an_orbit_has_its_multipliers_and_means():
-    # x = (sin t - cos t)/2, and what is off dies as exp(-2 pi).
+    # The periodic orbit is x = (sin t - cos t)/2; a deviation from it decays by the
+    # factor exp(-2 pi) per period.
     spec = {"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "-x + sin(t)"}}}}, "method": {"rtol": 1e-9}}
     r = dvi.periodic(spec, "2*pi")
     assert isinstance(r, dvi.Orbit) and r.multipliers.dtype == complex and r.stable
@@ -328,7 +329,8 @@ def test_an_orbit_has_its_multipliers_and_means():
 
 
 def test_a_free_period_is_found():
-    # Van der Pol with mu = 1: 6.6632868593231301896996820305 (Amore 2022).
+    # The period of the van der Pol oscillator with mu = 1 is
+    # 6.6632868593231301896996820305 (Amore 2022).
     p = dvi.Problem()
     x, v = p.state("x", 2), p.state("v", 0)
     x.rate, v.rate = v, (1 - x**2) * v - x

@@ -154,7 +154,7 @@ def test_sets_definitions_integrals_tables_and_stops_reach_the_solver():
     assert abs(r["x"][-1] - 1.0) < 1e-8 and abs(r["twice"][-1] - 2.0) < 1e-8
     assert abs(r["area"][-1] - 1.0) < 1e-7
     (event,) = [event for event in r.events if event.kind == "crossed"]
-    # x = t^2/2 reaches 1/4 at 1/sqrt(2).
+    # x = t^2/2 reaches 1/4 at t = 1/sqrt(2).
     assert event.of == "quarter" and abs(event.t - math.sqrt(0.5)) < 1e-7
 
 
@@ -174,7 +174,8 @@ def test_variables_of_a_block_come_together():
     F, G = p.ball(["F", "G"], p.mu, inequality=[-v, -w])
     v.rate, w.rate = -F, -G
     r = p.solve(4, rtol=1e-9)
-    # Coulomb friction in the plane: the speed 5 falls with mu, its direction stays.
+    # Coulomb friction in the plane: the speed decreases from 5 at the rate mu, and the
+    # direction is constant.
     assert abs(r["v"][-1] - 0.6) < 1e-7 and abs(r["w"][-1] - 0.8) < 1e-7
     with pytest.raises(ValueError, match="as many inequalities"):
         p.box(["a", "b"], 0, 1, inequality=[v])

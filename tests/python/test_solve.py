@@ -191,7 +191,8 @@ def test_ctrl_c_ends_a_solve_and_keeps_what_there_is(endless):
     timer.start()
     with pytest.raises(KeyboardInterrupt) as raised:
         dvi.solve(endless)
-    # A hang would be minutes: the bench says how long it takes.
+    # A solve that ignores Ctrl-C would run for minutes; a benchmark measures the delay
+    # more closely.
     assert time.monotonic() - sent[0] < 30
     assert raised.value.result.status == "stopped" and raised.value.result.error["code"] == "cancelled"
 
@@ -225,7 +226,7 @@ def test_other_threads_of_python_run_while_one_solves(endless):
         dvi.solve(endless)
     done.set()
     thread.join()
-    # With the lock held there would be a handful.
+    # If the solve held Python's lock, the thread would count a handful.
     assert counted[0] > 50
 
 
@@ -255,7 +256,8 @@ class Counting:
 
 
 def test_asking_again_at_other_times_costs_no_solve(belt):
-    # The friction F jumps where the mass begins to stick: it is solved for.
+    # Without the friction F, which jumps when the mass begins to stick: its values at
+    # other times would need a solve.
     belt["output"] = {"fields": ["x", "v"]}
     for dense, solves in ((True, 0), (False, 1)):
         r = dvi.solve(belt, dense=dense)
@@ -264,7 +266,7 @@ def test_asking_again_at_other_times_costs_no_solve(belt):
         found = r(times)
         assert (r(times[::-1])["x"][::-1] == found["x"]).all() and r(1.25)["v"] == r([1.25])["v"][0]
         assert counting.solves == solves
-        # The same as the run itself at these times.
+        # The values agree with those of a run with these output times.
         exact = dvi.solve({**belt, "output": {"times": times.tolist(), "fields": ["x", "v"]}})
         for name in r.names:
             scale = np.abs(exact[name]).max()
@@ -305,7 +307,8 @@ def test_events_are_named_tuples_in_order_of_time(belt):
 def test_an_orbit_is_found():
     spec = {"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "-x + sin(t)"}}}}}
     orbit = dvi.periodic(spec, "2*pi").orbit
-    # x = (sin t - cos t)/2, and what is off dies as exp(-2 pi).
+    # The periodic orbit is x = (sin t - cos t)/2; a deviation from it decays by the
+    # factor exp(-2 pi) per period.
     (multiplier,) = orbit["multipliers"]
     size = math.hypot(*multiplier) if isinstance(multiplier, list) else abs(multiplier if not isinstance(multiplier, dict) else complex(multiplier["re"], multiplier["im"]))
     assert abs(size - math.exp(-2 * math.pi)) < 1e-5
@@ -352,7 +355,7 @@ def test_a_robot_is_solved_as_a_file_and_as_text():
     r = dvi.solve(path)
     assert r.provenance["label"] == "double_pendulum" and "elbow.coordinate" in r
     assert r["lower.z"].tobytes() == dvi.solve(path.read_text())["lower.z"].tobytes()
-    # Hanging it stays; held up by a velocity it swings.
+    # The pendulum hangs at rest and stays there.
     assert abs(r["lower.z"][-1] + 0.8) < 1e-9
     scene = {"robot": {"urdf": path.read_text(), "pose": {"shoulder": 0.3}}}
     s = dvi.sweep({"problem": {"rigid_bodies": scene}, "time": {"end": 0.1}, "method": {"step": 1e-3}}, {"shoulder.position": [0.1, 0.2]}, {"x": {"initial": "lower.x"}})

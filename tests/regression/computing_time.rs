@@ -1,5 +1,5 @@
-//! Solves within a limit on the computing time of its thread, which other work on the machine does not use up as it does
-//! the time of a clock. Where the system does not count it, the clock's time has to do.
+//! Solves with a limit on the computing time of the solving thread, which does not depend on other work on the
+//! machine as the wall-clock time does. If the system does not report computing times, the wall-clock time is used.
 
 use dvi::problem::Control;
 use dvi::solution::Solution;
@@ -9,25 +9,24 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-/// How often the time of a run is looked at.
+/// Interval at which the computing time of a run is checked.
 const TICK: Duration = Duration::from_millis(20);
 
-/// How much longer than its computing time a run may take on the clock.
+/// Factor by which the wall-clock time of a run may exceed its computing time.
 const CLOCK: u32 = 60;
 
-/// How a run came back, if it did.
+/// How a run ended.
 pub enum Ended {
     Solved(Box<Solution>),
     Refused(Vec<SpecificationError>),
-    /// It did not, though it was asked to stop.
+    /// The run did not return although it was asked to stop.
     Deaf,
 }
 
-/// Solves a specification on a thread of its own, which is asked to stop after a computing time, and left behind if it
-/// goes on for as long again.
+/// Solves a specification on a thread of its own. After the computing time `allowed` the thread is asked to stop, and
+/// after twice that time it is abandoned.
 ///
-/// # Panics
-/// If the solve does.
+/// # Panics If the solve panics.
 pub fn solve(specification: &str, allowed: Duration) -> Ended {
     let began = Instant::now();
     let control = Arc::new(Control::with_deadline(began + CLOCK * allowed));
@@ -35,7 +34,7 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
     let (starts, started) = mpsc::channel();
     let (ends, ended) = mpsc::channel();
     thread::spawn(move || {
-        // Somebody listens to the first; nobody to the second where it comes too late.
+        // The first message always has a receiver; the second has none if the run has been abandoned.
         starts.send(fs::read_link("/proc/thread-self").ok()).ok();
         let outcome = match Specification::from_json(text.as_bytes()) {
             Ok(specification) => Ended::Solved(Box::new(dvi::solve(&specification, &thread))),
@@ -60,7 +59,7 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
     }
 }
 
-/// The computing time that a thread has had: the first figure of its `schedstat`, in nanoseconds.
+/// Returns the computing time of a thread so far: the first figure of its `schedstat`, in nanoseconds.
 fn computed(thread: &Path) -> Option<Duration> {
     let figures = fs::read_to_string(thread.join("schedstat")).ok()?;
     figures.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)

@@ -1,10 +1,10 @@
-//! The cost of every example and of every reference problem, beside a committed table: a run that does more work, or
-//! less, fails until the table is written anew.
+//! The cost of every example and of every reference problem, compared with a committed table: a run that does more or
+//! less work fails until the table is written anew.
 //!
-//! Runs are deterministic: neither the profile, nor the memory they are given, nor the tests beside them change a count.
-//! But linear algebra and the C library choose their kernels by the instructions of the processor, which round
-//! differently, and now and then that decides whether a step is accepted. So the table names the processor it was written
-//! on; on another one counts may be off by a small part.
+//! Runs are deterministic: neither the build profile, nor the given memory, nor tests that run at the same time
+//! change a count. But linear algebra and the C library choose their kernels by the instructions of the processor,
+//! which round differently, and this occasionally decides whether a step is accepted. Therefore the table names the
+//! processor on which it was written; on another processor, counts may differ by a small fraction.
 
 use crate::reference::{example, read, smooth, switching};
 use dvi::problem::Control;
@@ -21,16 +21,17 @@ const TABLE: &str = "tests/regression/cost.txt";
 const ACCEPT: &str = "if that is meant, write the table anew and commit it with the change that explains it:\n    \
                       UPDATE=1 cargo test --test regression cost";
 
-/// The columns of the table.
+/// The names of the table's columns.
 const COLUMNS: [&str; 9] =
     ["accepted", "rejected", "newton", "rates", "jacobians", "factorisations", "vi_solves", "vi_pivots", "switches"];
 
-/// The widths of the column of names and of the others; those of longer names are as wide as these.
+/// Width of the column of problem names, and smallest width of the other columns; a column with a longer heading is
+/// as wide as its heading.
 const NAME: usize = 37;
 const CELL: usize = 8;
 
-/// The part of a count by which it may differ on a processor with other instructions. Measured with a C library that
-/// may not use fused multiplication: 5 % of the rejected steps of the ring modulator, less than 3 % of all else.
+/// Permitted relative difference of a count on a processor with other instructions. Measured with a C library without
+/// fused multiplication: 5 % of the rejected steps of the ring modulator, and less than 3 % of all other counts.
 const OTHER_PROCESSOR: f64 = 0.1;
 
 /// The counts of a run, in the order of [`COLUMNS`].
@@ -53,7 +54,8 @@ fn counts(solution: &Solution) -> Counts {
     ]
 }
 
-/// The problems, each with a name that says where it stands, as text: the order of names is part of a problem.
+/// Returns the name of each problem, which tells its source, and its specification as text, since the order of JSON
+/// members is part of a problem.
 fn problems() -> Vec<(String, String)> {
     let examples = EXAMPLES.iter().map(|given| (format!("example {}", given.name), given.text.to_owned()));
     let stiff = read("tests/reference/smooth.json")["problems"].take();
@@ -63,7 +65,8 @@ fn problems() -> Vec<(String, String)> {
         specification["method"] = json!({"rtol": 1e-6, "atol": 1e-6 * factor});
         (format!("smooth {}", problem["name"].as_str().expect("a name")), specification.to_string())
     });
-    // The examples of these systems give outputs between the steps; here there is none, and the default tolerance.
+    // The examples of these systems have outputs within steps and tolerances of their own; these runs have a single
+    // output at the end and default tolerances.
     let switched = [
         ("diode_bridge", "diode_bridge"),
         ("diode_bridge_filter", "diode_bridge_filter"),
@@ -86,7 +89,7 @@ fn measure(specification: &str) -> Counts {
     counts(&dvi::solve(&specification, &Control::new()))
 }
 
-/// The instructions of this processor by which kernels are chosen.
+/// Returns the processor's architecture and those instructions that determine the choice of kernels.
 fn processor() -> String {
     #[cfg(target_arch = "x86_64")]
     let found = [
@@ -120,7 +123,7 @@ fn table(found: &BTreeMap<String, Counts>) -> String {
     text
 }
 
-/// The processor that a table was written on, and its rows.
+/// Returns the processor on which a table was written, and the table's rows.
 fn parse(text: &str) -> (String, BTreeMap<String, Counts>) {
     let processor = text.lines().next().and_then(|line| line.strip_prefix("processor: ")).expect("the processor");
     let rows = text.lines().skip(3).map(|line| {
@@ -132,7 +135,7 @@ fn parse(text: &str) -> (String, BTreeMap<String, Counts>) {
     (processor.to_owned(), rows.collect())
 }
 
-/// The differences between two rows, if any is more than is allowed.
+/// Returns the counts of two rows that differ by more than the fraction `allowed`, if any.
 fn differences(expected: &Counts, found: &Counts, allowed: f64) -> Option<String> {
     let cells = expected.iter().zip(found).zip(COLUMNS);
     let changed =

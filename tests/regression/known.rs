@@ -1,27 +1,26 @@
-//! Lists of known failures that may only shrink: a failure that is not listed fails the test, and so does an entry that
-//! no longer fails, so that what has come right stays right.
+//! Lists of known failures that may only shrink: an unlisted failure fails the test, and so does an entry that does
+//! not fail, so that a repaired case stays repaired.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// Failures that are known: of each its name, and how it fails in a word.
+/// Known failures: the name of each case, and how it fails, as a keyword.
 pub type Known<'a> = &'a [(&'a str, &'a str)];
 
-/// Something that is not as it should be.
+/// A test case that has failed.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// What fails: an entry of a list begins with it.
+    /// The name of the case, as in a list of known failures.
     pub name: String,
-    /// How, in a word.
+    /// How the case fails, as a keyword.
     pub how: &'static str,
-    /// What was measured.
+    /// The measured values that show the failure, as text.
     pub detail: String,
 }
 
-/// Holds the failures found against those that are known; `list` says where the list stands.
+/// Compares the failures with the known ones; `list` names the list and its source file.
 ///
-/// # Panics
-/// If a failure is not listed or fails in another way than listed, or if an entry does not fail.
+/// # Panics If a failure is not listed or fails in another way than listed, or if an entry does not fail.
 pub fn assert_known(list: &str, known: Known, failures: &[Failure]) {
     let listed: BTreeMap<&str, &str> = known.iter().copied().collect();
     assert_eq!(listed.len(), known.len(), "{list} names something twice");

@@ -1,5 +1,5 @@
-//! What must stay as it is: the cost of every example, the answers to problems that came from outside, and answers that
-//! do not depend on the units or on the horizon. What is wrong today is listed, and the lists may only shrink.
+//! Regression tests: the cost of every example, the solutions of problems from outside the project, and results that
+//! must not depend on the units or on the horizon. Known failures are listed, and the lists may only shrink.
 
 mod computing_time;
 mod cost;

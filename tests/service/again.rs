@@ -1,4 +1,4 @@
-//! Retrying and continuing jobs that have ended.
+//! Retrying failed jobs, and continuing jobs that have ended to a later end time.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, halving, instant, one_worker};
 use crate::nats::on_both;
@@ -20,7 +20,7 @@ async fn post(site: &Site, path: &str, body: &str) -> Reply {
     Call::post(path, body.to_owned()).send(site).await
 }
 
-/// The path and the status of a job that was accepted, once it has ended.
+/// Asserts that a job was accepted, and returns its path and its status once it has ended.
 async fn accepted(site: &Site, reply: &Reply) -> (String, Value) {
     assert_eq!(reply.status, StatusCode::ACCEPTED, "{}", reply.text());
     let path = reply.header("location").to_owned();
@@ -34,7 +34,7 @@ async fn solved(site: &Site, document: &Value) -> (String, Value) {
 
 #[tokio::test]
 async fn a_job_that_failed_is_tried_again_as_another() {
-    // Fails twice: in the inline solve and in the worker.
+    // The solver panics twice: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
     let solver: Solver = Arc::new(move |_, _| {
         assert!(calls.fetch_add(1, Relaxed) > 1, "on purpose");
@@ -92,7 +92,7 @@ async fn an_end_that_makes_no_sense_is_refused_with_the_reason() {
     }
 }
 
-/// The last value of a column.
+/// Returns the last value of a column of the results.
 fn last(results: &Value, column: &str) -> f64 {
     results["trajectory"]["fields"][column]
         .as_array()
@@ -167,7 +167,8 @@ async fn charge_and_flux_go_on_in_a_circuit() {
 
 #[tokio::test]
 async fn a_relay_goes_on_across_its_switches_and_along_them() {
-    // The surface is reached at about 1.3: the first part ends before that time, and then while the solution slides.
+    // The solution reaches the switching surface at about t = 1.3: the first part ends before that time in one run,
+    // and while the solution slides in the other.
     let problem = json!({"filippov": {"states": {"x": {"initial": 1.2, "plus": "-1 + 0.2*y", "minus": "1 + 0.2*y"},
         "y": {"initial": 0.5, "plus": "cos(t) - 0.1*x", "minus": "cos(t) + 1"}}, "surface": "x"}});
     let method = json!({"rtol": 1e-9, "atol": 1e-10});
@@ -184,8 +185,8 @@ async fn a_relay_goes_on_across_its_switches_and_along_them() {
 
 #[tokio::test]
 async fn a_complementarity_system_goes_on_with_its_active_set() {
-    // A mass on a spring with a stiff one-sided spring at the origin: the first part ends in contact, and without
-    // contact.
+    // A mass on a spring with a stiff one-sided spring at the origin: the first part ends in contact in one run, and
+    // without contact in the other.
     let problem = json!({"lcs": {"initial": ["0.2", "0"], "A": [[0, 1], [-1, -0.1]], "B": [[0], [1]], "C": [[1, 0]], "D": [[0.05]],
         "set": [{"box": {"of": ["z1"], "lower": 0}}]}});
     for end in [3.6, 6.0] {
@@ -220,7 +221,8 @@ async fn what_its_states_do_not_determine_is_refused_with_the_reason() {
     assert!(problem["detail"].as_str().unwrap().contains("leave out `w`"), "{problem}");
 }
 
-/// The example with a hundredth of its horizon, and all its fields; as it is, if it is no run over time.
+/// Returns an example with a hundredth of its duration and with all its fields; an example that is no simulation over
+/// time is returned unchanged.
 fn shortened(text: &str) -> Value {
     let mut document: Value = serde_json::from_str(text).unwrap();
     if ["sweep", "fit", "periodic"].iter().any(|key| document.get(key).is_some()) {

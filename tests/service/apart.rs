@@ -1,5 +1,5 @@
-//! Workers in processes of their own with a solver of the test: child processes of this test program, which talk to the
-//! front as `dvi worker` does.
+//! Workers as separate processes with a solver that the test controls: child processes of this test program, which
+//! talk to the front process of the service as `dvi worker` does.
 
 use crate::harness::{Call, DECAY, Site, one_worker};
 use crate::process::Folder;
@@ -17,10 +17,11 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::{env, io};
 use tokio::sync::Notify;
 
-/// The environment variable with the pipe for reports of such a worker, since the test runner uses standard output.
+/// Name of the environment variable with the pipe for reports of a worker process, since the test runner uses
+/// standard output.
 const REPORTS: &str = "DVI_TEST_REPORTS";
 
-/// A launcher of workers that are this program, each with a named pipe in `folder`.
+/// Returns a launcher of worker processes that run this test program, each with a named pipe in `folder`.
 fn launcher(folder: &Folder) -> Launcher {
     fs::create_dir_all(folder.path()).unwrap();
     let (folder, number) = (folder.path().to_owned(), AtomicU64::new(0));
@@ -41,7 +42,7 @@ fn launcher(folder: &Folder) -> Launcher {
     })
 }
 
-/// A recursion whose end the compiler cannot find.
+/// Recurses so deeply that the stack overflows, which the compiler cannot foresee.
 fn descend(depth: u64) -> u64 {
     if depth == u64::MAX { 0 } else { 1 + descend(black_box(depth + 1)) }
 }
@@ -73,7 +74,7 @@ fn labelled(label: &str) -> String {
 async fn a_job_that_overflows_its_stack_ends_alone() {
     let folder = Folder::new();
     let options = Options { workers: crate::harness::count(2), ..one_worker() };
-    // The solver of the front solves nothing, so that every job gets a worker.
+    // The solver of the front process fails on purpose, so that every job gets a worker.
     let nothing: Solver = Arc::new(|_, _| crate::harness::halving(dvi::solution::Status::Stopped));
     let service = Service::start(options, nothing, &launcher(&folder)).unwrap();
     let site = Site::of(service);

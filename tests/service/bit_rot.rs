@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The number of flips of one bit each; `DVI_FLIPS` sets a larger one.
+/// Number of single-bit flips; the environment variable `DVI_FLIPS` sets a larger one.
 const FLIPS: usize = 200;
 
-/// The number of flips between two starts.
+/// Number of flips between two starts of the service.
 const AT_ONCE: usize = 10;
 
-/// The requests for every job.
+/// Suffixes of the paths that are requested for every job.
 const PARTS: [&str; 3] = ["", "/specification", "/results"];
 
 #[test]
@@ -22,7 +22,7 @@ fn no_flipped_bit_is_served_as_truth() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
     let accept = |k: usize| {
-        // Every fifth result is long and so in a file; the others are in the table.
+        // Every fifth result is so long that it is stored in a file; the others are stored in the database.
         let times = if k.is_multiple_of(5) { r#","output":{"times":{"count":5001}}"# } else { "" };
         let document =
             DECAY.replace("-x", &format!("-{}*x", 1 + k)).replace("\"time\"", "\"label\":\"a decay\",\"time\"");
@@ -64,7 +64,7 @@ fn no_flipped_bit_is_served_as_truth() {
             for (part, told) in PARTS.iter().zip(told) {
                 let answer = server.get(&format!("{path}{part}"));
                 match answer.status {
-                    // The status of a job with damaged parts.
+                    // The status of a job names its damaged parts.
                     200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
                     200 => {
                         assert_eq!(answer.body, *told, "round {round}: {path}{part} is wrong");
@@ -78,7 +78,7 @@ fn no_flipped_bit_is_served_as_truth() {
                 }
             }
         }
-        // The service still works: a new job is solved, even if a damaged page was in the way of its row.
+        // The service must still work: a new job is solved, even if its row is on a damaged page.
         server.reaches(&server.accept(DECAY), &["successful"]);
         rebuilt += u32::from(!server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     }
@@ -118,7 +118,7 @@ fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_bac
     assert_eq!(server.get(&path).json()["trusted"], true);
 }
 
-/// The size of a redb page in bytes, and the first byte of a leaf page.
+/// Size of a page of the redb database in bytes, and the first byte of a leaf page.
 const PAGE: usize = 4096;
 const LEAF: u8 = 1;
 
@@ -148,7 +148,7 @@ fn spoil(folder: &Folder, paths: &[String], held: &[u8], latest: bool) -> usize 
     spoiled
 }
 
-/// Solves the decay problem `count` times; returns the paths and the states of the jobs.
+/// Solves the decay problem `count` times; returns the paths and the statuses of the jobs.
 fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
     let paths: Vec<String> = (0..count).map(|_| server.accept(DECAY)).collect();
     paths.iter().for_each(|path| drop(server.reaches(path, &["successful"])));
@@ -156,7 +156,7 @@ fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
     (paths, told)
 }
 
-/// The damaged database files that rebuilds have kept.
+/// Returns the damaged database files that rebuilds have kept.
 fn aside(folder: &Folder) -> Vec<PathBuf> {
     let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
     names.filter(|path| path.to_string_lossy().contains("jobs.redb.damaged-")).collect()
@@ -169,13 +169,13 @@ fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let spoiled = spoil(&folder, &paths, b"\"client\":", false);
-    // The first start rebuilds the database, and the second finds it rebuilt.
+    // The first start rebuilds the database, and the second finds it intact.
     for start in 0..2 {
         let server = Server::start(&folder, &["--workers", "1"]);
         let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
         let whole =
             answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
-        // On each page, the rows on either side of the corrupted offset are lost.
+        // On each corrupted page, the rows on either side of the corrupted offset are lost.
         let lost = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
         println!("{whole} of {} rows are shown, {lost} are lost, after {spoiled} pages were spoiled", paths.len());
         assert_eq!(whole + lost, paths.len(), "{answers:?}");
@@ -208,7 +208,8 @@ fn a_damaged_page_of_specifications_is_healed_before_a_new_job_is_written_beside
     }
     let lost = paths.iter().filter(|path| server.get(&format!("{path}/specification")).status == 500).count();
     assert!((1..60).contains(&lost), "{lost} specifications are lost");
-    // The damaged file is kept: its pages of rows are compared, up to the free pages at the end.
+    // The rebuild keeps the damaged file; more than half of its pages, without the free pages at the end, must be
+    // those of the file before the start.
     let kept = fs::read(&aside(&folder)[0]).unwrap();
     let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
     let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
@@ -246,7 +247,8 @@ fn a_store_whose_header_is_damaged_is_built_anew_from_its_pages() {
     }
 }
 
-/// The kind of a branch page; behind its head come, for each child, a checksum and the page number.
+/// First byte of a branch page of the redb database, and the sizes of its parts in bytes: the head, then a checksum
+/// and a page number for each child.
 const BRANCH: u8 = 2;
 const BRANCH_HEAD: usize = 8;
 const CHECKSUM: usize = 16;
@@ -259,7 +261,7 @@ fn pages_that_lead_in_a_circle_end_no_service() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let database = folder.path().join("jobs.redb");
-    // Each branch page gets itself as all its children.
+    // Each branch page becomes its own child, in place of all its children.
     let mut circles = fs::read(&database).unwrap();
     let mut count = 0;
     for (number, page) in circles.chunks_mut(PAGE).enumerate().skip(1) {
@@ -284,7 +286,7 @@ fn pages_that_lead_in_a_circle_end_no_service() {
     assert!(server.stop().0.success());
 }
 
-/// All files in a folder and its subfolders, by relative path.
+/// Returns all files in a folder and its subfolders by relative path, without the file `reserve`.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -299,7 +301,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// A pseudorandom sequence (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
+/// Pseudorandom numbers of SplitMix64 (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
 struct Random(u64);
 
 impl Random {

@@ -1,4 +1,4 @@
-//! Bounds: requests beyond them are refused, and no client is starved.
+//! Limits of the service: requests beyond them are refused, and no client is starved by others.
 
 use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, halving, instant, one_worker, within};
 use axum::body::Body;
@@ -88,7 +88,7 @@ async fn a_solve_that_would_take_too_much_memory_is_refused_with_what_it_would_t
         |count: u32| DECAY.replace("}}}},", &format!("}}}}}}}},\"output\":{{\"times\":{{\"count\":{count}}}}},"));
     let refused = Call::solve(with_times(400_000)).header("idempotency-key", "k").send(&site).await;
     let problem = refused.problem(422, "too-much-memory");
-    // 400,000 times and as many values, of eight bytes each.
+    // The estimate covers 400,000 times and as many values, of eight bytes each.
     let detail = problem["detail"].as_str().unwrap();
     assert!(detail.contains("6 MiB") && detail.contains("--memory-mib"), "{detail}");
     assert_eq!(site.get("/jobs").await.json()["jobs"], serde_json::json!([]));
@@ -161,13 +161,14 @@ async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
     let site = Site::new(options, labelled_or_held(&gate));
     let held: Vec<_> = [site.accept(1).await, site.accept(1).await, site.accept(1).await].into();
     gate.entered(2).await;
-    // They run one after the other, though the first client has jobs on both workers and a third one waiting.
+    // Short jobs of other clients are solved one after the other, although the first client has jobs on both workers
+    // and a third one in the queue.
     for client in [2, 2, 3] {
         let path = short(&site, client).await;
         assert_eq!(site.ended(&path).await["status"], "successful");
         assert_eq!(site.get(&held[2]).await.json()["status"], "accepted", "it has its workers");
     }
-    // The solve of its first slice has been stopped.
+    // One of the long jobs has been stopped at the end of its first time slice.
     gate.cancelled(1).await;
     gate.let_through(3);
     for path in &held {
@@ -186,7 +187,7 @@ async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
     let other = site.accept(2).await;
     site.runs(&other).await;
     assert_eq!(site.get(&held[1]).await.json()["status"], "accepted", "its client has a worker");
-    // Both have had their first slices, whose solves have been stopped.
+    // Two jobs have been stopped at the ends of their first time slices.
     gate.cancelled(2).await;
     gate.let_through(3);
     for path in held.iter().chain([&other]) {
@@ -194,14 +195,14 @@ async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
     }
 }
 
-/// The path of a short job of `client`, which the gate does not hold.
+/// Posts a short job for `client`, which the gate does not hold, and returns its path.
 async fn short(site: &Site, client: u8) -> String {
     let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
     let call = Call::solve(document).client(client).header("prefer", "respond-async");
     call.send(site).await.header("location").to_owned()
 }
 
-/// A solver held by the gate, except for jobs labelled `short`.
+/// Returns a solver that the gate holds, except for jobs with a label.
 fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
@@ -222,7 +223,7 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
             site.runs(&held[held.len() - 1]).await;
         }
     }
-    // The other jobs have had a slice each, have yielded, and are still reported as accepted.
+    // The other jobs have had a time slice each, have yielded their workers, and are still reported as accepted.
     gate.cancelled(2).await;
     for path in &held[2..] {
         let state = site.get(path).await.json();
@@ -233,7 +234,7 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
         assert_eq!(site.ended(&short).await["status"], "successful");
         assert!(site.get("/metrics").await.text().contains("dvi_jobs_long 2\n"));
     }
-    // Each starts again when a place is free, and none is lost.
+    // Each interrupted job starts again when a worker is free, and none is lost.
     gate.let_through(4);
     for path in &held {
         assert_eq!(site.ended(path).await["status"], "successful");
@@ -245,8 +246,8 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
     assert!(figures.text().contains("dvi_jobs_long 0\n"));
 }
 
-/// A launcher of workers that take a while to read a document, and then solve it until they are cancelled: `early` counts
-/// the documents for which they are cancelled before that, `late` those after.
+/// Returns a launcher of workers that need some time to read a document, and then solve it until they are cancelled:
+/// `early` counts the documents that are cancelled while they are read, `late` those cancelled later.
 fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> Launcher {
     let counts = (early.clone(), late.clone());
     Arc::new(move || {
@@ -264,7 +265,7 @@ fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> La
             let mut report = |report: &Report| frame::write(&mut output, report, b"[]");
             report(&Report::Ready { version: VERSION, confinement: Confinement::default() })?;
             while let Ok(order) = arrivals.recv() {
-                // A request to stop may come after the end of its task.
+                // A request to stop may arrive after the end of its task, and is ignored.
                 let Order::Solve { task, .. } = order else { continue };
                 report(&Report::Taken { task })?;
                 if arrivals.recv_timeout(READING).is_ok() {
@@ -283,7 +284,7 @@ fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> La
     })
 }
 
-/// Longer than the first time slice of a worker that starts as fast as a thread.
+/// Time that a worker needs to read a document, longer than the first time slice of a job.
 const READING: Duration = Duration::from_millis(500);
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-//! The resources that describe the service: examples, schema, methods, health, version.
+//! The resources that describe the service: examples, schema, methods, health and version.
 
 use crate::harness::{Site, count, instant, one_worker};
 use axum::http::StatusCode;
@@ -66,7 +66,8 @@ async fn the_methods_are_listed_with_their_conditions_and_the_limits_in_force() 
         for condition in ["algebraic_stability", "positive_diagonal", "stiff_accuracy", "damping"] {
             assert_eq!(conditions[condition]["holds"], true, "{condition} of {s} stages: {conditions}");
         }
-        // The diagonal matrix satisfies its condition in the first entry: e_1^T (D A + A^T D) e_1 > 0.
+        // The first entry of the diagonal D satisfies e_1^T (D A + A^T D) e_1 > 0, where A are the coefficients of
+        // the method.
         let d = conditions["positive_diagonal"]["diagonal"][0].as_f64().unwrap();
         assert!(d * method["A"][0][0].as_f64().unwrap() > 0.0);
     }

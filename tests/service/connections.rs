@@ -1,4 +1,4 @@
-//! Behaviour that needs a socket: clients that go away, slow clients, and the stop of the service.
+//! Behaviour that needs sockets: clients that disconnect, slow clients, and the stop of the service.
 
 use crate::harness::{DECAY, Gate, halving, instant, one_worker, threads};
 use dvi::service::jobs::Solver;
@@ -13,7 +13,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::{Sender, channel};
 use tokio::task::JoinHandle;
 
-/// A service on a port of its own, which can be stopped.
+/// A service on a port of its own, which a test can stop.
 pub struct Running {
     pub address: SocketAddr,
     service: Arc<Service>,
@@ -38,7 +38,7 @@ impl Running {
         stream
     }
 
-    /// The whole response to a request.
+    /// Sends a request, and returns the whole response.
     async fn answer(&self, request: &str) -> String {
         read(&mut self.send(request).await).await
     }
@@ -112,7 +112,7 @@ async fn a_body_that_stalls_is_answered_with_a_timeout() {
 #[tokio::test]
 async fn a_client_that_reads_no_answer_before_it_has_sent_everything_gets_its_refusal() {
     let running = Running::start(Options { body_mib: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
-    // More than the system buffers for a connection, at both ends.
+    // The body is larger than what the system buffers for a connection, at both ends.
     let body = " ".repeat(64 << 20);
     for (content_type, status) in [("application/json", "413"), ("text/plain", "415")] {
         let head = format!(
@@ -137,7 +137,7 @@ async fn a_client_that_asks_whether_to_send_is_refused_at_once() {
 
 #[tokio::test]
 async fn a_client_that_does_not_take_its_answer_is_cut_off() {
-    // More than the system buffers for a connection, at both ends.
+    // The response is larger than what the system buffers for a connection, at both ends.
     let values: Vec<f64> = (0..2_000_000).map(|k| f64::from(k) / 3.0).collect();
     let long: Solver = Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);
@@ -154,7 +154,7 @@ async fn a_client_that_does_not_take_its_answer_is_cut_off() {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     let mut taken = Vec::new();
-    // Reading the rest may end in an error.
+    // Reading the rest of the response may end in an error.
     let _ = slow.read_to_end(&mut taken).await;
     assert!(!String::from_utf8(taken).unwrap().ends_with('}'), "it was all on its way");
 }

@@ -150,7 +150,7 @@ async fn tokens_that_cannot_be_read_are_the_fault_of_the_service() {
     let check = || Call::check(DECAY).header("authorization", &bearer).send(&site);
     let file = folder.path().join("tokens.json");
     let kept = fs::read(&file).unwrap();
-    // A folder in place of the file is unreadable even for root, to whom modes do not apply.
+    // A folder in place of the token file is unreadable even for root, to whom file modes do not apply.
     fs::remove_file(&file).unwrap();
     fs::create_dir(&file).unwrap();
     tokio::time::sleep(Duration::from_millis(300)).await;
@@ -167,7 +167,7 @@ async fn tokens_that_cannot_be_read_are_the_fault_of_the_service() {
 fn a_token_belongs_to_whom_the_folder_belongs() {
     let folder = Folder::new();
     fs::create_dir_all(folder.path()).unwrap();
-    // Only root can give a folder away; for other users, the owner is right anyway.
+    // Only root can change the owner of a folder; for other users, the owner is right anyway.
     let given = std::os::unix::fs::chown(folder.path(), Some(65_532), Some(65_532)).is_ok();
     if given {
         create(folder.path(), "anna", &[Scope::Read], None).unwrap();
@@ -176,11 +176,11 @@ fn a_token_belongs_to_whom_the_folder_belongs() {
     }
 }
 
-/// The program with its log read by the test.
+/// Runs the service as a process, and reads its access log.
 #[test]
 fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secrets() {
     let folder = Folder::new();
-    // Before the service starts, since it reads new tokens with a delay.
+    // The token is created before the service starts, since the service reads new tokens with a delay.
     fs::create_dir_all(folder.path()).unwrap();
     let token = create(folder.path(), "anna", &[Scope::Submit, Scope::Read], None).unwrap().to_string();
     let mut child = Command::new(DVI)

@@ -1,11 +1,11 @@
-//! Durable jobs: admitted jobs survive a kill of the process, and end once.
+//! Durable jobs: admitted jobs survive a kill of the process, and end exactly once.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server, send};
 use std::process::Command;
 use std::thread;
 
-/// A harmonic oscillator.
+/// Specification of a harmonic oscillator with the end time `end`.
 fn oscillator(end: u32) -> String {
     format!(
         r#"{{"problem":{{"dvi":{{"states":{{"x":{{"initial":1,"rate":"v"}},"v":{{"initial":0,"rate":"-x"}}}}}}}},
@@ -13,7 +13,7 @@ fn oscillator(end: u32) -> String {
     )
 }
 
-/// An end time that no solve of these tests reaches.
+/// End time that no solve of these tests reaches.
 const ENDLESS: u32 = 100_000_000;
 
 #[test]
@@ -54,7 +54,7 @@ fn a_signal_to_stop_leaves_what_runs_and_what_waits_to_the_next_start() {
     assert!(status.success(), "{told}");
 
     let server = Server::start(&folder, &["--workers", "2"]);
-    // A regular stop is not counted as a crash of the job.
+    // A regular stop of the service does not count as a failed attempt of the job.
     assert_eq!(server.reaches(&running, &["running"])["attempt"], 1);
     server.reaches(&waiting, &["successful"]);
 }
@@ -73,7 +73,7 @@ fn who_waits_when_the_service_stops_is_told_where_to_ask_later() {
             }
         }
     });
-    // The key finds the job that the other request waits for, whichever of the two came first.
+    // A request with the same key finds the job of the synchronous request, whichever of the two comes first.
     let asynchronous = format!("{keyed}prefer: respond-async\r\n");
     let path = loop {
         let answer = server.send("POST", "/solve", &asynchronous, &oscillator(ENDLESS));
@@ -125,7 +125,8 @@ fn a_long_job_that_starts_again_after_a_kill_does_not_hold_up_the_others() {
     server.kill();
     let server = Server::start(&folder, &many);
     server.reaches(&suspects[0], &["running"]);
-    // Long enough that it needs a worker: within the 30 s for which it waits, it is solved beside the suspects.
+    // The job is so long that it needs a worker; it is solved, within the 30 s of its wait, beside the jobs that were
+    // running at the kill.
     let answer =
         server.send("POST", "/solve", "", &DECAY.replace("{\"end\":1}", "{\"end\":1},\"method\":{\"step\":1e-5}"));
     assert_eq!(answer.status, 200, "{}", answer.body);
@@ -153,7 +154,7 @@ fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
 fn the_past_is_kept_within_its_bounds_on_the_disk_too() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--kept-jobs", "2"]);
-    // Results of more than 64 KiB, which are stored in files.
+    // Results of more than 64 KiB are stored in files.
     let long = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
         "output":{"times":{"count":5001}}}"#;
     let paths: Vec<String> = (0..4).map(|_| server.accept(long)).collect();

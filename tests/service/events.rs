@@ -22,7 +22,7 @@ on_both! {
     a_client_that_leaves_its_streamed_solve_takes_it_along,
 }
 
-/// The name, id and data of every event of a stream, parsed as a browser does.
+/// Returns the name, id and data of every event of a stream, parsed as a browser does.
 fn parsed(text: &str) -> Vec<(String, u64, Value)> {
     let mut events = Vec::new();
     for block in text.split("\n\n").filter(|block| !block.is_empty() && *block != ":") {
@@ -43,7 +43,7 @@ fn stick(k: u32) -> Event {
     Event { t: f64::from(k), kind: EventKind::Stick, of: format!("foot {k}") }
 }
 
-/// A solver that reports `n` stick events and is then held by the gate.
+/// Returns a solver that reports `n` stick events and is then held by the gate.
 fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let solver = gate.solver();
     Arc::new(move |specification, control| {
@@ -52,7 +52,7 @@ fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     })
 }
 
-/// Lets the current solve pass, after its stream has been polled.
+/// Lets one held solve finish after half a second, during which its event stream is polled.
 async fn let_through_later(gate: Arc<Gate>) {
     tokio::time::sleep(Duration::from_millis(500)).await;
     gate.let_through(1);

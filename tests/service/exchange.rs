@@ -1,4 +1,4 @@
-//! Gateways and workers that share their jobs over NATS: what there is beyond a service on one machine.
+//! Gateways and workers that share their jobs over NATS: behaviour that a service on one machine does not have.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, count, halving, instant, one_worker};
 use crate::nats::{NatsServer, anew, is_installed, worker};
@@ -15,14 +15,14 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
-/// The longest time for which a test waits for another process.
+/// Longest time for which a test waits for another process.
 const LONGEST: Duration = Duration::from_secs(30);
 
 fn shared() -> Options {
     Options { nats: anew(), ..one_worker() }
 }
 
-/// Posts a document for client 1 under a key, as an asynchronous job.
+/// Posts a document as an asynchronous job of client 1 under an idempotency key.
 async fn post(site: &Site, key: &str, document: &str) -> Reply {
     let call = Call::solve(document.to_owned()).client(1).header("prefer", "respond-async");
     call.header("idempotency-key", key).send(site).await
@@ -32,7 +32,7 @@ async fn get(site: &Site, path: &str) -> Reply {
     Call::new("GET", path).client(1).send(site).await
 }
 
-/// Waits until the job of client 1 at `path` has this status.
+/// Waits until the job of client 1 at `path` has the given status.
 async fn comes_to(site: &Site, path: &str, status: &str) {
     let start = Instant::now();
     loop {
@@ -56,7 +56,7 @@ async fn every_gateway_answers_for_the_jobs_of_the_others() {
     let first = post(&one, "k", DECAY).await;
     assert_eq!(first.status, StatusCode::ACCEPTED, "{first:?}");
     let path = first.header("location");
-    // At once, although it was told the other gateway.
+    // The second gateway knows the job at once, although it was posted to the first one.
     assert_eq!(get(&two, path).await.json()["label"], get(&one, path).await.json()["label"]);
     assert_eq!(post(&two, "k", DECAY).await.header("location"), path);
     post(&two, "k", &format!("{DECAY} ")).await.problem(422, "key-reused");
@@ -65,7 +65,7 @@ async fn every_gateway_answers_for_the_jobs_of_the_others() {
     comes_to(&two, path, "running").await;
     let second = post(&two, "another", DECAY).await;
     let second = second.header("location");
-    // Who comes later knows of what was before.
+    // A gateway that joins later knows the earlier jobs.
     let three = Site::gateway(options.clone(), gate.solver());
     comes_to(&three, path, "running").await;
     comes_to(&three, second, "accepted").await;
@@ -75,7 +75,7 @@ async fn every_gateway_answers_for_the_jobs_of_the_others() {
     }
     let results = format!("{path}/results");
     assert_eq!(get(&one, &results).await.body, get(&three, &results).await.body);
-    // What one stops is stopped, and what one deletes is gone.
+    // A job that one gateway cancels or deletes is cancelled or deleted for all.
     gate.entered(2).await;
     let cancelled = Call::new("POST", &format!("{second}/cancel")).client(1).send(&three).await;
     assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
@@ -88,7 +88,7 @@ async fn every_gateway_answers_for_the_jobs_of_the_others() {
         assert!(start.elapsed() < LONGEST, "{path} is still there");
         sleep(Duration::from_millis(5)).await;
     }
-    // The key is free again.
+    // The idempotency key of a deleted job can be used again.
     gate.let_through(1);
     assert_ne!(post(&two, "k", DECAY).await.header("location"), path);
 }
@@ -147,13 +147,13 @@ async fn a_worker_gives_back_at_once_what_comes_beside_its_job() {
         return;
     }
     let (options, gate) = (shared(), Gate::new());
-    // Longer than the test waits.
+    // A lost worker would be noticed only after 300 s, longer than the test waits.
     let nats = Nats { lost_seconds: NonZeroU64::new(300).unwrap(), ..options.nats.clone() };
     let options = Options { nats, ..options };
     let site = Site::gateway(options.clone(), gate.solver());
     let _workers = [0; 2].map(|_| worker(&options, gate.solver()));
     for round in 1..=20 {
-        // Both workers wait for both.
+        // Both workers wait for jobs, and two jobs are posted at the same time.
         let (one, two) = tokio::join!(site.accept(1), site.accept(2));
         gate.entered(2 * round).await;
         gate.let_through(2);
@@ -167,7 +167,8 @@ async fn a_worker_gives_back_at_once_what_comes_beside_its_job() {
     }
 }
 
-/// What comes under a subject of the server, for one of a queue group or for all: a line for each message, and one for its text.
+/// Subscribes to a subject of the NATS server, as a member of a queue group if `group` is not empty. The returned
+/// reader gives two lines for each message: its header, and its text.
 fn listen(url: &str, subject: &str, group: &str) -> BufReader<TcpStream> {
     let mut connection = TcpStream::connect(url.strip_prefix("nats://").unwrap()).unwrap();
     write!(connection, "CONNECT {{\"verbose\":false}}\r\nSUB {subject} {group} 1\r\nPING\r\n").unwrap();
@@ -196,7 +197,7 @@ async fn a_job_is_told_to_one_of_many_workers() {
     for round in 0..=JOBS {
         let path = site.accept(1).await;
         comes_to(&site, &path, "successful").await;
-        // Workers that have just started look at all lines.
+        // The first round is not counted, since workers that have just started try to take jobs of all clients.
         sleep(Duration::from_millis(if round == 0 { 500 } else { 10 })).await;
         pulls.get_or_insert_with(|| listen(&url, &format!("$JS.API.CONSUMER.MSG.NEXT.{name}_jobs.*"), ""));
     }
@@ -204,7 +205,7 @@ async fn a_job_is_told_to_one_of_many_workers() {
     write!(pulls.get_mut(), "PING\r\n").unwrap();
     let mut lines = pulls.lines().map(Result::unwrap).take_while(|line| !line.starts_with("PONG"));
     let count = lines.by_ref().filter(|line| line.starts_with("MSG ")).count();
-    // One for each job, and a few that are in vain.
+    // One pull request is needed for each job; a few more are in vain.
     assert!((JOBS..4 * JOBS).contains(&count), "{count} pulls");
 }
 
@@ -216,14 +217,16 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
     let options = shared();
     let (url, name) = (options.nats.servers[0].clone(), options.nats.name.clone());
     let site = Site::gateway(options.clone(), instant());
-    // As a worker whose machine has just lost its power.
+    // The subscription takes announcements of jobs and ignores them, like a worker whose machine has just lost its
+    // power.
     let lost = listen(&url, &format!("{name}.arrival.*"), "workers");
     let path = site.accept(1).await;
     let heard = tokio::task::spawn_blocking(move || {
         let texts = lost.lines().map(Result::unwrap).filter(|line| !line.starts_with("MSG ") && line != "PING");
         texts.take(4).collect::<Vec<String>>()
     });
-    // Before it is there, unless it is there sooner than that is said, when it is, and then for as long as it waits.
+    // The job is announced before it is stored, unless storing is faster, then when it is stored, and repeatedly
+    // while it waits.
     let heard = heard.await.unwrap();
     assert!(matches!(heard[0].as_str(), "" | "there"), "{heard:?}");
     assert_eq!(heard[1..], ["there", "there", "there"]);
@@ -231,7 +234,7 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
     comes_to(&site, &path, "successful").await;
 }
 
-/// A solver of solutions of about 3 MiB.
+/// Returns a solver whose solutions have about 3 MiB.
 fn long() -> Solver {
     Arc::new(|_: &Specification, _: &Control| {
         let Solution { mut trajectory, .. } = halving(Status::Completed);
@@ -303,7 +306,7 @@ async fn without_its_servers_a_gateway_refuses_and_loses_nothing() {
     refused.problem(503, "store-away");
     assert!(refused.header("retry-after").parse::<u64>().unwrap() >= 1);
     get(&site, "/jobs/0190a1b2-0000-7000-8000-000000000000").await.problem(503, "store-away");
-    // The solve ends while nobody can be told.
+    // The solve ends while the NATS server is down, so that its result cannot be reported.
     gate.let_through(1);
     server.restart();
     comes_to(&site, &running, "successful").await;

@@ -1,5 +1,5 @@
-//! Gateways, workers and a NATS server as processes, killed at any moment: no job is lost, and none has other results than
-//! it would have had.
+//! Gateways, workers and a NATS server as processes that are killed at any moment: no job is lost, and all jobs have
+//! the results that they have without kills.
 
 use crate::nats::{NatsServer, is_installed};
 use crate::nats_server::Worker;
@@ -11,18 +11,18 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The number of jobs; `DVI_EXCHANGE_JOBS` sets a larger one.
+/// Number of jobs; the environment variable `DVI_EXCHANGE_JOBS` sets a larger one.
 const JOBS: usize = 2000;
 const WORKERS: usize = 2;
 
-/// The number of clients that post at a time.
+/// Number of clients that post jobs concurrently.
 const POSTING: usize = 4;
 
-/// The least number of kills of workers, and that from one kill of the server to the next.
+/// Least number of kills of workers, and the number of those between two kills of the server.
 const KILLS: usize = 12;
 const BETWEEN: usize = 6;
 
-/// Longer than all jobs take on a busy machine, for each of the usual number of jobs.
+/// Time limit for every `JOBS` jobs, longer than they take on a busy machine.
 const SETTLED: Duration = Duration::from_secs(240);
 
 fn gateway(url: &str) -> Server {
@@ -43,8 +43,8 @@ fn gateway(url: &str) -> Server {
     Server::of(&mut command).unwrap()
 }
 
-/// The specification of job `k`: decay at a rate of its own. Every fourth has so much output that a worker claims it before it
-/// solves it; others are solved in place of a claim.
+/// Returns the specification of job `k`, a decay with a rate of its own. Every fourth job has so much output that a
+/// worker claims it before it solves it; the others are solved without a claim.
 fn document(k: usize) -> String {
     let output = if k.is_multiple_of(4) { r#","output":{"times":{"count":1000}}"# } else { "" };
     format!(
@@ -52,7 +52,7 @@ fn document(k: usize) -> String {
     )
 }
 
-/// Posts job `k` under its number until it is accepted, and returns its path.
+/// Posts job `k`, with its number as idempotency key, until it is accepted, and returns its path.
 fn post(address: &str, k: usize) -> String {
     let headers = format!("prefer: respond-async\r\nidempotency-key: {k}\r\ncontent-type: application/json\r\n");
     let start = Instant::now();
@@ -72,8 +72,8 @@ fn post(address: &str, k: usize) -> String {
     }
 }
 
-/// Posts all jobs from several clients of each gateway, each of which waits for the answer before its next job; returns
-/// their paths.
+/// Posts all jobs from several clients of each gateway, each of which waits for a response before it posts its next
+/// job; returns the paths of the jobs.
 fn post_all(gateways: &[Server; 2], jobs: usize) -> Vec<String> {
     let from = |first: usize| -> Vec<(usize, String)> {
         (first..jobs).step_by(POSTING).map(|k| (k, post(&gateways[k % 2].address, k))).collect()
@@ -123,11 +123,11 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
         posting.join().unwrap()
     });
     let posted = start.elapsed();
-    // Each is asked for at the gateway that did not admit it.
+    // Each job is requested from the gateway that did not admit it.
     let mut again = 0;
     for (k, path) in paths.iter().enumerate() {
         let gateway = &gateways[(k + 1) % 2];
-        // The server may just have been killed.
+        // Requests are repeated, since the server may just have been killed.
         let found = |path: &str| -> Value {
             loop {
                 let answer = gateway.get(path);

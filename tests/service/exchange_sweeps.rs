@@ -1,4 +1,5 @@
-//! Sweeps that several workers share over NATS: the same bytes as on one machine, whatever is killed on the way.
+//! Sweeps that several workers share over NATS: their results have the same bytes as on one machine, whichever
+//! process is killed meanwhile.
 
 use crate::harness::{Call, DECAY, Site, halving, one_worker};
 use crate::nats::{NatsServer, anew, is_installed, worker, worker_on};
@@ -28,13 +29,13 @@ fn gateway(url: &str) -> Server {
     Server::of(command.args(["--nats-lost-seconds", "2"])).unwrap()
 }
 
-/// What the server keeps of chunks under the usual name.
+/// Returns the subjects that the NATS server stores for chunks of sweeps, under the default name of the streams.
 fn left_behind(url: &str) -> Vec<String> {
     let kept = |stream: &str, subjects: &str| subjects_of(url, stream, subjects);
     [kept("KV_dvi_state", "$KV.dvi_state.part.>"), kept("KV_dvi_data", "$KV.dvi_data.rows.>")].concat()
 }
 
-/// The subjects of a stream that fit a filter.
+/// Returns the subjects of a NATS stream that match a filter.
 fn subjects_of(url: &str, stream: &str, filter: &str) -> Vec<String> {
     let address = url.strip_prefix("nats://").unwrap();
     let mut connection = TcpStream::connect(address).unwrap();
@@ -45,7 +46,7 @@ fn subjects_of(url: &str, stream: &str, filter: &str) -> Vec<String> {
         "CONNECT {{\"verbose\":false}}\r\nSUB told 1\r\nPUB $JS.API.STREAM.INFO.{stream} told {length}\r\n{question}\r\n"
     )
     .unwrap();
-    // After the greeting and the head of the message.
+    // Skips the greeting of the server and the header of the message.
     let mut lines = BufReader::new(connection).lines().map(Result::unwrap);
     let told = lines.find(|line| line.starts_with('{')).unwrap();
     let told: Value = serde_json::from_str(&told).unwrap();
@@ -67,7 +68,7 @@ fn kills_of_workers_that_share_a_sweep_change_no_byte_and_leave_nothing_behind()
     let mut workers = [0; 2].map(|_| Worker::start(&url, &[]));
     let path = server.accept(&document);
     let mut known = 0;
-    // One of them divides the sweep, whichever it is.
+    // Each worker is killed twice; one of the two divides the sweep into chunks.
     for kill in 0..4 {
         known = server.rows(&path, known + 200);
         workers[kill % 2] = Worker::start(&url, &[]);
@@ -111,7 +112,7 @@ fn a_server_that_is_killed_while_workers_share_a_sweep_changes_no_byte() {
     assert_eq!(left_behind(&url), Vec::<String>::new());
 }
 
-/// A solver that takes `time` for a chunk, or a job, more than it needs; and how often it was called.
+/// Returns a solver that takes at least `time` for a chunk or a job, and the counter of its calls.
 fn slow(time: Duration) -> (Solver, Arc<AtomicUsize>) {
     let calls = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&calls);
@@ -173,7 +174,7 @@ async fn a_shared_sweep_that_is_cancelled_keeps_its_rows() {
     let site = Site::gateway(options.clone(), Arc::clone(&solver));
     let _workers = [0; 2].map(|_| worker(&options, Arc::clone(&solver)));
     let path = post(&site, 1, &oscillators(100_000, 5)).await;
-    // More than one worker has before it shares them.
+    // So many members are done only after the first worker has begun to share the sweep.
     members_done(&site, &path, 1500).await;
     let cancelled = Call::post(&format!("{path}/cancel"), "").send(&site).await;
     assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
@@ -188,7 +189,7 @@ async fn a_shared_sweep_that_is_cancelled_keeps_its_rows() {
 
 #[tokio::test]
 async fn a_worker_that_divides_all_sweeps_that_it_may_gives_the_next_back_with_its_rows() {
-    /// The sweeps that one worker divides at a time.
+    /// Number of sweeps that one worker divides at the same time.
     const MOST: usize = 64;
     if !is_installed() {
         return;
@@ -221,7 +222,7 @@ async fn a_worker_that_divides_all_sweeps_that_it_may_gives_the_next_back_with_i
     let ended = site.ended(&path).await;
     assert_eq!((&ended["status"], &ended["attempt"]), (&"successful".into(), &1.into()), "{ended}");
     assert!(site.get(&format!("{path}/results")).await.body == undisturbed(&document));
-    // What it had before it was given back is not made again.
+    // Members that were solved before the sweep was given back are not solved again.
     let mut count = 0;
     while let Ok(members) = members.try_recv() {
         count += members.len();
@@ -261,7 +262,7 @@ async fn a_worker_that_stops_gives_a_sweep_back_with_its_rows() {
     assert!(calls.load(Relaxed) < 60, "{calls:?} chunks");
 }
 
-/// Two figures of the metrics: the work that waits, and the work that runs.
+/// Returns two metrics: the number of jobs and chunks that wait, and the number of those that run.
 async fn load(site: &Site) -> [u64; 2] {
     let metrics = site.get("/metrics").await;
     ["dvi_jobs_waiting ", "dvi_jobs_running "].map(|name| {
@@ -292,7 +293,8 @@ async fn chunks_count_as_jobs_that_wait_and_run() {
     let sites = [0; 2].map(|_| Site::gateway(options.clone(), Arc::clone(&solver)));
     let _worker = worker(&options, Arc::clone(&solver));
     let path = post(&sites[0], 1, &oscillators(100_000, 5)).await;
-    // More workers could take chunks of the sweep: beside it, its only worker has a chunk.
+    // The sweep counts as running, and so does the chunk of its only worker; chunks that more workers could take
+    // count as waiting.
     for site in &sites {
         comes_to(site, |[waiting, running]| waiting >= 2 && running == 2).await;
     }
@@ -314,7 +316,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
     let (solver, calls) = slow(Duration::from_millis(60));
     let site = Site::gateway(options.clone(), Arc::clone(&solver));
     let _workers = [0; 2].map(|_| worker(&options, Arc::clone(&solver)));
-    // A row has 1.6 MB.
+    // Each row of the sweep has 1.6 MB.
     let document = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1},
         "output": {"times": {"count": 200000}, "fields": ["x"]},
         "sweep": {"over": {"k": {"linspace": [0.5, 2, 8]}}, "keep": "trajectories"}}"#;
@@ -323,7 +325,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
     assert_eq!(ended["status"], "successful", "{ended}");
     assert!(site.get(&format!("{path}/results")).await.body == undisturbed(document));
     assert!(calls.load(Relaxed) > 2, "{calls:?} chunks");
-    // The results are longer, too; of the rows, nothing is left.
+    // The results are stored as a large object, too; the objects of the rows are removed.
     let start = Instant::now();
     let objects = || subjects_of(&url, &format!("OBJ_{name}_objects"), &format!("$O.{name}_objects.C.>"));
     while objects().len() > 1 {
@@ -334,7 +336,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
 
 #[tokio::test]
 async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
-    // The first chunk has two of so many members, and so has the second.
+    // With this number of members, each of the first two chunks has two members.
     const MEMBERS: usize = 16;
     const BAD: usize = 2;
     if !is_installed() {
@@ -353,7 +355,7 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
         }
     };
     let (first_chunk, other_job) = (wait_for(0), wait_for(1));
-    // The worker that divides the sweep: the job of another client keeps its place.
+    // The solver of the worker that divides the sweep; a job of another client keeps that worker busy.
     let divider: Solver = Arc::new(move |specification, control| {
         // An inline solve, recognised by its short deadline, does not wait.
         if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
@@ -384,14 +386,14 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     });
     let site = Site::gateway(options.clone(), crate::harness::instant());
     let _divider = worker(&options, divider);
-    // So that the client of the job that follows is before that of the sweep, when both have had a turn.
+    // This job makes client 2 the first to be served when both clients have had a turn.
     let first = post(&site, 2, DECAY).await;
     site.ended(&first).await;
     let document = oscillators(MEMBERS, 5);
     let path = post(&site, 1, &document).await;
     has_begun.wait_for(|count| *count == 1).await.unwrap();
     let other = post(&site, 2, &DECAY.replacen('{', "{\"label\":\"keeps the place\",", 1)).await;
-    // Until the sweep is shared.
+    // Waits until the sweep is shared.
     tokio::time::sleep(Duration::from_millis(300)).await;
     may_end[0].store(true, Relaxed);
     has_begun.wait_for(|count| *count == 2).await.unwrap();
@@ -415,7 +417,7 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     };
     may_end[1].store(true, Relaxed);
     assert_eq!(ended["status"], "successful", "{ended}");
-    // Three workers for each chunk: the first may have been lost by chance.
+    // A member fails after three workers were lost with it, since a single loss may be unrelated to the member.
     let (first, last) = (lost.first().unwrap(), lost.last().unwrap());
     assert!(first.len() == 2 && *last == (BAD..BAD + 1), "{lost:?}");
     let json = site.get(&format!("{path}/results")).await.json();

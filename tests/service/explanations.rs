@@ -1,4 +1,4 @@
-//! Explanations: every code of the program has a page.
+//! Pages of explanations: every error and warning code of the program has one.
 
 use crate::harness::{Call, Site, instant, one_worker};
 use dvi::explanation::{Page, find, pages};
@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// The sources of the program without tests, comments, the commands and the web page.
+/// Collects the sources of the program without tests, comments, the commands and the web page.
 fn sources(folder: &Path, found: &mut Vec<String>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -25,8 +25,8 @@ fn sources(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// The expression at the beginning of `text`: up to an unmatched closing bracket or, unless it is the body of a
-/// function, to a comma or semicolon outside of brackets.
+/// Returns the expression at the beginning of `text`: up to an unmatched closing bracket or, unless it is the body of
+/// a function, to a comma or semicolon outside of brackets.
 fn expression(text: &str, is_body: bool) -> &str {
     let (mut depth, mut quoted, mut escaped) = (0, false, false);
     for (at, c) in text.char_indices() {
@@ -49,14 +49,15 @@ fn expression(text: &str, is_body: bool) -> &str {
     text
 }
 
-/// The code at the beginning of `text`: a string literal that is a single word.
+/// Returns the code at the beginning of `text`, which is a string literal of a single word.
 fn code(text: &str) -> Option<&str> {
     let (word, _) = text.trim_start().strip_prefix('"')?.split_once('"')?;
     let is_code = !word.is_empty() && word.bytes().all(|c| c.is_ascii_lowercase() || c == b'_');
     is_code.then_some(word)
 }
 
-/// Collects codes passed as arguments to functions that make errors: arguments that are a string literal alone.
+/// Collects codes that are passed as arguments to functions that create errors: arguments that consist of a string
+/// literal.
 fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let mut rest = rest;
@@ -73,7 +74,8 @@ fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str
     }
 }
 
-/// Collects codes returned as values: at the beginning of an expression, of a branch, a match arm or a pair in it.
+/// Collects codes that are returned as values: at the beginning of an expression, or of a branch, match arm or pair
+/// in it.
 fn as_values<'t>(text: &'t str, opener: &str, is_body: bool, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let value = expression(rest, is_body);
@@ -105,7 +107,7 @@ fn every_code_in_the_sources_has_a_page() {
     let mut texts = Vec::new();
     sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
     let codes = codes_of_sources(&texts);
-    // Examples that the search must find, one for each way of writing codes.
+    // Known codes that the search must find, one for each way in which the sources write codes.
     for known in [
         "unknown_key",
         "wrong_arity",
@@ -157,7 +159,7 @@ async fn the_type_of_every_problem_can_be_looked_up() {
     site.get("/problems/none").await.problem(404, "no-such-problem");
 }
 
-/// The addresses of pages of codes that are named in `text`.
+/// Returns the addresses of explanation pages that are named in `text`.
 fn addresses(text: &str) -> BTreeSet<String> {
     let is_part = |c: char| c.is_ascii_lowercase() || c == '_' || c == '-';
     let words = text.split("/problems/").skip(1).map(|rest| rest.split(|c| !is_part(c)).next().unwrap());

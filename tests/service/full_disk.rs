@@ -1,5 +1,5 @@
-//! A disk that is full, or removed, and comes back: nothing is lost, jobs can be deleted meanwhile, and no restart is
-//! needed.
+//! A disk that is full, or removed, and becomes usable again: nothing is lost, jobs can be deleted meanwhile, and no
+//! restart is needed.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
@@ -10,14 +10,14 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The time within which the service must have recovered.
+/// Time within which the service must have recovered.
 const HEALED: Duration = Duration::from_secs(10);
 
-/// A harmonic oscillator that runs until it is cancelled.
+/// Specification of a harmonic oscillator that runs until it is cancelled.
 const ENDLESS: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
     "time":{"end":100000000}}"#;
 
-/// The number of rounds with a full disk; `DVI_FULL_DISKS` sets a larger one.
+/// Number of rounds with a full disk; the environment variable `DVI_FULL_DISKS` sets a larger one.
 const ROUNDS: usize = 3;
 
 #[test]
@@ -39,7 +39,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         server.reaches(&blocker, &["running"]);
         let waiting = [&long, DECAY].map(|document| server.accept(document));
         fill(&disk.join("filler"));
-        // Jobs that still fit into free pages of the database, until it fails.
+        // Jobs that still fit into free pages of the database are accepted until a write fails.
         let late: Vec<_> = until_full(&server);
         server.send("POST", &format!("{blocker}/cancel"), "", "");
         // Admitted jobs are solved, and their results are served from memory.
@@ -74,7 +74,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
     }
     println!("well again after {slowest:?} at most");
 
-    // A copy of the folder of a stopped process is what a crash would leave.
+    // A copy of the folder of a stopped process has the state that a crash would leave.
     let copy = Folder::new();
     signal(&server, "STOP");
     copy_folder(&disk, copy.path());
@@ -96,7 +96,7 @@ fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     server.get("/readyz").problem(503, "unwritable");
     server.send("POST", "/solve", "prefer: respond-async\r\n", DECAY).problem(503, "unwritable");
     assert_eq!(server.send("POST", "/solve", "", DECAY).status, 200);
-    // A new folder of this name is not the folder of the service.
+    // A new folder of the same name is not accepted as the folder of the service.
     fs::create_dir(folder.path()).unwrap();
     server.get("/readyz").problem(503, "unwritable");
     fs::remove_dir(folder.path()).unwrap();
@@ -134,7 +134,8 @@ fn a_disk_full_of_jobs_heals_when_they_are_deleted() {
     server.reaches(&after, &["successful"]);
 }
 
-/// Posts jobs of 200 KiB until one is refused for want of room.
+/// Posts jobs of 200 KiB until the service refuses one because the disk is full, and returns the paths of the
+/// accepted ones.
 fn until_full(server: &Server) -> Vec<String> {
     let document = format!("{DECAY}{}", " ".repeat(200 << 10));
     let mut accepted = Vec::new();
@@ -148,8 +149,8 @@ fn until_full(server: &Server) -> Vec<String> {
     }
 }
 
-/// A service whose folder is a private mount of a disk of 16 MiB, removed with the service; `None` where mounting is
-/// not allowed.
+/// Starts a service whose folder is a private mount of a disk of 16 MiB, which disappears with the service; `None` if
+/// mounting is not permitted.
 fn on_a_small_disk(folder: &Folder) -> Option<Server> {
     fs::create_dir_all(folder.path()).unwrap();
     let mount = "mount -t tmpfs -o size=16m none \"$1\"";
@@ -165,7 +166,7 @@ fn on_a_small_disk(folder: &Folder) -> Option<Server> {
     Some(Server::of(inside(&serve).arg(DVI)).unwrap())
 }
 
-/// Writes until the disk is full.
+/// Writes to a file until the disk is full.
 fn fill(path: &Path) {
     let mut file = File::create(path).unwrap();
     while file.write_all(&[1; 4096]).is_ok() {}

@@ -1,4 +1,4 @@
-//! A short run of `cargo bench --bench fuzz`.
+//! A short run of the message fuzzer of `cargo bench --bench fuzz`.
 
 use crate::messages;
 

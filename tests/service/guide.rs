@@ -1,4 +1,4 @@
-//! The guide: its links resolve, and it covers every key and code of specifications and answers.
+//! The user guide: its links resolve, and it covers every key and code of specifications and results.
 
 use crate::harness::{Site, instant, one_worker};
 use axum::http::StatusCode;
@@ -9,13 +9,13 @@ use std::path::Path;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// The values of an attribute in a page.
+/// Returns the values of an attribute in an HTML page.
 fn attributes<'a>(page: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
     page.split(start.as_str()).skip(1).filter_map(|rest| rest.split('"').next()).collect()
 }
 
-/// All pages of the guide, by address.
+/// Returns all pages of the guide, by address.
 async fn pages(site: &Site) -> BTreeMap<String, String> {
     let first = site.get("/docs").await;
     assert_eq!(first.status, StatusCode::OK);
@@ -74,7 +74,7 @@ async fn every_key_field_and_code_stands_in_the_guide() {
     for name in ["Solution", "Trajectory", "Diagnostics", "Verdict", "StatusInfo", "Event"] {
         properties(&description["components"]["schemas"][name], &mut keys);
     }
-    // An alternative without a name is written as `{"key": ..}`.
+    // In the guide, an alternative of the schema that has no name is written as `{"key": ..}`.
     let missing: Vec<&String> =
         keys.iter().filter(|key| !named(key) && !all.contains(&format!("\"{key}\": .."))).collect();
     assert!(missing.is_empty(), "{missing:?}");

@@ -1,4 +1,4 @@
-//! Requests without a socket, and solvers controlled by a test.
+//! Functions for tests of the service: requests without a socket, and solvers that a test controls.
 
 use crate::nats::{self, Worker};
 pub use crate::threads::threads;
@@ -25,10 +25,10 @@ use tokio::select;
 use tokio::sync::{oneshot, watch};
 use tower::ServiceExt;
 
-/// A correct specification: exponential decay.
+/// Specification of an exponential decay.
 pub const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
-/// The solution returned by the solvers of this module: `x(0) = 1`, `x(1) = 0.5`.
+/// Returns the solution that the solvers of this module return: `x(0) = 1`, `x(1) = 0.5`.
 pub fn halving(status: Status) -> Solution {
     let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
@@ -36,12 +36,12 @@ pub fn halving(status: Status) -> Solution {
     Solution { status, verdict, trajectory, ..Solution::default() }
 }
 
-/// A solver that returns at once.
+/// Returns a solver that returns a solution at once.
 pub fn instant() -> Solver {
     Arc::new(|_, _| halving(Status::Completed))
 }
 
-/// Options with one worker in all.
+/// Returns options for a service with a single worker.
 pub fn one_worker() -> Options {
     Options { workers: NonZeroUsize::MIN, express: 0, relief: 0, ..Options::default() }
 }
@@ -75,7 +75,7 @@ impl Gate {
             gate.entered.send_modify(|n| *n += 1);
             let mut open = gate.open.lock().unwrap();
             loop {
-                // Before it is let through: a solve that has been given up must not take the place of another.
+                // Cancellation is checked first: a cancelled solve must not use the permission of another.
                 if let Some(stop) = control.poll() {
                     if stop == Stop::Cancelled {
                         gate.cancelled.send_modify(|n| *n += 1);
@@ -91,30 +91,30 @@ impl Gate {
         })
     }
 
-    /// Lets `n` solves through.
+    /// Permits `n` solves to finish.
     pub fn let_through(&self, n: usize) {
         *self.open.lock().unwrap() += n;
         self.opened.notify_all();
     }
 
-    /// Waits until `n` solves have begun since the start.
+    /// Waits until `n` solves have begun since the gate was created.
     pub async fn entered(&self, n: usize) {
         let mut entered = self.entered.subscribe();
         within(format!("{n} solves begin"), entered.wait_for(|entered| *entered >= n)).await.unwrap();
     }
 
-    /// Waits until `n` solves have been cancelled since the start.
+    /// Waits until `n` solves have been cancelled since the gate was created.
     pub async fn cancelled(&self, n: usize) {
         let mut cancelled = self.cancelled.subscribe();
         within(format!("{n} solves are cancelled"), cancelled.wait_for(|cancelled| *cancelled >= n)).await.unwrap();
     }
 }
 
-/// The longest time for which a test waits for an event.
+/// Longest time for which a test waits for an event.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// Waits for `event`, and fails if it does not come. A thread keeps the time, since some tests stop the clock of their
-/// runtime.
+/// Waits for `event`, and fails if it does not occur in time. A separate thread measures the time, since some tests
+/// pause the clock of their runtime.
 pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
     let ((done, is_done), (ring, late)) = (channel::<()>(), oneshot::channel());
     thread::spawn(move || {
@@ -132,7 +132,7 @@ pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
     }
 }
 
-/// A service and its router; and a worker, if it shares its jobs over NATS.
+/// A service with its router, and with a worker if it shares its jobs over NATS.
 pub struct Site {
     pub service: Service,
     pub router: Router,
@@ -150,13 +150,13 @@ impl Site {
         Self::of(service)
     }
 
-    /// The site of a service.
+    /// Wraps a service without a worker over NATS.
     pub fn of(service: Service) -> Self {
         let router = service.router();
         Self { service, router, _worker: None }
     }
 
-    /// A gateway without a worker.
+    /// Returns a gateway over NATS without a worker.
     pub fn gateway(options: Options, solver: Solver) -> Self {
         Self::of(nats::gateway(options, solver))
     }
@@ -190,7 +190,7 @@ impl Site {
         }
     }
 
-    /// The status of the job at `path`, once it has ended.
+    /// Waits for the end of the job at `path`, and returns its status.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();
         let job = self.service.jobs().find(id).unwrap();
@@ -204,7 +204,7 @@ impl Site {
     }
 }
 
-/// A request under construction.
+/// An HTTP request under construction.
 pub struct Call(Request<Body>);
 
 impl Call {
@@ -235,12 +235,13 @@ impl Call {
         self
     }
 
-    /// Sends the request for the owner of the job in its path, unless another client is set.
+    /// Sends the request on behalf of the owner of the job in its path, unless another client is set.
     pub async fn send(self, site: &Site) -> Reply {
         self.by_owner(site).send_to(site.router.clone()).await
     }
 
-    /// Sends the request likewise, and returns the unread body of the response.
+    /// Sends the request on behalf of the owner of the job in its path, unless another client is set, and returns the
+    /// unread body of the response.
     pub async fn body(self, site: &Site) -> Body {
         site.router.clone().oneshot(self.by_owner(site).0).await.unwrap().into_body()
     }
@@ -263,7 +264,7 @@ impl Call {
     }
 }
 
-/// A response, read to its end.
+/// An HTTP response, read to its end.
 #[derive(Debug)]
 pub struct Reply {
     pub status: StatusCode,
@@ -284,7 +285,7 @@ impl Reply {
         std::str::from_utf8(&self.body).unwrap()
     }
 
-    /// Asserts that the response is this problem, in the form of RFC 9457, and returns its members.
+    /// Asserts that the response is the given problem, in the form of RFC 9457, and returns its members.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) -> Value {
         let problem = self.json();
@@ -299,14 +300,14 @@ impl Reply {
     }
 }
 
-/// A step of a scripted body.
+/// A step of a scripted request body.
 pub enum Arrival {
     Piece(String),
     Broken,
     Never,
 }
 
-/// A body of unknown length that performs its steps from the last to the first.
+/// A request body of unknown length that performs its steps from the last to the first.
 pub struct Scripted(pub Vec<Arrival>);
 
 impl HttpBody for Scripted {

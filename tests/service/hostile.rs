@@ -1,5 +1,5 @@
-//! Hostile clients of the program itself: whatever they send, they are answered or cut off, and the next client finds
-//! the service well.
+//! Hostile clients of the service as a process: each of their requests is answered or its connection closed, and the
+//! service keeps serving other clients.
 
 use crate::harness::DECAY;
 use crate::process::{Folder, Server};
@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::time::Duration;
 
-/// The number of connections: as many as the test needs, or as the limit of open files allows.
+/// Returns the number of connections to open: as many as the test needs, or as the limit of open files permits.
 fn most_connections() -> usize {
     let limits = fs::read_to_string("/proc/self/limits").unwrap();
     let files = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap();
@@ -23,11 +23,11 @@ fn assert_well(server: &Server) {
     assert_eq!((answer.status, &answer.json()["status"]), (200, &"completed".into()), "{}", answer.body);
 }
 
-/// Sends bytes as they are, and returns what the service sends until it closes the connection.
+/// Sends bytes unchanged, and returns what the service sends until it closes the connection.
 fn exchange(server: &Server, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(server.address()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-    // The connection of a client that is refused early may be closed while it still writes.
+    // The service may refuse a client early and close the connection while the client still writes.
     let _ = stream.write_all(bytes);
     read(&mut stream)
 }

@@ -1,4 +1,4 @@
-//! The list of jobs.
+//! The list of jobs at `/jobs`.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, instant, one_worker};
 use crate::nats::on_both;
@@ -24,7 +24,7 @@ async fn list(site: &Site, client: u8, query: &str) -> Reply {
     reply
 }
 
-/// The paths of the jobs of a page.
+/// Returns the paths of the jobs on a page of the list.
 fn paths(reply: &Reply) -> Vec<String> {
     let page = reply.json();
     page["jobs"].as_array().unwrap().iter().map(|job| format!("/jobs/{}", job["id"].as_str().unwrap())).collect()

@@ -1,4 +1,4 @@
-//! The life of a job, from admission to deletion.
+//! The states of a job, from admission to deletion.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
 use crate::nats::on_both;
@@ -120,7 +120,7 @@ async fn a_deleted_job_is_stopped_and_forgotten() {
 
 #[tokio::test]
 async fn a_panic_fails_its_job_and_the_worker_lives_on() {
-    // Panics twice: in the inline solve and in the worker.
+    // The solver panics twice: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
     let solver = move |_: &Specification, _: &Control| {
         assert!(calls.fetch_add(1, Ordering::SeqCst) > 1, "on purpose");
@@ -167,7 +167,7 @@ async fn a_result_over_the_bound_is_not_kept() {
     assert!(reply.problem(422, "result-too-large")["detail"].as_str().unwrap().contains("fewer output times"));
 }
 
-/// A solver whose solution has `n` output times and `n` values, of about 20 bytes of JSON each.
+/// Returns a solver whose solution has `n` output times and `n` values, of about 20 bytes of JSON each.
 fn long(n: usize) -> dvi::service::jobs::Solver {
     Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);

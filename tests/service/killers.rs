@@ -10,7 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A heat equation above an obstacle in a cube with `elements` elements in each direction, in some 200 bytes.
+/// Specification of a heat equation above an obstacle in a cube with `elements` elements in each direction, in some
+/// 200 bytes.
 fn cube(elements: u32) -> String {
     format!(
         r#"{{"problem":{{"obstacle":{{"domain":{{"x":[0,1],"y":[0,1],"z":[0,1]}},"elements":{elements},"diffusion":"1+x*y",
@@ -18,7 +19,7 @@ fn cube(elements: u32) -> String {
     )
 }
 
-/// Spheres in one place, so that each touches all others.
+/// Specification of spheres at one place, so that each touches all others.
 fn coincident(spheres: usize) -> String {
     let sphere = r#"{"shape":{"sphere":{"radius":1}},"density":1}"#;
     let bodies = vec![sphere; spheres].join(",");
@@ -60,7 +61,7 @@ fn few_words_that_declare_much_keep_nobody_waiting() {
         assert_eq!(checks, [200; 5]);
     });
     println!("the slowest answer took {slowest:?}; {} MiB at most", most >> 10);
-    // A busy machine may take a second by itself.
+    // On a busy machine a response may take a second by itself.
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
     assert!(most < 1 << 20, "{most} KiB");
 }
@@ -69,7 +70,8 @@ fn few_words_that_declare_much_keep_nobody_waiting() {
 async fn contacts_that_would_take_too_much_memory_are_refused_before_they_do() {
     let site = Site::new(Options { memory_mib: count(512), ..one_worker() }, Arc::new(dvi::solve));
     let problem = Call::solve(coincident(1000)).send(&site).await.problem(422, "too-much-memory");
-    // 1000 spheres with 999 contacts each: 1000 * 999 / 2 contacts of some 1400 bytes, and what else a contact takes.
+    // Each of 1000 spheres has 999 contacts: 1000 * 999 / 2 contacts of some 1400 bytes, and further storage per
+    // contact.
     let mib: f64 = problem["detail"].as_str().unwrap().split(' ').nth(1).unwrap().parse().unwrap();
     assert!((650.0..2_000.0).contains(&mib), "{problem}");
     let bytes = Call::check(coincident(1000)).send(&site).await.json()["memory_bytes"].as_f64().unwrap();
@@ -82,7 +84,7 @@ async fn contacts_that_would_take_too_much_memory_are_refused_before_they_do() {
 async fn a_check_takes_no_longer_than_a_job_may() {
     let options = Options { wall_seconds: NonZeroU64::MIN, ..one_worker() };
     let site = Site::new(options, Arc::new(dvi::solve));
-    // 9,000 spheres in a row whose bounding boxes overlap and whose surfaces do not: forty million pairs to examine.
+    // A row of 9,000 spheres whose bounding boxes overlap and whose surfaces do not: forty million pairs to examine.
     let along = |k: u32| f64::from(k) * 1e-6;
     let sphere = |k: u32| {
         let (x, y) = (along(k), if k.is_multiple_of(2) { 0.0 } else { 1.9 });
@@ -106,7 +108,7 @@ async fn a_check_takes_no_longer_than_a_job_may() {
 fn a_worker_is_free_soon_after_its_job_of_many_contacts_is_deleted() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
-    // Within the memory limit of a job, and still far from its end when it is deleted.
+    // The job fits into the memory limit of a job, and is far from its end when it is deleted.
     let path = server.accept(&coincident(120));
     server.reaches(&path, &["running"]);
     thread::sleep(Duration::from_millis(500));

@@ -1,5 +1,5 @@
 //! Kills at any moment: of the service, of its workers, of both, during a start, and during deletions. Every admitted
-//! job exists once, with its own results; deleted jobs are gone.
+//! job exists exactly once, with its own results; deleted jobs are gone.
 
 use crate::harness::DECAY;
 use crate::process::{Answer, DVI, Folder, Server, send};
@@ -10,32 +10,32 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The number of kills; `DVI_KILLS` sets a larger one.
+/// Number of kills; the environment variable `DVI_KILLS` sets a larger one.
 const KILLS: u32 = 40;
 
-/// The number of kills between two checks of all known jobs.
+/// Number of kills between two checks of all known jobs.
 const BETWEEN: u32 = 500;
 
-/// Longer than the queueing and solving time of any job on a busy machine.
+/// Time limit for a job, longer than the queueing and solving time of any job on a busy machine.
 const SETTLED: Duration = Duration::from_secs(300);
 
-/// A job as its client knows it.
+/// What the client of a job knows about it.
 #[derive(Default)]
 struct Posted {
     /// The path of the job, if the client received it.
     path: Option<String>,
-    /// Whether its deletion was confirmed, if it was requested.
+    /// Whether the deletion was confirmed; `None` if it was not requested.
     deleted: Option<bool>,
 }
 
-/// The numbers of jobs by outcome.
+/// Numbers of jobs by outcome.
 #[derive(Debug, Default)]
 struct Tally {
     successful: u32,
     deleted: u32,
-    /// Jobs that failed because their worker was killed.
+    /// Number of jobs that failed because their worker was killed.
     killed: u32,
-    /// Jobs set aside after they were running at several kills.
+    /// Number of jobs that were set aside since they were running at several kills.
     poisoned: u32,
 }
 
@@ -64,7 +64,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
                 _ => server.child.kill().unwrap(),
             }
             if kill % 5 == 1 {
-                // Only a worker was killed: the clients go on for a moment.
+                // If only a worker was killed, the clients continue for a moment.
                 thread::sleep(Duration::from_millis(20));
             }
             stop.store(true, Relaxed);
@@ -78,7 +78,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
             job.deleted = Some(confirmed);
         }
         if kill % 5 != 1 {
-            // Reap the process, as a service manager does before it restarts the service.
+            // The killed process is reaped, as a service manager does before it restarts a service.
             server.child.wait().unwrap();
             if kill % 5 == 3 {
                 kill_a_start(&folder, Duration::from_micros(random.u64(..60_000)));
@@ -99,13 +99,13 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
     assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stdout));
 }
 
-/// Starts a service that expires no jobs.
+/// Starts a service whose limits are so high that it removes no jobs.
 fn serve(folder: &Folder) -> Server {
     let many = "1000000";
     Server::start(folder, &["--workers", "2", "--kept-jobs", many, "--queue", many, "--client-share", many])
 }
 
-/// Posts jobs, each under its number as the key, until stopped; returns the paths in the responses.
+/// Posts jobs, each with its number as idempotency key, until stopped; returns the paths in the responses.
 fn post_until(stop: &AtomicBool, address: &str, first: u32) -> Vec<(u32, Option<String>)> {
     let mut told = Vec::new();
     for k in first.. {
@@ -122,8 +122,8 @@ fn accepted(answer: &Answer) -> String {
     answer.field("location").unwrap().to_owned()
 }
 
-/// Posts the decay problem of number `k` under the key `k`; `None` if the service goes away. Every third result is long
-/// enough for a file, and every fourth solve takes some time.
+/// Posts the decay problem number `k` with the idempotency key `k`; `None` if the service disconnects. Every third
+/// result is so long that it is stored in a file, and every fourth solve takes some time.
 fn post(address: &str, k: u32) -> Option<Answer> {
     let headers = format!("prefer: respond-async\r\nidempotency-key: {k}\r\n");
     let mut document = DECAY.replace("-x", &format!("-{}*x", rate(k)));
@@ -136,12 +136,12 @@ fn post(address: &str, k: u32) -> Option<Answer> {
     send(address, "POST", "/solve", &headers, &document)
 }
 
-/// The decay rate of job `k`, which identifies its results.
+/// Returns the decay rate of job `k`, by which its results are recognised.
 fn rate(k: u32) -> f64 {
     1.0 + f64::from(k % 1000) / 1000.0
 }
 
-/// Deletes jobs until stopped; returns those that were tried, and whether the deletion was confirmed.
+/// Deletes jobs until stopped; returns the jobs whose deletion was requested, and whether it was confirmed.
 fn delete_until(stop: &AtomicBool, address: &str, victims: Vec<String>) -> Vec<(String, bool)> {
     let unstopped = victims.into_iter().take_while(|_| !stop.load(Relaxed));
     let delete = |path: String| {
@@ -151,7 +151,7 @@ fn delete_until(stop: &AtomicBool, address: &str, victims: Vec<String>) -> Vec<(
     unstopped.map(delete).collect()
 }
 
-/// The paths of jobs whose deletion was not requested.
+/// Returns the paths of jobs whose deletion was not requested.
 fn known(jobs: &HashMap<u32, Posted>) -> impl Iterator<Item = String> + '_ {
     jobs.values().filter(|job| job.deleted.is_none()).filter_map(|job| job.path.clone())
 }
@@ -159,12 +159,12 @@ fn known(jobs: &HashMap<u32, Posted>) -> impl Iterator<Item = String> + '_ {
 fn kill_worker(server: &Server, random: &mut fastrand::Rng) {
     let workers = server.workers();
     if let Some(pid) = random.choice(&workers) {
-        // The worker may have ended meanwhile.
+        // Killing may fail, since the worker may have ended meanwhile.
         let _ = Command::new("kill").args(["-9", &pid.to_string()]).stderr(Stdio::null()).status();
     }
 }
 
-/// Starts the service and kills it before, during or after the recovery of its jobs.
+/// Starts the service and kills it after the time `life`: before, during or after the recovery of its jobs.
 fn kill_a_start(folder: &Folder, life: Duration) {
     let mut start = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--workers", "2", "--data"])
@@ -177,7 +177,7 @@ fn kill_a_start(folder: &Folder, life: Duration) {
     start.wait().unwrap();
 }
 
-/// Checks every known job, and removes it from `jobs`.
+/// Checks every known job, and removes all of them from `jobs`.
 fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
     let (mut numbers, start) = (HashMap::new(), Instant::now());
     for (k, job) in jobs.drain() {
@@ -187,7 +187,8 @@ fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
                 assert!(status == 404 || (status == 200 && !confirmed), "job {k} was deleted, and is {status}");
                 tally.deleted += u32::from(status == 404);
             }
-            // A job being admitted at the kill may exist or not; posted again under its key, it exists once.
+            // A job that was being admitted at the kill may exist or not; posted again with its key, it exists
+            // exactly once.
             Posted { path, .. } => {
                 let again = accepted(&post(&server.address, k).expect("an answer"));
                 assert!(path.is_none_or(|path| path == again), "job {k} is {again} now");

@@ -1,4 +1,4 @@
-//! The service as its clients see it: without a socket where none is needed, otherwise over a socket.
+//! Tests of the service as its clients see it: without a socket where none is needed, otherwise over a socket.
 
 mod again;
 mod apart;

@@ -5,7 +5,7 @@ use crate::process::{Folder, Server};
 use dvi::solution::{Failure, Status, ViCounts};
 use std::sync::Arc;
 
-/// The value on the only line that begins with `name`.
+/// Returns the value on the only line of the metrics that begins with `name`.
 #[track_caller]
 fn value(text: &str, name: &str) -> f64 {
     let lines: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix(name)?.strip_prefix(' ')).collect();
@@ -73,7 +73,7 @@ async fn the_figures_of_one_service_are_not_those_of_another() {
     assert!(!other.get("/metrics").await.text().contains("dvi_solves_total{"));
 }
 
-/// The metrics of a service after a few solves, so that every metric has been counted at least once.
+/// Returns the metrics of a service after a few solves, so that every metric has been counted at least once.
 async fn told() -> String {
     let solver: dvi::service::jobs::Solver = Arc::new(|specification, _| {
         let mut solution = halving(Status::Completed);
@@ -83,7 +83,7 @@ async fn told() -> String {
     });
     let site = Site::new(one_worker(), solver);
     Call::solve(DECAY).send(&site).await;
-    // This solve loses its worker.
+    // The solver panics in this solve, so that its worker is lost.
     Call::solve(DECAY.replacen('{', "{\"label\":\"panics\",", 1)).send(&site).await.problem(500, "defect");
     site.get("/metrics").await.text().to_owned()
 }
@@ -165,7 +165,7 @@ fn durable_writes_are_timed() {
     for _ in 0..3 {
         server.reaches(&server.accept(DECAY), &["successful"]);
     }
-    // Each job was written before its admission was confirmed.
+    // Each job was written to the disk before its admission was confirmed.
     assert!(count() >= before + 3.0, "{before} and {}", count());
     assert!(value(&server.get("/metrics").body, "dvi_store_write_seconds_sum") > 0.0);
 }

@@ -1,4 +1,4 @@
-//! A NATS server of a test, and workers that solve what it has, as processes.
+//! A NATS server for tests, and worker processes that solve its jobs.
 
 use std::io::ErrorKind;
 use std::net::TcpListener;
@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-/// Whether there is a NATS server; says so if there is none.
+/// Whether a NATS server is installed; prints a message if it is not.
 pub fn is_installed() -> bool {
     match Command::new("nats-server").arg("--version").stdout(Stdio::null()).status() {
         Ok(_) => true,
@@ -19,13 +19,14 @@ pub fn is_installed() -> bool {
     }
 }
 
-/// A NATS server of a test, which ends with the test. Its port stays the same when it starts again.
+/// A NATS server that ends with its test. It keeps its port when it is started again.
 pub struct NatsServer {
     folder: PathBuf,
-    /// Ends its child when its standard input is closed, as it is when this process ends in whatever way.
+    /// A shell that ends the server when its own standard input is closed, which happens when the test process ends
+    /// in any way.
     keeper: Option<Child>,
     port: u16,
-    /// What makes it one of a cluster.
+    /// Further arguments of the server, which make it a member of a cluster.
     more: Vec<String>,
 }
 
@@ -37,9 +38,9 @@ impl NatsServer {
         server
     }
 
-    /// Starts a cluster of so many servers, each of which keeps its data in a folder of its own in `folder`.
+    /// Starts a cluster of `servers` servers, each of which keeps its data in its own subfolder of `folder`.
     pub fn start_cluster(folder: &Path, servers: usize) -> Vec<Self> {
-        // Ports below those that systems give to who asks for any.
+        // Candidates are ports below those that systems assign to clients.
         let first = std::process::id() % 10_000;
         let ports = (0..10_000).map(|k| 20_000 + ((first + k) % 10_000) as u16);
         let free = ports.filter(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok());
@@ -51,7 +52,7 @@ impl NatsServer {
             let more = ["-n", &name, "--cluster_name", "dvi", "--cluster", route, "--routes", &joined];
             Self::begun(&folder, more.map(str::to_owned).to_vec())
         };
-        // Each is ready when it has met the others.
+        // Each server is ready only when it is connected to the others.
         let mut begun: Vec<Self> = routes.iter().enumerate().map(one).collect();
         begun.iter_mut().for_each(Self::await_port);
         begun
@@ -110,7 +111,7 @@ impl NatsServer {
         self.run(&self.port.to_string());
     }
 
-    /// Its address.
+    /// Returns the URL of the server.
     pub fn url(&self) -> String {
         format!("nats://127.0.0.1:{}", self.port)
     }
@@ -123,11 +124,11 @@ impl Drop for NatsServer {
     }
 }
 
-/// A running `dvi worker` over NATS, with one process that solves, killed when it is dropped.
+/// A running `dvi worker` over NATS with one solver process, killed when it is dropped.
 pub struct Worker(pub Child);
 
 impl Worker {
-    /// Starts a worker with further arguments.
+    /// Starts a worker with further command-line arguments.
     pub fn start(url: &str, arguments: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_dvi"));
         command.args(["worker", "--nats", url, "--workers", "1"]).args(arguments);

@@ -1,4 +1,4 @@
-//! The program as a process that is used over HTTP, and restarted on the same folder.
+//! The service as a process that is used over HTTP, and restarted on the same folder.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -8,10 +8,10 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-/// The path of the program.
+/// Path of the program `dvi`.
 pub const DVI: &str = env!("CARGO_BIN_EXE_dvi");
 
-/// Longer than any response takes on a busy machine.
+/// Time limit of a response, longer than any response takes on a busy machine.
 pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A temporary folder, removed when it is dropped.
@@ -39,7 +39,7 @@ impl Drop for Folder {
 pub struct Server {
     pub child: Child,
     pub address: String,
-    /// The limits in force on its workers, according to its log.
+    /// The limits in force on the workers, according to the log of the service.
     pub confined_to: String,
     /// The log of the service up to the line that reports the address.
     pub beginning: String,
@@ -64,9 +64,9 @@ impl Server {
         Self::of(command.args(arguments))
     }
 
-    /// The service started by `command`, or its log if it ended.
+    /// Starts the service with `command`, or returns its log if it ended.
     pub fn of(command: &mut Command) -> Result<Self, String> {
-        // Without the lines of requests, which would fill the pipe that nobody reads.
+        // The log lines of requests are switched off: they would fill a pipe that is not read.
         command.env("RUST_LOG", "info,dvi::request=off,dvi::job=off");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
@@ -87,14 +87,14 @@ impl Server {
         Ok(server)
     }
 
-    /// The resident memory of the service, in KiB.
+    /// Returns the resident memory of the service, in KiB.
     pub fn resident_kib(&self) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
         line.trim_end_matches("kB").trim().parse().unwrap()
     }
 
-    /// The response to a request; `None` if the service went away.
+    /// Sends a request, and returns the response; `None` if the service disconnected.
     pub fn try_send(&self, method: &str, path: &str, headers: &str, body: &str) -> Option<Answer> {
         send(&self.address, method, path, headers, body)
     }
@@ -115,8 +115,8 @@ impl Drop for Server {
     }
 }
 
-/// The response of the service at `address`; `None` if it went away. The request is HTTP/1.0, so that the body comes in
-/// one piece.
+/// Sends a request to the service at `address`, and returns the response; `None` if the service disconnected. The
+/// request is HTTP/1.0, so that the body comes in one piece.
 pub fn send(address: &str, method: &str, path: &str, headers: &str, body: &str) -> Option<Answer> {
     let mut stream = TcpStream::connect(address).ok()?;
     stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).unwrap();
@@ -132,7 +132,7 @@ pub fn send(address: &str, method: &str, path: &str, headers: &str, body: &str) 
     answer.is_whole().then_some(answer)
 }
 
-/// A response, read to its end.
+/// An HTTP response, read to its end.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -141,13 +141,13 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the body has the announced length, if one was announced.
+    /// Whether the body has the length that the header announced, if it did.
     fn is_whole(&self) -> bool {
         let announced = self.field("content-length").and_then(|length| length.parse().ok());
         announced.is_none_or(|length: usize| length == self.body.len())
     }
 
-    /// A header field.
+    /// Returns a header field.
     pub fn field(&self, name: &str) -> Option<&str> {
         let lines = self.head.lines().filter_map(|line| line.split_once(": "));
         lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()

@@ -1,4 +1,4 @@
-//! The program: exit codes, streams, signals.
+//! The program `dvi`: exit codes, streams, signals.
 
 use crate::harness::DECAY;
 use crate::process::{RESPONSE_TIMEOUT, send};
@@ -23,7 +23,7 @@ fn run(arguments: &[&str], input: &str) -> Output {
 }
 
 fn give(mut stdin: ChildStdin, input: &str) {
-    // Fails if the program has closed its standard input.
+    // Writing fails if the program has closed its standard input.
     let _ = stdin.write_all(input.as_bytes());
 }
 
@@ -41,8 +41,8 @@ fn a_solve_writes_its_result_and_nothing_else() {
     assert_eq!(result["status"], "completed");
 }
 
-/// A harmonic oscillator with implicit steps of half a time unit, which leave a hundredth of its energy, a constant of
-/// the exact solution.
+/// Specification of a harmonic oscillator with implicit steps of half a time unit, which dissipate all but a
+/// hundredth of its energy; the exact solution conserves it.
 const COARSE: &str = r#"{"problem":{"mechanical":{"coordinates":{"q":{"initial":1}},"mass":[[1]],"potential":"q^2/2"}},
 "time":{"end":10},"method":{"step":0.5}}"#;
 
@@ -190,7 +190,7 @@ fn a_flag_without_sense_is_told_with_what_to_write_instead() {
         let told = String::from_utf8(dvi(&["serve"]).env(variable, value).output().unwrap().stderr).unwrap();
         assert!(told.contains(&format!("environment variable {variable}")), "{told}");
     }
-    // The value 1 of an environment variable means yes.
+    // The value 1 of an environment variable switches a flag on.
     let asks = dvi(&["serve", "--ephemeral", "--listen", "no address"]).env("DVI_ASK_TOKENS", "1").output().unwrap();
     let told = String::from_utf8(asks.stderr).unwrap();
     assert!(told.contains("--listen") && !told.contains("ask-tokens"), "{told}");
@@ -292,7 +292,8 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
             break address.to_owned();
         }
     };
-    // Ids of the longest accepted length make long lines; the pipe and the buffer behind it hold some thousand of them.
+    // Request ids of the greatest permitted length make long log lines; the pipe and the buffer behind it hold some
+    // thousand of them.
     let id = "x".repeat(128);
     let get = |path: &str| send(&address, "GET", path, &format!("x-request-id: {id}\r\n"), "").expect("an answer");
     let lost = || {
@@ -313,7 +314,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
     let start = Instant::now();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
-    // The rest of the pipe begins with whole lines.
+    // What remains in the pipe begins with whole lines.
     let mut rest = Vec::new();
     log.read_to_end(&mut rest).unwrap();
     let rest = String::from_utf8_lossy(&rest);
@@ -332,7 +333,8 @@ fn an_address_that_is_taken_is_named() {
     assert!(String::from_utf8(output.stderr).unwrap().contains(&address));
 }
 
-/// A harmonic oscillator over more than ten million periods, whose trajectory takes some hundred MiB.
+/// Specification of a harmonic oscillator over more than ten million periods, whose trajectory takes some hundred
+/// MiB.
 const LONG: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
 "time":{"end":100000000},"label":"long"}"#;
 
@@ -346,7 +348,7 @@ fn a_solve_within_its_memory_is_the_same_in_every_form() {
         if format == "json" {
             let [plain, confined] = [plain, confined].map(|output| {
                 let mut result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-                // The diagnostics contain times.
+                // The diagnostics contain run times, which differ.
                 result.as_object_mut().unwrap().remove("diagnostics");
                 result
             });
@@ -371,7 +373,7 @@ fn a_solve_that_takes_too_much_memory_says_so() {
     assert_eq!(told.lines().count(), 1, "{told}");
 }
 
-/// Exponential decay for several rates and initial values.
+/// A sweep of exponential decays over several rates and initial values.
 const SWEEP: &str = r#"{"label": "decays", "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
 "time": {"end": 1}, "sweep": {"over": {"k": {"linspace": [0, 2, 5]}, "x.initial": [1, 2, 3]}}}"#;
 
@@ -467,7 +469,7 @@ fn several_files_are_solved_each_beside_itself() {
     let output = run(&["solve", "--format", "csv", &decay, &coarse], "");
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.stdout.is_empty());
-    // The first exit code that is not 0 wins.
+    // The exit code is the first one of all files that is not 0.
     assert_eq!(output.status.code(), Some(7), "{told}");
     assert!(told.contains("decay.json: completed, ") && told.contains("  dvi: not trusted: energy balance"), "{told}");
     assert_eq!(folder.read("decay.result.csv").into_bytes(), alone);
@@ -507,7 +509,7 @@ fn a_deck_is_solved_as_a_file() {
     assert!(output.status.code() == Some(2) && told.contains("line 2, column 8: `{x}`"), "{told}");
 }
 
-/// The digest agrees with that of `sha256sum`.
+/// The digest of a specification agrees with that of `sha256sum`.
 #[test]
 fn an_answer_says_what_it_is_the_answer_to() {
     let output = run(

@@ -1,4 +1,4 @@
-//! Invalid requests.
+//! Invalid requests to the service and their responses.
 
 use crate::harness::{Call, DECAY, Site, instant, one_worker};
 use axum::http::StatusCode;

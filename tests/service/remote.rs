@@ -10,7 +10,7 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
-/// A service, ended with the test.
+/// A service process, killed at the end of its test.
 struct Serving {
     process: Child,
     url: String,
@@ -37,7 +37,7 @@ impl Serving {
 
 impl Drop for Serving {
     fn drop(&mut self) {
-        // Fails if the service has ended by itself.
+        // Killing fails if the service has ended by itself.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
@@ -51,7 +51,7 @@ fn solve(url: &str, format: &str, specification: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // Fails if the program has rejected its command line and ended without reading.
+    // Writing fails if the program has rejected its command line and ended without reading.
     let _ = child.stdin.take().unwrap().write_all(specification.as_bytes());
     child.wait_with_output().unwrap()
 }
@@ -91,7 +91,8 @@ fn the_errors_that_a_server_finds_are_told_with_their_places() {
 
 #[test]
 fn a_server_that_is_not_there_is_named() {
-    // The local port of a connection: nobody listens there, and nobody else gets it while the connection is open.
+    // The local port of a connection: no program listens there, and no other gets the port while the connection is
+    // open.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let held = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
     let deaf = held.local_addr().unwrap();
@@ -101,7 +102,8 @@ fn a_server_that_is_not_there_is_named() {
     assert_eq!(solve("localhost", "json", DECAY).status.code(), Some(64));
 }
 
-/// A proxy that encrypts what a service at `address` says, with a certificate of `tls/authority.pem` for localhost; its port.
+/// Starts a TLS proxy for the service at `address`, with a certificate for localhost that `tls/authority.pem` has
+/// signed; returns its port.
 fn encrypting(address: &str) -> u16 {
     let (address, (bound, port)) = (address.to_owned(), std::sync::mpsc::channel());
     std::thread::spawn(move || {
@@ -122,7 +124,7 @@ fn encrypting(address: &str) -> u16 {
                 let (stream, _) = listener.accept().await.unwrap();
                 let (acceptor, address) = (acceptor.clone(), address.clone());
                 tokio::spawn(async move {
-                    // A client that does not trust it goes away.
+                    // A client that does not trust the certificate disconnects.
                     let Ok(mut inner) = acceptor.accept(stream).await else { return };
                     let mut service = tokio::net::TcpStream::connect(address).await.unwrap();
                     let _ = tokio::io::copy_bidirectional(&mut inner, &mut service).await;
@@ -152,7 +154,7 @@ fn an_encrypted_service_is_asked_by_those_who_trust_it() {
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         assert!(output.stdout.starts_with(b"t,x\n"));
     }
-    // Whom this machine does not trust gets nothing, and is told why.
+    // A service whose certificate this machine does not trust gets no request, and the message says why.
     let output = solve("localhost", None);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(6), "{output:?}");

@@ -20,7 +20,8 @@ on_both! {
     a_client_that_has_the_results_is_not_sent_them_again,
 }
 
-/// A service all of whose solutions are `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`.
+/// Returns a service whose solutions are all `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`, and the path of a
+/// job.
 async fn squares(n: u32) -> (Site, String) {
     let solver: dvi::service::jobs::Solver = Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);
@@ -161,8 +162,8 @@ async fn a_stream_of_events_is_not_compressed() {
     assert!(!call.send(&site).await.headers.contains_key("content-encoding"));
 }
 
-/// Clients that take a long result a piece at a time: 24 of them take little more memory than the service allows for all
-/// responses, and far less than one whole response.
+/// Twenty-four clients that read a long result slowly take little more memory than the service permits for all
+/// responses, and far less than one whole response each.
 #[test]
 fn slow_readers_of_a_long_result_take_bounded_memory() {
     const READERS: usize = 24;
@@ -193,7 +194,7 @@ fn slow_readers_of_a_long_result_take_bounded_memory() {
             most = most.max(server.resident_kib() >> 10);
         }
         println!("{accept} {query}: {most} MiB at most, {before} before");
-        // No whole response stands in memory beside what is allowed for all of them, not even one.
+        // The service never holds a whole response in memory besides the limit for all responses.
         assert!(most < before + ANSWERS_MIB + whole_mib, "{most} MiB, {before} before");
     }
 }

@@ -1,4 +1,4 @@
-//! `POST /solve`: results within the wait, or a monitor.
+//! `POST /solve`: a response with the result if the solve ends within the wait, or with a job to monitor.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
 use crate::nats::on_both;
@@ -44,7 +44,7 @@ async fn what_is_transient_leaves_no_job_behind_its_results() {
     assert_eq!(reply.header("preference-applied"), "wait=20, transient");
     assert_eq!(reply.json()["trajectory"]["fields"]["x"], serde_json::json!([1.0, 0.5]));
     assert_eq!(reply.headers.get("link"), None);
-    // It is deleted as soon as it has been answered.
+    // A transient job is deleted as soon as its request has been answered.
     for _ in 0..1000 {
         if site.get("/jobs").await.json()["jobs"] == serde_json::json!([]) {
             return;
@@ -112,7 +112,7 @@ async fn a_request_that_is_dropped_while_its_job_waits_leaves_the_queue() {
     assert_eq!(another().await.status, StatusCode::TOO_MANY_REQUESTS, "the place is taken");
     waiting.abort();
     assert!(waiting.await.unwrap_err().is_cancelled());
-    // The job leaves a moment after its request.
+    // The job leaves the queue shortly after its request is dropped.
     let start = Instant::now();
     while another().await.status != StatusCode::ACCEPTED {
         assert!(start.elapsed() < Duration::from_secs(20), "the place stays taken");

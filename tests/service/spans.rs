@@ -1,4 +1,4 @@
-//! Spans of requests and jobs, as received by an OpenTelemetry collector.
+//! Spans of requests and jobs, as an OpenTelemetry collector receives them.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
@@ -8,10 +8,10 @@ use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-/// A collector that accepts and keeps all requests.
+/// A collector of spans that accepts and stores all requests.
 struct Collector {
     address: String,
-    /// The path and the body of every request.
+    /// The path and the body of every request that the collector has received.
     taken: Arc<Mutex<Vec<(String, Vec<u8>)>>>,
 }
 
@@ -34,7 +34,7 @@ impl Collector {
         Self { address, taken }
     }
 
-    /// The number of bodies that contain these bytes.
+    /// Returns the number of received bodies that contain these bytes.
     fn with(&self, bytes: &[u8]) -> usize {
         let taken = self.taken.lock().unwrap();
         taken.iter().filter(|(_, body)| body.windows(bytes.len()).any(|part| part == bytes)).count()
@@ -69,11 +69,11 @@ fn a_collector_gets_the_spans_of_a_request_and_its_job_in_the_trace_of_the_clien
     let answer = server.send("POST", "/solve", &headers, DECAY);
     assert_eq!(answer.status, 202, "{answer:?}");
     server.reaches(&answer.header("location"), &["successful"]);
-    // The client receives the span of its request, which is the parent of the span of the job.
+    // The response contains the span of its request, which is the parent of the span of the job.
     let given = answer.header("traceparent");
     let span = u64::from_str_radix(given.split('-').nth(2).unwrap(), 16).unwrap();
     assert!(given.contains(&format!("{trace:032x}")) && span != parent, "{given}");
-    // A trace begins with a request that has none.
+    // A request without a trace begins a new one.
     assert_eq!(server.get("/version").header("traceparent").len(), given.len());
     let (status, told) = server.stop();
     assert!(status.success(), "{told}");

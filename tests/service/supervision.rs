@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 impl Server {
-    /// The address on which it listens.
+    /// Returns the address on which the service listens.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -20,7 +20,7 @@ impl Server {
         self.child.wait().unwrap();
     }
 
-    /// The child processes of the service.
+    /// Returns the process ids of the workers, which are child processes of the service.
     pub fn workers(&self) -> Vec<u32> {
         let parent = format!("PPid:\t{}\n", self.child.id());
         let processes = fs::read_dir("/proc").unwrap();
@@ -48,7 +48,7 @@ impl Server {
         answer.header("location")
     }
 
-    /// The status of the job at `path`, once it is one of `states`.
+    /// Waits until the job at `path` has one of the statuses `states`, and returns it.
     pub fn reaches(&self, path: &str, states: &[&str]) -> Value {
         let start = Instant::now();
         loop {
@@ -67,14 +67,14 @@ impl Answer {
         self.field(name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_owned()
     }
 
-    /// Asserts that the response is this problem.
+    /// Asserts that the response is the given problem.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) {
         assert_eq!((self.status, &self.json()["type"]), (status, &format!("/problems/{slug}").into()), "{self:?}");
     }
 }
 
-/// The output of `dvi token` for `folder`.
+/// Runs `dvi token` on `folder`, and returns its output.
 pub fn dvi_token(folder: &Folder, arguments: &[&str]) -> Output {
     Command::new(DVI).arg("token").args(arguments).arg("--data").arg(folder.path()).output().unwrap()
 }

@@ -1,4 +1,5 @@
-//! Sweeps that are killed on the way: they go on with the rows that they have, to the same bytes.
+//! Sweeps that are killed on the way: they continue with the rows that they have, and their results have the same
+//! bytes.
 
 use crate::process::{Folder, Server};
 use dvi::problem::Control;
@@ -14,10 +15,10 @@ use std::time::{Duration, Instant};
 
 const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 
-/// Longer than any sweep of these tests takes on a busy machine.
+/// Time limit, longer than any sweep of these tests takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Oscillators over stiffness and start, some milliseconds each.
+/// Specification of a sweep of oscillators over stiffness and initial value; each member takes some milliseconds.
 pub fn oscillators(members: usize, end: u32) -> String {
     format!(
         r#"{{"problem": {{"dvi": {{"parameters": {{"k": 1}}, "states": {{"x": {{"initial": 1, "rate": "v"}}, "v": {{"initial": 0, "rate": "-k*x"}}}}}}}},
@@ -34,7 +35,7 @@ pub fn undisturbed(document: &str) -> Vec<u8> {
 }
 
 impl Server {
-    /// The rows of the sweep at `path`, once it has at least `least`, or has ended.
+    /// Waits until the sweep at `path` has at least `least` rows, or has ended, and returns the number of rows.
     pub fn rows(&self, path: &str, least: u64) -> u64 {
         let start = Instant::now();
         loop {
@@ -62,7 +63,7 @@ impl Server {
     }
 }
 
-/// The file of rows of a sweep.
+/// Returns the path of the file with the rows of a sweep.
 fn rows_of(folder: &Path, path: &str) -> PathBuf {
     folder.join("results").join(format!("{}.rows", path.rsplit('/').next().unwrap()))
 }
@@ -78,7 +79,7 @@ fn kills_in_the_middle_repeat_no_finished_chunk_and_change_no_byte() {
     for kill in 1..=3 {
         known = server.rows(&path, known + 300);
         if kill == 2 {
-            // The workers first: their chunks begin again, and the sweep goes on.
+            // First the workers are killed: their chunks begin again, and the sweep continues.
             for pid in server.workers() {
                 let _ = Command::new("kill").args(["-9", &pid.to_string()]).stderr(Stdio::null()).status();
             }
@@ -140,7 +141,7 @@ fn rows_that_the_disk_has_changed_are_made_again() {
 fn rows_from_before_the_job_was_accepted_survive_a_kill() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
-    // The first chunk is finished while the client waits, and the job is in memory until then.
+    // The first chunk is finished while the client waits; until the wait ends, the job is in memory only.
     let answer = server.send("POST", "/solve", "prefer: wait=1\r\n", &oscillators(100_000, 60));
     assert_eq!(answer.status, 202, "{}", answer.body);
     let path = answer.header("location");
@@ -159,7 +160,7 @@ fn a_sweep_cancelled_while_it_waits_again_has_its_rows() {
     let path = server.accept(&oscillators(100_000, 60));
     let known = server.rows(&path, 100);
     server.kill();
-    // One of the sweeps of the client waits while the other has the worker.
+    // One of the two sweeps of the client waits while the other has the worker.
     let server = Server::start(&folder, &["--workers", "1"]);
     server.accept(&oscillators(100_000, 60));
     server.send("POST", &format!("{path}/cancel"), "", "");

@@ -1,4 +1,5 @@
-//! Sweeps over HTTP: a table in every form, made in chunks by any number of workers, the same bytes whatever happens.
+//! Sweeps over HTTP: a table in every format, computed in chunks by any number of workers, with the same bytes in
+//! every case.
 
 use crate::harness::{Call, Site, count, one_worker};
 use crate::nats::{is_shared, on_both};
@@ -38,8 +39,8 @@ fn solver() -> Solver {
     Arc::new(dvi::solve)
 }
 
-/// An oscillator with a relay over its stiffness and the force of the relay, whose members switch at different times: `members`
-/// of them.
+/// A sweep with `members` members of an oscillator with a relay, over its stiffness and the force of the relay; the
+/// members switch at different times.
 fn relays(members: usize) -> String {
     format!(
         r#"{{"label": "relays", "problem": {{"dvi": {{"parameters": {{"k": 1, "f": 0.1}},
@@ -51,7 +52,7 @@ fn relays(members: usize) -> String {
     )
 }
 
-/// The JSON of the answer of one thread.
+/// Solves a document on one thread, and returns the result as JSON.
 fn undisturbed(document: &str) -> Vec<u8> {
     let specification = Specification::from_json(document.as_bytes()).unwrap();
     let mut json = Vec::new();
@@ -68,7 +69,7 @@ impl Site {
         reply.header("location").to_owned()
     }
 
-    /// Waits until the sweep at `path` has this many rows.
+    /// Waits until the sweep at `path` has this many rows, and returns its status.
     async fn has_rows(&self, path: &str, rows: u64) -> Value {
         let start = Instant::now();
         loop {
@@ -89,7 +90,7 @@ async fn the_answer_is_a_table_with_a_row_a_member() {
     assert_eq!(json["table"]["members"], 4);
     assert_eq!(json["table"]["columns"]["member"], serde_json::json!([0, 1, 2, 3]));
     let x = json["table"]["columns"]["x"].as_array().unwrap();
-    // The square root of x decreases by k/2 per unit of time.
+    // The solution is sqrt(x) = 1 - k t/2, which decreases by k/2 per unit of time.
     assert!(x[0] == 1.0 && (x[2].as_f64().unwrap() - 0.25).abs() < 1e-5, "{x:?}");
     assert!(x[3].is_null() && json["table"]["columns"]["status"][3] == "failed", "{json}");
     assert!(json["summary"]["x"]["count"].as_u64().unwrap() >= 2);
@@ -140,7 +141,7 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
     let path = site.post(1, &relays(1_000_000)).await;
     let status = site.has_rows(&path, 1).await;
     assert_eq!((&status["status"], &status["members"]["of"]), (&"running".into(), &1_000_000.into()));
-    // There is one worker, and the sweep takes minutes.
+    // There is a single worker, and the sweep takes minutes.
     let other = Call::solve(relays(3)).client(2).send(&site).await;
     assert_eq!(other.status, StatusCode::OK, "{}", other.text());
     let own = Call::solve(relays(2)).client(1).send(&site).await;
@@ -159,10 +160,10 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
         (ended["members"]["done"].as_u64(), &"cancelled".into())
     );
     assert!(rows.len() as u64 > before && json["status"] == "stopped");
-    // Where chunks are messages, one that did not come to its end leaves a gap before the next.
+    // Over NATS, a chunk that was not finished may leave a gap before the rows of the next.
     let are_all = rows.iter().enumerate().all(|(k, member)| *member == k);
     assert!(are_all || is_shared() && rows.iter().map(Value::as_u64).is_sorted_by(|one, next| one < next));
-    // The worker is free again.
+    // After the cancellation, the worker is free for another job.
     assert_eq!(Call::solve(relays(2)).client(1).send(&site).await.status, StatusCode::OK);
 }
 
@@ -221,7 +222,7 @@ async fn a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does() 
 async fn a_member_that_never_ends_fails_as_a_row() {
     let options = Options { wall_seconds: NonZeroU64::MIN, workers: count(2), ..one_worker() };
     let site = Site::new(options, solver());
-    // Steps of a millionth of the horizon, and smaller ones.
+    // This member needs steps of a millionth of the end time and smaller ones.
     let document = r#"{"problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "cos(w*t)"}}}}, "time": {"end": 1},
         "sweep": {"over": {"w": [1, 1e8, 2, 3]}}}"#;
     let json = Call::solve(document).send(&site).await.json();
@@ -231,7 +232,7 @@ async fn a_member_that_never_ends_fails_as_a_row() {
         let x = columns["x"][k].as_f64().unwrap();
         assert!((x - w.sin() / w).abs() < 1e-5, "{x} of {w}");
     }
-    // The time that the client allows is that of the whole sweep, whose rows are kept.
+    // The time limit that the client sets applies to the whole sweep, whose rows are kept.
     let document = relays(1_000_000).replace("\"time\"", "\"limits\": {\"wall_seconds\": 1.5}, \"time\"");
     let path = site.post(1, &document).await;
     let ended = site.ended(&path).await;

@@ -1,12 +1,12 @@
-//! Workers on threads of a test.
+//! Workers as threads of the test process.
 
 use dvi::service::jobs::Solver;
 use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use std::sync::Arc;
 use std::{io, thread};
 
-/// A launcher of workers on threads of this process, with a solver controlled by a test. They talk to the front through
-/// pipes, as processes do.
+/// Returns a launcher of workers on threads of this process, with a solver that the test controls. They talk to the
+/// front of the service through pipes, as worker processes do.
 pub fn threads(solver: Solver) -> Launcher {
     Arc::new(move || {
         let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);

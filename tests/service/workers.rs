@@ -1,4 +1,4 @@
-//! Worker processes: what a job does to its worker affects no other job and not the service.
+//! Worker processes: a job that brings down its worker affects neither other jobs nor the service.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
@@ -12,7 +12,8 @@ use std::process::{Command, Output};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A harmonic oscillator whose trajectory has a time and two values per step, with some two steps per time unit.
+/// Specification of a harmonic oscillator whose trajectory has a time and two values per step, with about two steps
+/// per time unit.
 fn oscillator(end: u32) -> String {
     format!(
         r#"{{"problem":{{"dvi":{{"states":{{"x":{{"initial":1,"rate":"v"}},"v":{{"initial":0,"rate":"-x"}}}}}}}},
@@ -20,18 +21,18 @@ fn oscillator(end: u32) -> String {
     )
 }
 
-/// An end time that no solve of these tests reaches.
+/// End time that no solve of these tests reaches.
 const ENDLESS: u32 = 100_000_000;
 
-/// An end time at which the trajectory takes some hundred MiB.
+/// End time at which the trajectory of the oscillator takes some hundred MiB.
 const LONG: u32 = 10_000_000;
 
-/// The child processes of the service.
+/// Returns the process ids of the workers, which are child processes of the service.
 fn workers(server: &Server) -> Vec<u32> {
     server.workers()
 }
 
-/// The `status` file of a process, empty if the process has ended.
+/// Returns the `status` file of a process, empty if the process has ended.
 fn status(pid: u32) -> String {
     fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default()
 }
@@ -61,7 +62,7 @@ fn message(state: &Value) -> &str {
     state["message"].as_str().unwrap_or_else(|| panic!("no message in {state}"))
 }
 
-/// The value of a metric, given by its name with labels.
+/// Returns the value of a metric, given by its name with labels.
 fn figure(server: &Server, name: &str) -> Option<f64> {
     server.get("/metrics").body.lines().find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
 }
@@ -80,7 +81,7 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(server.send("POST", "/solve", "", &oscillator(100)).status, 200);
     assert_eq!(figure(&server, "dvi_workers_lost_total{reason=\"too_much_memory\"}"), Some(1.0));
-    // Another worker has taken the place of the lost one.
+    // Another worker must have taken the place of the lost one.
     server.reaches(&server.accept(DECAY), &["successful"]);
     let start = Instant::now();
     while figure(&server, "dvi_workers") != Some(2.0) {
@@ -93,18 +94,18 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
 fn a_result_beyond_its_bound_is_not_gathered_in_memory() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--result-mib", "1"]);
-    // After a first job, so that one-time allocations are not counted.
+    // The measurement begins after a first job, so that one-time allocations are not counted.
     server.reaches(&server.accept(DECAY), &["successful"]);
     let mut held = Vec::new();
     for _ in 0..8 {
-        // Some hundred thousand steps: ten MiB as JSON.
+        // The trajectory has some hundred thousand steps: ten MiB as JSON.
         let path = server.accept(&oscillator(100_000));
         let state = server.reaches(&path, &["failed", "successful"]);
         assert!(message(&state).starts_with("result-too-large: "), "{state}");
         server.get(&format!("{path}/results")).problem(422, "result-too-large");
         held.push(server.resident_kib());
     }
-    // Gathering each result would take ten MiB more.
+    // A service that held each result in memory would take ten MiB more per job.
     assert!(held[7] < held[0] + (8 << 10), "{held:?} KiB after results of 1 MiB at most");
     assert_eq!(workers(&server).len(), 1);
     server.reaches(&server.accept(DECAY), &["successful"]);
@@ -123,7 +124,7 @@ fn a_job_whose_worker_is_killed_begins_again_beside_others_but_not_for_ever() {
         loop {
             assert!(start.elapsed() < Duration::from_secs(60), "no other worker");
             let new = workers(&server).into_iter().find(|pid| *pid != constant && *pid != last);
-            // A worker that uses CPU time has the job.
+            // The worker that uses CPU time has the job.
             if let Some(pid) = new.filter(|pid| works(*pid)) {
                 return pid;
             }
@@ -166,7 +167,7 @@ fn a_worker_that_is_killed_at_rest_is_replaced_unnoticed() {
         let before = workers(&server);
         signal("KILL", before[0]);
         server.reaches(&server.accept(DECAY), &["successful"]);
-        // Inline solves do not wait for the next worker.
+        // Inline solves do not wait for the next worker, so that the test does.
         let start = Instant::now();
         while workers(&server).is_empty() || workers(&server) == before {
             assert!(start.elapsed() < Duration::from_secs(20), "it is not replaced");
@@ -199,19 +200,20 @@ fn a_worker_confines_itself() {
         let line = limits.lines().find(|line| line.starts_with(name)).unwrap();
         line.split_whitespace().rev().nth(1).unwrap().parse::<u64>().unwrap()
     };
-    // Beside the limit of a solve: some ten MiB of the program, eight for a stack, 64 for documents and messages.
+    // The limit of a worker is that of a solve and further memory: some ten MiB for the program, eight for a stack,
+    // 64 for documents and messages.
     let data = hard("Max data size") >> 20;
     assert!((172..200).contains(&data), "{data} MiB");
     assert_eq!((hard("Max core file size"), hard("Max open files")), (0, 16));
     assert_eq!(fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap().trim(), "1000");
     assert!(fs::read(format!("/proc/{pid}/environ")).unwrap().len() < 100, "no secrets of the service");
-    // Landlock requires that new privileges have been given up first.
+    // Landlock requires that the process has first given up new privileges.
     if has_landlock() {
         assert!(status(pid).contains("NoNewPrivs:\t1"), "{}", status(pid));
     }
 }
 
-/// Whether the kernel has Landlock, as far as it reports that.
+/// Whether the kernel has Landlock; true if it does not report its security modules.
 fn has_landlock() -> bool {
     fs::read_to_string("/sys/kernel/security/lsm").map_or(true, |modules| modules.contains("landlock"))
 }
@@ -222,7 +224,7 @@ fn a_job_that_does_not_heed_its_deadline_is_ended() {
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--wall-seconds", "1"]);
     let path = server.accept(&oscillator(ENDLESS));
     server.reaches(&path, &["running"]);
-    // A stopped process heeds nothing.
+    // A stopped process does not respond to its deadline.
     signal("STOP", workers(&server)[0]);
     assert!(message(&server.reaches(&path, &["failed"])).starts_with("overran: "));
     server.reaches(&server.accept(DECAY), &["successful"]);
@@ -241,13 +243,14 @@ fn a_cancel_reaches_the_worker_and_brings_the_trajectory_so_far() {
     server.send("POST", &format!("{path}/cancel"), "", "");
     server.reaches(&path, &["dismissed"]);
     println!("cancelled after {:?}", start.elapsed());
-    // A busy machine may take a second by itself.
+    // On a busy machine the cancellation may take a second by itself.
     assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
     let result = server.get(&format!("{path}/results")).json();
     assert!(result["trajectory"]["t"].as_array().unwrap().len() > 10);
 }
 
-/// A heat equation above an obstacle in a cube, with a million nodes: some 200 bytes that take seconds to check.
+/// Specification of a heat equation above an obstacle in a cube, with a million nodes: some 200 bytes that take
+/// seconds to check.
 const CUBE: &str = r#"{"problem":{"obstacle":{"domain":{"x":[0,1],"y":[0,1],"z":[0,1]},"elements":100,"diffusion":"1+x*y",
 "initial":"sin(x)*sin(y)","obstacle":"-x"}},"time":{"end":1}}"#;
 
@@ -255,7 +258,7 @@ const CUBE: &str = r#"{"problem":{"obstacle":{"domain":{"x":[0,1],"y":[0,1],"z":
 fn a_check_that_takes_too_much_memory_ends_alone() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--memory-mib", "1"]);
-    // Spheres in a row: five MiB of text, which become some two hundred MiB in memory.
+    // Spheres in a row: five MiB of text, which take some two hundred MiB in memory.
     let sphere = |k: u32| format!(r#"{{"shape":{{"sphere":{{"radius":1}}}},"density":1,"position":[{},0,0]}}"#, 3 * k);
     let row: Vec<String> = (0..60_000).map(sphere).collect();
     let document = format!(
@@ -275,7 +278,7 @@ fn a_check_stops_when_its_client_goes_away() {
     let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let at_rest = workers(&server);
     let mut stream = TcpStream::connect(&server.address).unwrap();
-    // The long coefficient makes the check last until the worker has been seen at work.
+    // A long coefficient makes the check last until the test has seen a worker that uses CPU time.
     let cube = CUBE.replace("1+x*y", &format!("1{}", "+x*y*sin(x)".repeat(1000)));
     let length = cube.len();
     write!(stream, "POST /check HTTP/1.1\r\nhost: localhost\r\ncontent-length: {length}\r\n\r\n{cube}").unwrap();
@@ -287,13 +290,13 @@ fn a_check_stops_when_its_client_goes_away() {
         assert!(start.elapsed() < Duration::from_secs(20), "no worker checks");
     };
     drop(stream);
-    // The check stops when asked, or its worker is killed half a second later.
+    // The check stops when it is asked to, or its worker is killed half a second later.
     thread::sleep(Duration::from_secs(1));
     assert!(!works(checker));
     assert_eq!(server.get("/healthz").status, 200);
 }
 
-/// Runs the test of that name in a child process, with `folder` in its environment.
+/// Runs the test `name` of this file in a child process, with `folder` in its environment.
 fn run_apart(name: &str, folder: &Path) -> Output {
     let name = format!("workers::{name}");
     Command::new(std::env::current_exe().unwrap())
@@ -303,7 +306,7 @@ fn run_apart(name: &str, folder: &Path) -> Output {
         .unwrap()
 }
 
-/// The cause of death of a child process that runs this test.
+/// Runs the test `name` in a child process, and returns the cause of its death.
 fn death_in(name: &str) -> Death {
     let run = run_apart(name, Path::new(""));
     Death::of(run.status, &String::from_utf8_lossy(&run.stderr))
@@ -334,7 +337,7 @@ fn loses_its_files() {
             assert!(refused, "attempt {k}: {refusal:?}");
         }
     }
-    // Files opened before stay usable, like the pipes of a worker.
+    // Files that were opened before the confinement stay usable, like the pipes of a worker.
     assert!(begun.metadata().unwrap().len() > 0);
 }
 
@@ -346,7 +349,7 @@ fn a_worker_has_no_access_to_the_store() {
     server.kill();
     let run = run_apart("loses_its_files", folder.path());
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    // `serve` logs the limits that a worker has found to be in force.
+    // The log of `serve` reports the limits that a worker has found to be in force.
     let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     assert_eq!(server.confined_to.contains("no access to files"), has_landlock(), "{}", server.confined_to);
     assert_eq!(server.accept(DECAY).len(), "/jobs/".len() + 36);
@@ -375,7 +378,7 @@ fn the_last_words_of_a_process_tell_why_it_died() {
     assert_eq!(death_in("takes_too_much"), Death::TooMuchMemory(Some(200 << 20)));
 }
 
-/// A result without its evidence, which contains times.
+/// Returns a result without its diagnostics, which contain run times.
 fn without_evidence(json: &[u8]) -> Value {
     let mut result: Value = serde_json::from_slice(json).unwrap();
     result.as_object_mut().unwrap().remove("diagnostics");

@@ -23,7 +23,7 @@ import urllib.request
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "api/python/README.md", *sorted((ROOT / "api/guide").glob("*.md"))]
 
-#: Blocks that another test runs: page, language, part of the block, the test.
+#: Blocks that another test runs: the page, the language, a part of the block, and the path of the test.
 ELSEWHERE = [
     ("api/guide/", "json", "", "tests/specification/guide.rs"),
     ("api/guide/recipes.md", "rust", "", "src/lib.rs"),
@@ -66,7 +66,8 @@ class Encrypting:
         return self.listener.getsockname()[1]
 
     def __exit__(self, *_):
-        # Shut down first: a thread that waits for connections would keep it open.
+        # The socket is shut down first: a thread that waits in accept() would keep it
+        # open.
         self.listener.shutdown(socket.SHUT_RDWR)
         self.listener.close()
 
@@ -82,7 +83,7 @@ class Encrypting:
         try:
             client = self.context.wrap_socket(client, server_side=True)
         except OSError:
-            # A client that does not trust it goes away.
+            # A client that does not trust the certificate disconnects.
             return
         service = socket.create_connection(self.service)
         threading.Thread(target=self.copy, args=(client, service), daemon=True).start()
@@ -115,7 +116,8 @@ class Desk:
         self.log = open(self.folder / "log", "w")
         self.service = subprocess.Popen([program, "serve"], env=self.environment, stderr=self.log, cwd=self.folder)
         self.until_alive(self.service)
-        # The service shows itself as the unit that the page on backups speaks of.
+        # A stand-in for systemctl: it reports the service as the main process of the
+        # unit that the page on backups names.
         stand_in = commands / "systemctl"
         stand_in.write_text(f'#!/bin/sh\n[ "$*" = "show -P MainPID dvi" ] && echo {self.service.pid}\n')
         stand_in.chmod(0o755)
@@ -148,7 +150,8 @@ class Desk:
     def shell(self, text):
         told = ""
         for line in text.splitlines():
-            # What does not end by itself: a service, and all tests.
+            # Commands that do not end by themselves (a service) or run all tests are
+            # run separately.
             if line.startswith("cargo run --release -- serve"):
                 self.own_service()
                 text = text.replace(line, "")
@@ -166,7 +169,7 @@ class Desk:
         if "/backup" in text:
             (self.folder / "backup").mkdir()
             text = text.replace("/var/lib/dvi", str(self.data)).replace("/backup", str(self.folder / "backup"))
-        # A refusal of the service is a failure of the command.
+        # curl fails if the service refuses a request.
         told += self.run(["bash", "-euo", "pipefail"], 'curl() { command curl --fail-with-body "$@"; }\n' + text)
         if "openssl req" in text:
             self.encrypted(text)
@@ -196,7 +199,7 @@ class Desk:
             assert self.run([*solve, f"https://localhost:{port}"], environment=environment) == plain
             told = self.run(["curl", "-sS", "--cacert", "cert.pem", f"https://localhost:{port}/version"])
             assert json.loads(told)["name"] == "dvi"
-        # Without the words that the text explains.
+        # A certificate without the option that the text explains, CA:FALSE.
         authority = text.replace(" -addext basicConstraints=critical,CA:FALSE", "")
         assert authority != text
         self.run(["bash", "-euo", "pipefail"], authority)
@@ -221,7 +224,8 @@ class Desk:
             file.write_text(text)
             self.run([self.program, "solve", str(file)])
             return
-        # A part of an answer: an answer has these members, and they have these.
+        # The block is a part of a result: a result must have these members, and these
+        # members must have the members in the block.
         answer = json.loads(self.run([self.program, "solve", "belt.json"]))
         part = json.loads("{" + text + "}")
         assert part.keys() <= answer.keys(), sorted(part.keys() - answer.keys())
@@ -240,7 +244,8 @@ class Desk:
 
     def octave(self, text):
         command = needs("octave-cli", "octave")
-        # A machine without a display has no toolkit for graphics: what is drawn is looked at by the stand-in.
+        # A stand-in for `plot` checks its arguments, since a machine without a display has no graphics
+        # toolkit.
         (self.folder / "drawn").mkdir(exist_ok=True)
         (self.folder / "drawn/plot.m").write_text("function plot(t, x)\n  assert(numel(t) > 100 && numel(t) == numel(x));\n  disp('drawn');\nend\n")
         script = "addpath('drawn');\n" + self.here(text) + "\nassert(answer.verdict.trusted && abs(answer.trajectory.t(end) - 20) < 1e-12);\n"
@@ -248,7 +253,7 @@ class Desk:
         assert "drawn" in self.run([command, "--quiet", "--no-init-file", "shown.m"])
 
     def matlab(self, text):
-        # Octave reads what is written, but its webwrite sends an empty body.
+        # Octave can parse the code, but its webwrite sends an empty body.
         needs("matlab")
         (self.folder / "shown.m").write_text(self.here(text))
         self.run(["matlab", "-batch", "run('shown.m')"])
@@ -263,7 +268,7 @@ class Desk:
         self.run([command, "-e", client])
 
     def python(self, text):
-        # One block after the other, as a reader would type them.
+        # The blocks run one after the other, as a reader would type them.
         self.typed = getattr(self, "typed", "") + self.here(text)
         missing = [name for name in ("pandas", "pyarrow", "requests") if name in text and subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True).returncode != 0]
         if missing:

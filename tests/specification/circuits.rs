@@ -18,7 +18,7 @@ fn circuit() -> Value {
     })
 }
 
-/// The circuit with an additional component.
+/// Returns the circuit with an additional component.
 fn and(kind: &str, component: Value) -> Value {
     let mut document = circuit();
     let components = document.pointer_mut(PLACE).and_then(Value::as_array_mut).expect("components");
@@ -117,7 +117,7 @@ fn a_start_that_contradicts_itself_is_told_by_how_much() {
         "V1 a 0 2\nL1 a b 1 IC=1\nL2 b c 1 IC=4\nR1 c 0 1",
         &[("inconsistent_start", "`L1` starts from 1, but the other components leave only 4: off by -3e0")],
     );
-    // One given initial value determines the other.
+    // Of two parallel capacitors, the given initial voltage of one determines that of the other.
     let text = netlist("C1 a 0 1u\nC2 a 0 1u IC=3\nR1 a 0 1k").to_string();
     assert_eq!(Specification::from_json(text.as_bytes()).unwrap().model().initial(), [3.0]);
 }
@@ -215,7 +215,8 @@ fn subcircuits_that_multiply_are_answered() {
     );
 }
 
-/// Faults between components have the line of the first of them, and names in laws the line of the law.
+/// A fault between several components is reported at the line of the first of them, and an unknown name in a law at
+/// the line of the law.
 #[test]
 fn faults_of_a_netlist_have_the_line_of_a_component() {
     for (text, code, part) in [
@@ -284,7 +285,7 @@ fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
     assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
 }
 
-/// Decks with words and lines deleted, duplicated, swapped and inserted from other decks.
+/// SPICE netlists ("decks") with words and lines deleted, duplicated, swapped, and inserted from other netlists.
 #[test]
 fn mangled_decks_are_answered_at_a_line_they_have() {
     let decks = [

@@ -1,8 +1,8 @@
-//! Decks that nobody would post: each is read or refused, a faulty line with its number.
+//! SPICE netlists ("decks") with random changes: each is read or refused, and a fault of a line has the line number.
 
 use dvi::specification::{Specification, document_of};
 
-/// Every kind of line.
+/// A netlist with every kind of line.
 const DECK: &str = "Everything at once
 .param vin=24 duty={0.4*1} period = 50u
 V1 in 0 DC {vin}
@@ -54,7 +54,8 @@ Cf o 0 1u
 .end
 ";
 
-/// Faults that are of the whole deck and of no line; a `.tran` within a subcircuit gives no time.
+/// Codes of faults that concern the whole netlist and have no line number; `missing_key` is one of them, since a
+/// `.tran` within a subcircuit sets no end time.
 const OF_THE_DECK: [&str; 8] = [
     "dead_circuit",
     "floating_node",
@@ -66,7 +67,7 @@ const OF_THE_DECK: [&str; 8] = [
     "too_many_unknowns",
 ];
 
-/// Changes of words and lines that nobody would make.
+/// Returns the netlist with random changes of words and lines.
 fn changed(random: &mut fastrand::Rng) -> String {
     const PIECES: [&str; 24] = [
         "\n",
@@ -111,7 +112,7 @@ fn changed(random: &mut fastrand::Rng) -> String {
                 drop(words.splice(to..to, copy));
             }
             _ => {
-                // Part of a word, up to a boundary of characters.
+                // Keeps only the first characters of a word.
                 let length = words[at].char_indices().map(|(place, _)| place).nth(random.usize(0..3)).unwrap_or(0);
                 words[at] = &words[at][..length];
             }
@@ -143,13 +144,13 @@ fn whatever_is_written_in_a_deck_is_read_or_refused() {
         };
         refused += 1;
         for error in &errors {
-            // Without its `.tran` a text is no deck.
+            // A text without `.tran` is not recognised as a netlist, and is refused as faulty JSON.
             let has_place = error.detail.starts_with("line ")
                 || OF_THE_DECK.contains(&error.code)
                 || error.code == "syntax" && document == deck.as_bytes();
             assert!(has_place, "{error:#?} of\n{deck}");
         }
     }
-    // Both happen: most changes of this deck are faults.
+    // Both outcomes occur often; most changes of this netlist are faults.
     assert!(correct > count / 100 && refused > count / 4, "{correct} correct, {refused} refused");
 }

@@ -30,7 +30,7 @@ pub fn linear() -> Value {
     })
 }
 
-/// `document` with the value at `pointer` replaced or inserted.
+/// Returns `document` with the value at `pointer` replaced or inserted.
 pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     match document.pointer_mut(parent).unwrap() {
@@ -43,14 +43,14 @@ pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     document
 }
 
-/// `document` without the value at `pointer`.
+/// Returns `document` without the value at `pointer`.
 pub fn without(mut document: Value, pointer: &str) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     document.pointer_mut(parent).unwrap().as_object_mut().unwrap().remove(key).unwrap();
     document
 }
 
-/// The errors of a text.
+/// Returns the errors of a faulty specification.
 pub fn errors_of(text: impl AsRef<[u8]>) -> Vec<SpecificationError> {
     Specification::from_json(text.as_ref()).expect_err("the document is wrong and should be told so")
 }

@@ -1,4 +1,5 @@
-//! Lowered equations of documents: values and derivatives computed by hand, order, defaults, warnings.
+//! Equations that are built from specifications: values and derivatives computed by hand, the order of states,
+//! defaults, and warnings.
 
 use crate::documents::{block, linear, with};
 use dvi::problem::{ConvexSet, Dvi, Mass, MovingBound, Side};
@@ -124,7 +125,7 @@ fn the_number_of_variables_follows_from_any_matrix_that_tells() {
 fn an_identity_that_is_written_out_is_an_identity() {
     let mass = |mass| read(&with(block(), "/problem/dvi/mass", mass)).model().dvi().unwrap().structure().mass.clone();
     assert_eq!(mass(json!([[1, 0], [0, 1]])), Mass::Identity);
-    // Parameters whose value is one may be bound to other values.
+    // Parameters whose value is one may be bound to other values: the mass matrix is not an identity.
     assert_eq!(mass(json!([["m", 0], [0, "k"]])), Mass::Constant(vec![(0, 0, 1.0), (1, 1, 1.0)]));
 }
 

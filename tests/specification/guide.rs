@@ -1,4 +1,4 @@
-//! The specifications in the guide: each one runs, and its answer is trusted.
+//! The specifications in the guide: each one is solved, and the verdict trusts its result.
 
 use dvi::problem::Control;
 use dvi::solution::Status;

@@ -1,4 +1,4 @@
-//! Documents that nobody would write on purpose: any input is answered, and every refusal has a reason.
+//! Malformed and extreme documents: reading any input ends, and every refusal has a reason.
 
 use crate::documents::{block, linear};
 use dvi::specification::{EXAMPLES, Specification};
@@ -16,7 +16,7 @@ fn answered(text: &[u8]) {
     }
 }
 
-/// The JSON pointer of every value in a document.
+/// Collects the JSON pointers of all values in a document.
 fn pointers(value: &Value, at: String, found: &mut Vec<String>) {
     match value {
         Value::Object(members) => members.iter().for_each(|(key, value)| pointers(value, format!("{at}/{key}"), found)),
@@ -58,7 +58,7 @@ fn examples_changed_at_random_are_answered() {
     }
 }
 
-/// A value replaced by one of another type: the errors are at or below that value, and nowhere else.
+/// If a value is replaced by one of another type, all errors are at or below this value.
 #[test]
 fn a_value_of_another_kind_is_answered_at_its_place() {
     let strange = [json!(null), json!(true), json!(-1), json!("?"), json!([]), json!({}), json!({"a": 1, "b": 2})];
@@ -116,7 +116,7 @@ fn a_large_document_with_many_errors_is_answered_in_time() {
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
-/// A search for the nearest of many names, made for each of many unknown ones, would take minutes.
+/// A search for the nearest of many valid names, made for each of many unknown names, would take minutes.
 #[test]
 fn many_wrong_names_among_many_right_ones_are_answered_in_time() {
     const N: usize = 20_000;

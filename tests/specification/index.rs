@@ -5,7 +5,8 @@ use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// A chain of integrators driven by `z`; `G` is the state `distance` integrations away from it.
+/// A chain of integrators whose first rate depends on `z`; the inequality `G` is the state that is `distance` further
+/// integrations away.
 fn chain(distance: usize) -> Value {
     let state = ["a", "b", "c"][distance];
     json!({
@@ -87,7 +88,8 @@ fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counti
 
 #[test]
 fn what_is_bounded_has_no_impulses_whatever_its_index() {
-    // A force between bounds, which appears only in the second or third derivative of the position.
+    // A bounded force, which appears only in the second or third derivative of the state that the inequality
+    // contains.
     for distance in [1, 2] {
         let mut document = chain(distance);
         for set in
@@ -97,7 +99,7 @@ fn what_is_bounded_has_no_impulses_whatever_its_index() {
             let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
             assert_eq!(specification.analysis().index, Some(1.0 + distance as f64));
         }
-        // With an upper bound alone, the force is unbounded below, and impulses are possible again.
+        // Without an upper bound, the force is unbounded, and impulses are possible again.
         document["problem"]["dvi"]["set"] = json!([{"nonnegative": ["z"]}]);
         assert!(Specification::from_json(document.to_string().as_bytes()).is_err());
     }

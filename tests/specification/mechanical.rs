@@ -106,7 +106,7 @@ fn coefficients_that_vary_and_ellipses_of_friction_say_what_cannot_be() {
     refused(place, json!("0.3 - x"), &[(place, "out_of_range", "-2.7 at the start")]);
     refused(place, json!("ln(-y)"), &[(place, "out_of_range", "NaN")]);
     refused(place, json!("0.3*slip_sped"), &[(place, "unknown_name", "slip_sped")]);
-    // The name is a name in coefficients alone; a parameter of that name keeps its meaning.
+    // `slip_speed` is a predefined name in friction coefficients only; a parameter with this name takes precedence.
     refused("potential", json!("slip_speed"), &[("potential", "unknown_name", "slip_speed")]);
     let document = with(block_on_floor(), &format!("{AT}/parameters/slip_speed"), json!(0.4));
     let document = with(document, &format!("{AT}/{place}"), json!("slip_speed"));
@@ -140,7 +140,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
     assert!((x * x_dot + y * y_dot).abs() < 1e-12);
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed);
-    // The weight may fall from its initial position; nothing else drives it.
+    // The block may fall from its initial position; nothing else may give it kinetic energy.
     let kinetic = solution.trajectory.field("kinetic_energy").unwrap();
     assert!(kinetic.iter().all(|kinetic| *kinetic < 1.0), "an explosion");
 }
@@ -157,7 +157,7 @@ fn methods_are_for_the_problems_they_fit() {
     assert_errors(&document, &[("/output/global_error", "conflict", "impacts")]);
 }
 
-/// The double pendulum in angles, whose mass matrix depends on the angles: `f` against the textbook.
+/// The double pendulum in angles, whose mass matrix depends on the angles: the forces `f` agree with the textbook.
 #[test]
 fn coriolis_forces_are_those_of_the_textbook() {
     let document = json!({"problem": {"mechanical": {
@@ -174,7 +174,7 @@ fn coriolis_forces_are_those_of_the_textbook() {
     let s = (a - b).sin();
     let expected = [-s * b_dot * b_dot - 19.62 * a.sin(), s * a_dot * a_dot - 9.81 * b.sin()];
     assert!((f[0] - expected[0]).abs() < 1e-13 && (f[1] - expected[1]).abs() < 1e-13, "{f:?} {expected:?}");
-    // Derivatives against difference quotients.
+    // The derivatives of the forces agree with difference quotients.
     let (mut by_q, mut by_v) = (DMatrix::zeros(2, 2), DMatrix::zeros(2, 2));
     problem.stiffness(0.0, &[a, b], &[a_dot, b_dot], &mut by_q, &mut by_v);
     let h = 1e-6;
@@ -215,8 +215,8 @@ fn stages_are_refused_where_time_stepping_is_asked_for() {
     assert_errors(&staged, &[("/method/stages", "conflict", "stages")]);
 }
 
-/// Friction that varies, and parameters that the equations are built for, have no derivatives: without a refusal these
-/// would be zero or not a number.
+/// Varying friction, and parameters whose values determine the form of the equations, have no derivatives: a solve
+/// must be refused, since the computed derivatives would be zero or NaN.
 #[test]
 fn derivatives_are_refused_where_the_equations_do_not_show_them() {
     let document = |friction: Value, to: &str| {

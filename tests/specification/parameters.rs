@@ -1,5 +1,5 @@
-//! Bindable parameters: a problem bound to other values against the same text read anew, and sensitivities of the
-//! equations against closed forms and differences.
+//! Parameters that can be bound to other values: a bound problem is compared with the same text read with these
+//! values, and parameter derivatives of the equations with closed forms and difference quotients.
 
 use dvi::models::{DviModel, MechanicalModel, StaticModel};
 use dvi::problem::{Constraints, Control};
@@ -12,7 +12,7 @@ fn read(document: &Value) -> Specification {
     Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{errors:?}\n{document}"))
 }
 
-/// The document with other values for its parameters.
+/// Returns the document with other values for its parameters.
 fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     let mut document = document.clone();
     let problem = document["problem"].as_object_mut().and_then(|problem| problem.values_mut().next()).expect("a type");
@@ -22,13 +22,13 @@ fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     document
 }
 
-/// The equations of a problem, static or not.
+/// Returns the equations of a variational inequality, dynamic or static.
 fn equations(specification: &Specification) -> &DviModel {
     let of_static = || (specification.model() as &dyn Any).downcast_ref().map(|model: &StaticModel| &model.equations);
     specification.model().dvi().or_else(of_static).expect("a variational inequality")
 }
 
-/// The rows, the Jacobian and the time derivatives of a problem at a point.
+/// Returns the values of the equations, their Jacobian and their time derivatives at a point.
 fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     let model = equations(specification);
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -39,7 +39,8 @@ fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     told
 }
 
-/// Asserts that a bound problem equals the one read anew: structure, initial state, and equations at a point.
+/// Asserts that a bound problem equals the problem that is read with the same values: in structure, initial state,
+/// and values of the equations at a point.
 #[track_caller]
 fn assert_same(bound: &Specification, anew: &Specification, what: &str) {
     if let [Some(model), Some(other)] = [bound, anew].map(mechanical) {
@@ -72,7 +73,7 @@ fn mechanical(specification: &Specification) -> Option<&MechanicalModel> {
     (specification.model() as &dyn Any).downcast_ref()
 }
 
-/// Asserts the same for mechanical systems.
+/// Asserts that a bound mechanical system equals the system that is read with the same values.
 #[track_caller]
 fn assert_same_system(model: &MechanicalModel, other: &MechanicalModel, what: &str) {
     assert_eq!((model.structure(), &model.initial), (other.structure(), &other.initial), "{what}");
@@ -106,7 +107,8 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
         let document: Value = serde_json::from_str(example.text).expect("an example");
         let specification = read(&document);
         let Some(parameters) = specification.model().parameters() else { continue };
-        // Elements of vectors, and starts that a sweep varies, have no member of their own to replace.
+        // Elements of vectors, and initial values varied by a sweep, are parameters without a member of their own in
+        // the document.
         let problem = document["problem"].as_object().and_then(|problem| problem.values().next());
         let members = problem.and_then(|problem| problem["parameters"].as_object());
         let own = |(name, _): &(&String, &f64)| members.is_some_and(|members| members.contains_key(*name));
@@ -116,12 +118,13 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
             let anew = Specification::from_json(with_numbers(&document, &given).to_string().as_bytes());
             match (specification.with_parameters(&given), anew) {
                 (Ok(bound), Ok(anew)) => assert_same(&bound, &anew, &what),
-                // The size of a vector is a whole number.
+                // The size of a vector must be a whole number.
                 (Err(found), Err(expected)) if expected[0].code == "index_out_of_range" => {
                     assert_eq!(found[0].code, "structure_changes", "{what}");
                 }
                 (Err(found), Err(expected)) => assert_eq!(found[0].code, expected[0].code, "{what}"),
-                // A resolved initial state is not an expression in the parameters, and a period is a number once it is read.
+                // An initial state found by the option `resolve` is no expression in the parameters, and a period is
+                // a number as soon as it has been read.
                 (Err(found), Ok(_)) => {
                     let fixed = example.text.contains("resolve") || document["periodic"]["period"] == name.as_str();
                     assert!(fixed && found[0].code == "structure_changes", "{what}: {found:?}");
@@ -134,7 +137,7 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
     assert!(bound_parameters >= 40, "{bound_parameters} parameters of examples are inputs");
 }
 
-/// A problem with parameters everywhere: rates, inequality, mass, moving and constant bounds, initial values.
+/// A problem with parameters in all places: rates, inequality, mass, moving and constant bounds, initial values.
 fn everywhere() -> Value {
     json!({
         "problem": {"dvi": {
@@ -189,7 +192,7 @@ fn regions() -> Value {
     })
 }
 
-/// A block on a rough incline, and a spring that it falls on.
+/// A block on a rough incline, and a spring onto which it falls.
 fn block() -> Value {
     json!({
         "problem": {"mechanical": {
@@ -211,7 +214,8 @@ fn block() -> Value {
     })
 }
 
-/// A bridge with a capacitor in a loop with the source, an inductor in series with another, and a zener in the tree.
+/// A bridge circuit with a capacitor in a loop with the source, two inductors in series, and a Zener diode in the
+/// spanning tree.
 fn circuit() -> Value {
     json!({
         "problem": {"circuit": {
@@ -282,11 +286,11 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&block(), &[("e", 1.5)], "out_of_range", "restitution of `floor` is 1.5");
     told(&block(), &[("m", -1.0)], "mass_not_positive", "-1");
     told(&circuit(), &[("r", -1.0)], "out_of_range", "component number 2 is -1");
-    // Rates that point away from the border on both sides: solutions may leave it at any time.
+    // Rates that point away from the switching surface on both sides: solutions may leave the surface at any time.
     let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
     told(&repelling, &[("up", -1.0), ("down", 2.0)], "structure_changes", "repels");
-    // A mass that happens to equal one is not an identity.
+    // A mass matrix whose entries equal those of the identity for one parameter value is not treated as an identity.
     let mut identity = linear();
     identity["problem"]["lcs"]["mass"] = json!([["2*l", 0], [0, 1]]);
     let bound = read(&identity).with_parameters(&[("l", 0.75)]).expect("another mass");
@@ -297,8 +301,8 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&folded, &[("a", 2.0)], "folded", "constants");
 }
 
-/// Derivatives of the rows at a point and of constants with respect to parameters, dense: rows, then initial states,
-/// mass and bounds.
+/// Returns derivatives with respect to parameters: of the equations at a point, and of the initial states, the mass
+/// matrix and constant bounds; each with a description, the index of the parameter, and the value.
 fn slopes(specification: &Specification, t: f64, y: &[f64]) -> Vec<(String, usize, f64)> {
     let model = specification.model().dvi().expect("a problem");
     let mut slopes = model.slopes().expect("derivatives").expect("parameters");
@@ -321,7 +325,7 @@ fn slopes_are_those_of_the_closed_form() {
     let find = |what: &str, by: usize| {
         found.iter().find(|(of, parameter, _)| of.starts_with(what) && *parameter == by).map_or(0.0, |found| found.2)
     };
-    // m, k, a, w, b, sorted by name; c = k/m is not independent.
+    // The independent parameters m, k, a, w, b are sorted by name; c = k/m depends on them.
     let names = specification.model().parameters().expect("parameters").names().to_vec();
     let place = |name: &str| names.iter().position(|known| known == name).expect("a parameter");
     let quadratic = y[1] * y[1].abs();

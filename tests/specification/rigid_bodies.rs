@@ -135,7 +135,7 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
     assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
-    // About an axis at a distance of 2 m, the centre must have the velocity w x r.
+    // For a rotation about an axis at a distance of 2 m, the centre must have the velocity w x r.
     let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
@@ -155,7 +155,7 @@ fn impacts_are_located_where_that_is_possible_and_the_answer_says_what_else_ther
         let described = dvi::solve(&specification, &Control::new()).diagnostics;
         (described.built[0], described.left_out.iter().any(|line| line.starts_with("location of impacts: ")))
     };
-    // A box has edges.
+    // A box has edges: its impacts are not located, and the method is time stepping.
     assert_eq!(steppers(&document), ("time stepping", true));
     document["problem"]["rigid_bodies"]["bodies"][2]["shape"] = json!({"sphere": {"radius": 0.5}});
     for (impacts, expected) in [
@@ -203,7 +203,7 @@ fn too_many_bodies_are_refused_before_they_are_looked_at() {
 
 const PROBLEM: &str = "/problem/rigid_bodies";
 
-/// The problem with this joint alone.
+/// Returns the scene with one hinge that has these members.
 fn hinged(members: &Value) -> Value {
     let mut hinge = json!({"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
@@ -233,7 +233,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     refused(json!({"limits": {}}), "limits", "empty", "limit");
     refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
     refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
-    // Zero up to rounding is not a mismatch, also with parameters involved.
+    // A mismatch that is zero up to rounding is none, also if parameters are involved.
     let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
     Specification::from_json(document.to_string().as_bytes()).unwrap();
 }
@@ -305,14 +305,14 @@ fn motions_parts_and_groups_say_what_cannot_be() {
     let at = |k: usize, key: &str| format!("{BODIES}/{k}/{key}");
     let moved = json!({"position": ["t", 0, 1]});
     let mut document = bodies(1, "motion", moved);
-    // A mass and a position in addition to a motion contradict it.
+    // A body with a prescribed motion must have neither a position nor a mass.
     assert_errors(&document, &[(&at(1, "motion"), "conflict", "position"), (&at(1, "motion"), "conflict", "mass")]);
     let ball = document["problem"]["rigid_bodies"]["bodies"][1].as_object_mut().unwrap();
     ball.remove("mass");
     ball.remove("position");
     Specification::from_json(document.to_string().as_bytes()).unwrap();
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["box", "ball"], "at": [0, 0, 1]}}]);
-    // The ball moves on at 1 m/s, and the box is at rest.
+    // The ball keeps moving at 1 m/s while the box is at rest, so that a joint between them is violated.
     assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball"), "interpenetration", "violated in velocity")]);
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["ball"], "at": [0, 0, 1]}}]);
     assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies"), "nothing_to_join", "mass")]);

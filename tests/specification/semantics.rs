@@ -374,7 +374,7 @@ fn the_first_version_of_the_language_is_the_one_there_is() {
     assert!(Specification::from_json(versioned(json!("1")).to_string().as_bytes()).is_err());
 }
 
-/// What has SI units says so, field by field; elsewhere units are the user's.
+/// Fields of problems in SI units state their units; other problems leave the units to the user.
 #[test]
 fn fields_have_units_where_the_problem_has() {
     let units = |text: &str| Specification::from_json(text.as_bytes()).unwrap().provenance().units;

@@ -1,4 +1,4 @@
-//! Common mistakes in specifications, and the words of the error message that tell what to write. Each row of
+//! Common mistakes in specifications, and the words of the error message that say how to correct them. Each row of
 //! `slips.json` has a document, pairs of texts of which the first is replaced by the second, and the required words.
 
 use crate::documents::errors_of;

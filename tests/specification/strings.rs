@@ -1,5 +1,6 @@
-//! Every text that a user can meet: what stands in quotes in the sources, and the descriptions of the schema. They are printed to be read line by
-//! line (`--nocapture`), and phrases that readers did not understand do not come back.
+//! Checks all texts that a user may read, which are the string literals in the sources and the descriptions in the
+//! schema: phrases that readers did not understand must not occur. With `--nocapture`, the test prints the texts for
+//! a review.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -9,7 +10,7 @@ use std::path::Path;
 /// Texts with fewer words are names, keys and addresses.
 const FEWEST_WORDS: usize = 4;
 
-/// Phrases that users could not make sense of, in lower case.
+/// Phrases that users did not understand, in lower case.
 const PUZZLING: [&str; 16] = [
     "in no circle",
     "is no component known",
@@ -29,13 +30,13 @@ const PUZZLING: [&str; 16] = [
     "at once or in time",
 ];
 
-/// The source of a file without comments and without the tests at its end.
+/// Returns the source of a file without comments and without the tests at its end.
 fn without_comments(source: &str) -> String {
     let code = source.split("#[cfg(test)]").next().unwrap_or_default();
     code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-/// What stands in quotes; a line that ends in a backslash goes on.
+/// Returns the string literals of a source; a line that ends in a backslash continues on the next line.
 fn quoted(code: &str) -> Vec<String> {
     let plain = code.replace("'\"'", "''").replace("\\\"", "\u{201d}");
     let texts = plain.split('"').skip(1).step_by(2);

@@ -209,7 +209,7 @@ fn one_value_stands_for_a_list_of_it_alone() {
     let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
     let [lists, alone] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
     assert_eq!(lists, alone);
-    // A column of two and a row of two, both written as flat lists.
+    // A 2 x 1 and a 1 x 2 matrix, both written as flat lists.
     let written = [
         small(
             json!({"initial": [1, 2], "A": [[-1, 0], [0, -2]], "B": [[1], [3]], "C": [[1, 4]], "D": [[1]], "set": [{"nonnegative": ["z1"]}]}),
@@ -237,7 +237,8 @@ fn the_end_may_be_called_until_and_not_twice() {
     assert_errors(&twice, &[("/time/until", "conflict", "another name of `end`")]);
 }
 
-/// A comment may have any content in an object with fixed keys; in an object of names it is a name.
+/// In an object with fixed keys, the key `comment` may have any content; in an object with names as keys, it is a
+/// name.
 #[test]
 fn comments_and_the_address_of_the_schema_are_passed_over() {
     let remark = json!("why it is so");

@@ -1,4 +1,4 @@
-//! Error messages for faulty sweeps, each at its place; and names of numbers.
+//! Error messages for faulty sweeps, each at its place; and names by which numbers of a specification are set.
 
 use crate::documents::*;
 use dvi::specification::{Specification, edited};

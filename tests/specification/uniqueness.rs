@@ -1,5 +1,5 @@
-//! Certificates of uniqueness are correct: none for textbook examples with several solutions, one wherever a theorem
-//! applies, and the same for every way of writing a problem.
+//! Certificates of uniqueness are correct: none is given for textbook examples with several solutions, one is given
+//! wherever a theorem applies, and all formulations of a problem get the same one.
 
 use dvi::analysis::{Analysis, Uniqueness};
 use dvi::specification::Specification;
@@ -24,7 +24,7 @@ fn ode(rate: &str, initial: f64) -> Value {
 
 #[test]
 fn rates_that_are_not_lipschitz_are_not_certified() {
-    // Solutions from zero: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2 t/3)^(3/2).
+    // Solutions with x(0) = 0: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2 t/3)^(3/2).
     for (rate, expected, because) in [
         ("sign(x)", Uniqueness::NotCertified, "`sign` of a term in `x` jumps"),
         ("1 - 2*heaviside(x)", Uniqueness::NotCertified, "`heaviside` of a term in `x` jumps"),
@@ -49,7 +49,7 @@ fn rates_that_are_lipschitz_are_certified() {
 
 #[test]
 fn what_is_not_lipschitz_beside_variables_is_seen_too() {
-    // The height of a leaking tank, kept below a rim.
+    // The water level of a leaking tank, kept below a rim by the outflow `z`.
     let tank = |initial: f64| {
         json!({"dvi": {
             "states": {"h": {"initial": initial, "rate": "1 - sqrt(h) - z"}},
@@ -60,7 +60,7 @@ fn what_is_not_lipschitz_beside_variables_is_seen_too() {
     assert_verdict(tank(1.0), Uniqueness::LocallyUnique, "`sqrt` of a term in `h`");
 }
 
-/// A problem `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
+/// Returns the problem `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
 fn lcs(a: Value, b: Value, c: Value, d: Value) -> Value {
     let initial = vec![0.0; a.as_array().map_or(0, Vec::len)];
     let names: Vec<String> = (1..=d.as_array().map_or(0, Vec::len)).map(|k| format!("z{k}")).collect();
@@ -81,7 +81,7 @@ fn passive_netlists_have_unique_states() {
 
 #[test]
 fn a_source_that_feeds_back_is_not_passive() {
-    // The doubler's D with the sign of one resistance reversed is regular but not a P-matrix.
+    // The matrix D of the voltage doubler with one resistance negated is regular, but not a P-matrix.
     let negative = lcs(json!([[0.0]]), json!([[1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[1.0, 2.0], [2.0, 1.0]]));
     assert_verdict(negative, Uniqueness::NotCertified, "not a P-matrix");
     // P B = C^T has no solution on the kernel of D: C B = -1.
@@ -89,8 +89,8 @@ fn a_source_that_feeds_back_is_not_passive() {
     assert_verdict(reversed, Uniqueness::NotCertified, "");
 }
 
-/// Rock, paper, scissors: shares move along their payoffs, projected onto the plane of constant sum, and stay
-/// nonnegative.
+/// The rock-paper-scissors game: shares move along their payoffs, projected onto the plane of constant sum, and stay
+/// nonnegative. With `mean`, the projection subtracts the mean explicitly; without, it uses a free variable.
 fn rock_paper_scissors(mean: bool) -> Value {
     let pushes = ["b - c + za", "c - a + zb", "a - b + zc"];
     let less = if mean { "(za + zb + zc)/3" } else { "m" };

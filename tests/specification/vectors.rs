@@ -1,11 +1,11 @@
-//! Vectors and sums, compared with the same problem written out, and error messages for faulty ones.
+//! Vectors and sums, compared with the same problem written element by element, and error messages for faulty ones.
 
 use crate::documents::{assert_errors, errors_of};
 use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// Masses with dry friction, connected by springs, as vectors.
+/// Masses with dry friction, connected by springs, written with vectors.
 fn chain() -> Value {
     json!({
         "problem": {"dvi": {
@@ -29,7 +29,7 @@ fn chain() -> Value {
     })
 }
 
-/// The chain with a name for each element: `x3` for `x[3]`.
+/// The same chain of masses with a name for each element: `x3` for `x[3]`.
 fn written_out() -> Value {
     let n = 5;
     let (mut parameters, mut states, mut set) = (json!({"m": 1, "k": 10}), json!({}), Vec::new());
@@ -210,7 +210,7 @@ fn a_matrix_of_data_is_a_list_of_rows_of_a_name_with_two_ranges() {
         let found = dvi::solve(&specification, &Control::new()).solution.expect("a solution");
         [found.z["p[1]"], found.z["p[2]"]]
     };
-    // 4 p1 + p2 - 2 = 1 and p1 + 2 p2 - 1 = 1.
+    // The solution of 4 p1 + p2 - 2 = 1 and p1 + 2 p2 - 1 = 1 is p1 = 4/7, p2 = 5/7.
     let rows = solved(&of(json!({"A[1..2,1..3]": [[4, 1, "-1"], [1, 2, -0.5]]})));
     let flat = solved(&of(json!({"A[1..2,1..3]": [4, 1, -1, 1, 2, -0.5]})));
     assert_eq!(rows, flat);

@@ -1,4 +1,5 @@
-//! `view`: points and segments, checked like the rest of the document, and without any effect on the answer.
+//! The member `view` of a specification: its points and segments are checked like the rest of the document, and have
+//! no effect on the solution.
 
 use crate::documents::{assert_errors, block, with};
 use dvi::problem::Control;

@@ -1,10 +1,11 @@
-//! Runs that cannot reach their end: each says why and where, and keeps the trajectory so far.
+//! Runs that cannot reach their end: each reports the reason and the time, and keeps the trajectory so far.
 
 use crate::stability::harness::{Case, column, last};
 use dvi::solution::{Failure, Solution, Status};
 use serde_json::json;
 
-/// The failure of a run that must fail, with a trajectory up to about `time`.
+/// Solves a case that must fail at about `time`, and returns the solution, whose trajectory ends there, and the
+/// failure.
 fn failure(case: &Case, time: f64) -> (Solution, Failure) {
     let solution = case.run();
     assert_eq!(solution.status, Status::Failed);
@@ -40,7 +41,7 @@ fn a_pole_in_time_ends_before_it() {
 
 #[test]
 fn leaving_the_domain_of_a_function_names_the_state() {
-    // x' = -1 - sqrt(x) from 1 reaches 0 at 2 - 2 ln 2.
+    // The solution of x' = -1 - sqrt(x), x(0) = 1, reaches 0 at t = 2 - 2 ln 2.
     let time = 2.0 - 2.0 * 2.0_f64.ln();
     let (solution, failure) = failure(&Case::until(3.0).state("level", 1.0, "-1 - sqrt(level)"), time);
     assert_eq!(failure.code, "not_finite");
@@ -52,7 +53,7 @@ fn leaving_the_domain_of_a_function_names_the_state() {
 
 #[test]
 fn a_tank_that_runs_dry_beside_its_formula_names_the_derivative() {
-    // Torricelli: x' = -sqrt(x) has no derivative at 0, which it reaches at t = 2.
+    // Torricelli's law x' = -sqrt(x) has no derivative at x = 0, which the solution reaches at t = 2.
     let solution = Case::until(3.0).state("level", 1.0, "-sqrt(level)").run();
     let failure = solution.error.expect("a failure");
     assert_eq!(failure.code, "not_finite");
@@ -62,7 +63,7 @@ fn a_tank_that_runs_dry_beside_its_formula_names_the_derivative() {
 
 #[test]
 fn an_overflow_is_an_end_not_an_infinity() {
-    // e^t passes the largest double at 709.78.
+    // e^t exceeds the largest double at t = 709.78.
     let solution = Case::until(1e3).state("x", 1.0, "x").run();
     assert_eq!(solution.status, Status::Failed);
     assert!(last(&solution, "x") > 1e300);
@@ -71,7 +72,7 @@ fn an_overflow_is_an_end_not_an_infinity() {
 
 #[test]
 fn an_inequality_that_nothing_can_keep_ends_at_its_time() {
-    // z pushes x down, or not at all, where x >= 0 asks for a push up: no solution after t = 1.
+    // The variable z >= 0 can only push x down, but x >= 0 requires a push up: no solution exists after t = 1.
     for rate in ["-1 - z", "-1"] {
         let case = Case::until(3.0).state("x", 1.0, rate).nonnegative("z", "x");
         let (solution, failed) = failure(&case, 1.0);

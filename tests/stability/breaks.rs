@@ -1,4 +1,4 @@
-//! Forcing, bounds and obstacles that jump at given times: no step goes across, and none overlooks one.
+//! Forcing, bounds and obstacles that jump at given times: no step crosses such a time, and none is missed.
 
 use crate::stability::harness::{Case, distance, last};
 use serde_json::json;
@@ -6,8 +6,8 @@ use std::f64::consts::PI;
 
 #[test]
 fn a_stiff_relaxation_follows_every_edge_of_a_square_wave() {
-    // x' = -k (x - s), s = 1 on the even half waves of sin t, 0 on the odd: between edges the distance to s decays by
-    // e^-k dt.
+    // x' = -k (x - s), where s is 1 on the even half waves of sin t and 0 on the odd ones: between edges of s, the
+    // distance of x from s decays by the factor e^-k dt.
     for stiffness in [1.0, 1e3, 1e8] {
         let rate = format!("-{stiffness:e}*(x - heaviside(sin(t)))");
         let exact = |t: f64| {
@@ -24,7 +24,7 @@ fn a_stiff_relaxation_follows_every_edge_of_a_square_wave() {
         };
         let solution = Case::until(60.0).state("x", 0.0, &rate).method(json!({"rtol": 1e-8})).solve();
         let error = distance(&solution, "x", exact);
-        // Within a transient the rounding of the time of its edge counts.
+        // Within the transient after an edge, the rounding error of the time of the edge matters.
         let bound = 1e-6 + 2.0 * stiffness * 60.0 * f64::EPSILON;
         assert!(error < bound, "stiffness {stiffness:e}: off by {error:e}");
         assert!((last(&solution, "x") - exact(60.0)).abs() < 1e-8, "stiffness {stiffness:e}");
@@ -34,7 +34,7 @@ fn a_stiff_relaxation_follows_every_edge_of_a_square_wave() {
 
 #[test]
 fn kinks_of_time_do_not_lower_the_order() {
-    // The integral of |cos t| is 2 k + (-1)^k sin t after k zeros.
+    // The integral of |cos t| after k zeros of the cosine is 2 k + (-1)^k sin t.
     let exact = |t: f64| {
         let zeros = ((t + 0.5 * PI) / PI).floor();
         2.0 * zeros + if zeros as i64 % 2 == 0 { t.sin() } else { -t.sin() }
@@ -49,8 +49,9 @@ fn kinks_of_time_do_not_lower_the_order() {
 
 #[test]
 fn pulses_of_any_width_are_met_at_their_edges() {
-    // Of one quantity that changes its sign twice within a width of w, and drives x' = -x with an area of one: each edge at c
-    // adds exp(c - t)/w, with its sign. Times are known to a unit of rounding, which is that part of the width.
+    // Each pulse is a function of one quantity that changes its sign twice within the width w, and drives x' = -x
+    // with unit area: an edge at time c adds +-exp(c - t)/w to x. Times have a relative rounding error, which is a
+    // larger fraction of a smaller width.
     let centres = [2.1, 7.3];
     for width in [1e-2_f64, 1e-5, 1e-7] {
         let pulse = |c: f64| format!("heaviside({:e} - (t - {c})^2)/{width:e}", 0.25 * width * width);
@@ -64,7 +65,7 @@ fn pulses_of_any_width_are_met_at_their_edges() {
         let error = (last(&solution, "x") - exact(10.0)).abs();
         let bound = 1e-8 + 8.0 * f64::EPSILON * 7.3 / width;
         assert!(error < bound, "width {width:e}: off by {error:e}");
-        // Each edge begins anew; nothing else costs.
+        // The integration restarts at each edge; pulses cost nothing else.
         let rates = solution.diagnostics.evaluations.rates;
         assert!(rates < 250, "width {width:e}: {rates} evaluations");
     }
@@ -72,7 +73,7 @@ fn pulses_of_any_width_are_met_at_their_edges() {
 
 #[test]
 fn periodic_edges_cost_no_more_than_the_steps_between_them() {
-    // A pulse of width w about each whole number; in the middle of each period enclosures tell that there is none.
+    // A pulse of width w about each whole number; between pulses, interval enclosures prove that no edge exists.
     let width: f64 = 0.01;
     let level = (PI * width).cos();
     let rate = format!("-x + heaviside(cos({:?}*t) - {level:?})", 2.0 * PI);
@@ -88,8 +89,9 @@ fn periodic_edges_cost_no_more_than_the_steps_between_them() {
 
 #[test]
 fn outputs_within_a_transient_behind_a_switch_are_right() {
-    // A small step of the rate at t = 1/2, by a break of time or by a variable that reaches its bound, sets off a transient a
-    // thousand times shorter than the steps before it. Its end is right whatever the step is; outputs within are not.
+    // A small step of the rate at t = 1/2, at a given time or because a variable reaches its bound, starts a
+    // transient that is a thousand times shorter than the steps before it. After the transient, x is right for any
+    // step size; outputs within the transient are right only if steps resolve it.
     let (size, stiffness) = (1e-2, 1e6);
     let linear = |t: f64| size * (1.0 - (-stiffness * t).exp()) + 1.0;
     let logistic = |t: f64| (1.0 + size) / (1.0 + size * (-stiffness * (1.0 + size) * t).exp());

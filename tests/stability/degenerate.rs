@@ -13,7 +13,7 @@ fn the_same_inequality_twice_leaves_the_states_unique() {
     let solution = case.method(method()).solve();
     let error = distance(&solution, "x", |t| (1.0 - t).max(0.0));
     assert!(error < 1e-13, "off by {error:e}");
-    // Which of the two holds is open; that they hold 1 together is not.
+    // The share of each multiplier is not determined, but their sum is 1.
     assert!((last(&solution, "a") + last(&solution, "b") - 1.0).abs() < 1e-12);
     let case = Case::until(3.0).state("x", 1.0, "0.3 - a - b");
     let case = case.between("a", "-x", RELAY[0], RELAY[1]).between("b", "-x", RELAY[0], RELAY[1]);
@@ -25,22 +25,23 @@ fn the_same_inequality_twice_leaves_the_states_unique() {
 
 #[test]
 fn a_cb_that_is_not_symmetric_takes_the_solution_that_exists() {
-    // CB = [[1, 4], [-4, 1]]: x rests at 1, y at 1.1; from then only b = 1 holds, and x' = -1 + 4 b = 3.
+    // CB = [[1, 4], [-4, 1]]: x reaches zero at t = 1, and y at t = 1.1; afterwards only b = 1 is active, and x' =
+    // -1 + 4 b = 3.
     let case = Case::until(5.0).state("x", 1.0, "-1 + a + 4*b").state("y", 1.5, "-1 + b - 4*a");
     let solution = case.nonnegative("a", "x").nonnegative("b", "y").method(method()).solve();
     let error = distance(&solution, "x", |t| (1.0 - t).max(0.0).max(3.0 * (t - 1.1)));
     assert!(error < 1e-11, "off by {error:e}");
     let error = distance(&solution, "y", |t| if t < 1.0 { 1.5 - t } else { (0.5 - 5.0 * (t - 1.0)).max(0.0) });
     assert!(error < 1e-11, "off by {error:e}");
-    // What is complementary is not reported as if it were not.
+    // The evidence on complementarity must not report a violation, since the solution has none.
     let evidence = solution.diagnostics.complementarity.expect("evidence");
     assert!(evidence.smallest_g > -1e-9, "{evidence:?}");
 }
 
 #[test]
 fn many_stages_rest_where_every_state_is_rounding() {
-    // w' = M z - 1 with the cyclic M from beside its point of rest, z = 1/4: steps too long for the spiral stay there,
-    // and w falls to what the transforms of nine stages leave of it.
+    // w' = M z - 1 with a circulant matrix M, from a point near the equilibrium z = 1/4: steps too long to resolve
+    // the spiral stay at the equilibrium, where w is only the rounding error of the transformation to nine stages.
     for (stages, step) in [(7, 0.1), (8, 0.05), (9, 0.1), (9, 0.05)] {
         let case = Case::until(4.0).state("w1", 0.0, "a + 3*b - 1").state("w2", 1e-6, "b + 3*c - 1");
         let case = case.state("w3", 0.0, "3*a + c - 1");

@@ -1,4 +1,5 @@
-//! Runs that would have no end: each ends soon, with the right cause, or goes on and is right.
+//! Runs that might never end: each ends soon and reports the right reason, or reaches its end with the right
+//! solution.
 
 use crate::stability::harness::{Case, RELAY, column, last};
 use dvi::problem::Control;
@@ -6,13 +7,14 @@ use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// The `problem` that a message gives to be pasted.
+/// Returns the problem that an error message proposes for copying.
 fn problem_in(message: &str) -> Value {
     let start = message.find("{\"dvi\"").unwrap_or_else(|| panic!("no problem in: {message}"));
     serde_json::from_str(&message[start..]).expect("JSON to the end of the message")
 }
 
-/// What the failure of a run that chatters from `time` on asks for instead, solved to `end`.
+/// Asserts that a run fails with chattering at about `time`, and solves the problem that the error message proposes
+/// instead, up to `end`.
 fn solve_instead(case: &Case, time: f64, end: f64) -> Solution {
     let solution = case.run();
     let failure = solution.error.expect("a failure");
@@ -29,12 +31,13 @@ fn solve_instead(case: &Case, time: f64, end: f64) -> Solution {
 
 #[test]
 fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
-    // x falls to zero at t = 1 and rests.
+    // x falls to zero at t = 1 and stays there.
     let solution = solve_instead(&Case::until(3.0).state("x", 1.0, "-sign(x)"), 1.0, 3.0);
     assert!(last(&solution, "x").abs() < 1e-9 && last(&solution, "u").abs() < 1e-9);
     let solution = solve_instead(&Case::until(3.0).state("x", 0.0, "1 - 2*heaviside(x - 1)"), 1.0, 3.0);
     assert!((last(&solution, "x") - 1.0).abs() < 1e-9 && (last(&solution, "u") - 0.5).abs() < 1e-9);
-    // Coulomb friction under half of what it holds: v = 1 - t/2 until it sticks at t = 2. The units do not matter.
+    // Coulomb friction with an applied force of half the friction limit: v = 1 - t/2 until the body sticks at t = 2.
+    // The result does not depend on the units.
     for scale in [1.0, 1e-6, 1e6] {
         let rate = format!("{} - {scale}*sign(v)", 0.5 * scale);
         let case = Case::until(4.0).state("v", scale, &rate).method(json!({"atol": 1e-9 * scale}));
@@ -45,7 +48,8 @@ fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
 
 #[test]
 fn kinks_within_kinks_are_written_as_a_set() {
-    // Along y = 0 the jump of 3 holds max(min(x, 2), 1) + |y|, which lies between 1 and 2: y rests from about t = 0.6 on.
+    // On the line y = 0, the jump of size 3 on each side outweighs max(min(x, 2), 1, 0.5) + |y|, which lies between 1
+    // and 2: y rests from about t = 0.6 on.
     let rate = "max(min(x, 2), 1, 0.5) + abs(y) - 3*sign(y)";
     let case = Case::until(2.0).state("x", 0.0, "1").state("y", 1.0, rate);
     let solution = case.run();
@@ -58,7 +62,7 @@ fn kinks_within_kinks_are_written_as_a_set() {
 
 #[test]
 fn a_jump_that_is_passed_and_a_kink_at_rest_are_no_chattering() {
-    // sign(x) is passed once in each half period of cos t; x |x| at rest changes its sign by rounding.
+    // x passes the jump of sign(x) once in each half period of cos t; the sign of z at rest changes by rounding.
     let case =
         Case::until(60.0).state("x", 0.0, "cos(t)").state("y", 0.0, "sign(x)").state("z", 1.0, "-z*abs(z) - 1e3*z");
     case.method(json!({"rtol": 1e-5})).solve();
@@ -66,7 +70,7 @@ fn a_jump_that_is_passed_and_a_kink_at_rest_are_no_chattering() {
 
 #[test]
 fn a_force_that_grows_beyond_all_bounds_ends_at_its_pole() {
-    // a = 0 asks for z = 1/cos t, which has no continuation beyond pi/2.
+    // a = 0 requires z = 1/cos t, which cannot be continued beyond t = pi/2.
     for rtol in [1e-4, 1e-6, 1e-9] {
         let case = Case::until(3.0).state("a", 1.0, "-1 + cos(t)*z").nonnegative("z", "a");
         let solution = case.method(json!({"rtol": rtol})).run();
@@ -80,7 +84,8 @@ fn a_force_that_grows_beyond_all_bounds_ends_at_its_pole() {
 
 #[test]
 fn twisting_comes_to_rest_or_says_what_is_not_resolved() {
-    // x'' = -3 Sgn x - 1.2 Sgn x': at rest from t = 4.544 on (arcs of parabolas, each with the ratio (3 - 1.2)/(3 + 1.2)).
+    // x'' = -3 Sgn x - 1.2 Sgn x' is at rest from t = 4.544 on; the trajectory consists of arcs of parabolas whose
+    // heights decrease by the factor (3 - 1.2)/(3 + 1.2).
     let [lower, upper] = RELAY;
     for (rtol, stages) in [(1e-4, json!(1)), (1e-6, json!("auto")), (1e-9, json!(5))] {
         let case = Case::until(8.0).state("x", 1.0, "v").state("v", 0.5, "-3*p - 1.2*q");
@@ -88,7 +93,7 @@ fn twisting_comes_to_rest_or_says_what_is_not_resolved() {
         let solution = case.method(json!({"rtol": rtol, "stages": stages.clone()})).run();
         assert!(solution.diagnostics.steps.accepted < 400_000, "{:?}", solution.diagnostics.steps);
         if let Some(failure) = &solution.error {
-            // Of first order, the velocity is not resolved where the position is.
+            // With one stage, a method of order 1, the velocity is not resolved although the position is.
             assert_eq!((&*failure.code, stages), ("switches_unresolved", json!(1)), "{}", failure.message);
             assert!(failure.time > 4.5, "{failure:?}");
             continue;
@@ -114,7 +119,7 @@ fn a_start_is_found_however_far_the_variables_are() {
                         assert!((exact - x).abs() < 1e-6 * (1.0 + x), "{of} from {x0} in {block}: z = {z} at x = {x}");
                     }
                     if of == "cubic" {
-                        // dx = (3 z^2 + 1) dz = -z dt: 3/2 z^2 + ln z falls as t grows.
+                        // (3 z^2 + 1) dz = dx = -z dt: 3/2 z^2 + ln z decreases by t.
                         let integral = |z: f64| 1.5 * z * z + z.ln();
                         let z = column(&solution, "z");
                         let gone = integral(z[0]) - integral(last(&solution, "z"));

@@ -1,75 +1,75 @@
-//! A specification put together in a line or two, and its answer.
+//! A builder for short specifications, and functions on their solutions.
 
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::{Map, Value, json};
 
-/// A problem of type `dvi` in the making.
+/// A builder of a problem of type `dvi`.
 pub struct Case {
     specification: Value,
 }
 
 impl Case {
-    /// A problem to be solved from 0 to `end`.
+    /// Begins a problem that is solved from 0 to `end`.
     pub fn until(end: f64) -> Self {
         let dvi = json!({"states": {}, "variables": {}, "set": []});
         Self { specification: json!({"problem": {"dvi": dvi}, "time": {"end": end}}) }
     }
 
-    /// A state `name` with its initial value and its rate.
+    /// Adds a state `name` with its initial value and its rate.
     pub fn state(mut self, name: &str, initial: f64, rate: &str) -> Self {
         self.dvi("states")[name] = json!({"initial": initial, "rate": rate});
         self
     }
 
-    /// A variable with its inequality, in the block of the set made by `block` from its name.
+    /// Adds a variable with its inequality, and the block of the set that contains the variable.
     pub fn variable(mut self, name: &str, inequality: &str, block: Value) -> Self {
         self.dvi("variables")[name] = json!({"inequality": inequality});
         self.dvi("set").as_array_mut().expect("a list").push(block);
         self
     }
 
-    /// A variable that is not negative.
+    /// Adds a nonnegative variable with its inequality.
     pub fn nonnegative(self, name: &str, inequality: &str) -> Self {
         self.variable(name, inequality, json!({"nonnegative": [name]}))
     }
 
-    /// A variable between two bounds.
+    /// Adds a variable between two bounds, with its inequality.
     pub fn between(self, name: &str, inequality: &str, lower: &str, upper: &str) -> Self {
         self.variable(name, inequality, json!({"box": {"of": [name], "lower": lower, "upper": upper}}))
     }
 
-    /// A variable without bounds.
+    /// Adds a variable without bounds, with its equation.
     pub fn free(self, name: &str, equation: &str) -> Self {
         self.variable(name, equation, json!({"free": [name]}))
     }
 
-    /// A mass matrix.
+    /// Sets the mass matrix.
     pub fn mass(mut self, matrix: Value) -> Self {
         self.specification["problem"]["dvi"]["mass"] = matrix;
         self
     }
 
-    /// The choices of the method.
+    /// Sets the options of the method.
     pub fn method(mut self, method: Value) -> Self {
         self.specification["method"] = method;
         self
     }
 
-    /// The output times.
+    /// Sets the output times.
     pub fn times(mut self, times: Value) -> Self {
         self.specification["output"] = json!({"times": times});
         self
     }
 
-    /// The limits.
+    /// Sets the limits of the run.
     pub fn limits(mut self, limits: Value) -> Self {
         self.specification["limits"] = limits;
         self
     }
 
-    /// The checked specification.
+    /// Returns the checked specification.
     pub fn specification(&self) -> Specification {
         let mut specification = self.specification.clone();
         let dvi = specification["problem"]["dvi"].as_object_mut().expect("an object");
@@ -81,14 +81,14 @@ impl Case {
             .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"))
     }
 
-    /// The answer, whatever its status.
+    /// Solves the problem, and returns the solution whatever its status.
     pub fn run(&self) -> Solution {
         let solution = dvi::solve(&self.specification(), &Control::new());
         assert_finite(&solution);
         solution
     }
 
-    /// The answer of a run that must reach its end.
+    /// Solves the problem, and asserts that the run reaches its end.
     pub fn solve(&self) -> Solution {
         let solution = self.run();
         assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
@@ -100,33 +100,33 @@ impl Case {
     }
 }
 
-/// The bounds of a relay.
+/// The lower and upper bound of a relay's variable.
 pub const RELAY: [&str; 2] = ["-1", "1"];
 
-/// No answer holds a NaN or an infinity.
+/// Asserts that no value of the solution is NaN or infinite.
 pub fn assert_finite(solution: &Solution) {
     for field in &solution.trajectory.fields {
         assert!(field.values.iter().all(|value| value.is_finite()), "`{}` is not finite", field.name);
     }
 }
 
-/// A field over time.
+/// Returns the values of a field over time.
 pub fn column<'a>(solution: &'a Solution, name: &str) -> &'a [f64] {
     solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"))
 }
 
-/// The last value of a field.
+/// Returns the last value of a field.
 pub fn last(solution: &Solution, name: &str) -> f64 {
     *column(solution, name).last().unwrap_or_else(|| panic!("`{name}` has no values"))
 }
 
-/// The largest distance of a field from a function of time.
+/// Returns the largest difference between a field and a function of time.
 pub fn distance(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> f64 {
     let times = solution.trajectory.t.iter();
     times.zip(column(solution, name)).map(|(&t, &value)| (value - exact(t)).abs()).fold(0.0, f64::max)
 }
 
-/// The times of the events, those of one instant once.
+/// Returns the times of the events, without repetitions.
 pub fn instants(solution: &Solution) -> Vec<f64> {
     let mut times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     times.dedup();

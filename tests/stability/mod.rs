@@ -1,5 +1,6 @@
-//! Stability at the limits: stiffness, scales, horizons, blow-ups, degenerate inequalities, accumulating switches, step
-//! sizes and output times at their extremes. Every answer is from outside: a closed form, or what must hold of any run.
+//! Stability at the limits: stiffness, scales, horizons, blow-ups, degenerate inequalities, accumulating switches,
+//! and extreme step sizes and output times. Results are compared with closed forms, or with properties that every
+//! solution has.
 
 mod bounds;
 mod breakdown;

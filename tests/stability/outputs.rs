@@ -1,4 +1,4 @@
-//! Output times and limits: at the ends, at switches, a million of them, and runs stopped half-way.
+//! Output times and limits: outputs at the ends and at switches, a million outputs, and runs that are stopped early.
 
 use crate::stability::harness::{Case, RELAY, column, distance, last};
 use dvi::problem::Control;
@@ -6,12 +6,12 @@ use dvi::solution::Status;
 use serde_json::json;
 use std::time::{Duration, Instant};
 
-/// Reaches zero at `2/0.7` and rests there.
+/// A relay whose state `x` reaches zero at `t = 2/0.7` and stays there.
 fn relay(end: f64) -> Case {
     Case::until(end).state("x", 2.0, "0.3 - s").between("s", "-x", RELAY[0], RELAY[1])
 }
 
-/// `x' = 3 cos t - sgn x`: two switches in every period, for ever.
+/// The relay `x' = 3 cos t - sgn x`, with two switches in every period forever.
 fn forced(end: f64) -> Case {
     Case::until(end).state("x", 0.0, "3*cos(t) - s").between("s", "-x", RELAY[0], RELAY[1])
 }
@@ -34,15 +34,16 @@ fn between_the_steps_states_keep_to_what_constrains_them() {
     use std::f64::consts::PI;
     for rtol in [1e-4, 1e-6, 1e-9] {
         let method = json!({"rtol": rtol});
-        // Sliding on a surface that moves: nothing of the motion shows at the ends of steps.
+        // Sliding on a moving surface: the constraint holds at the ends of steps, so that an error shows only between
+        // them.
         let slides = Case::until(5.0).state("x", 1.0, "-2*s").between("s", "-(x - sin(t))", "-1", "1");
         let solution = slides.method(method.clone()).times(json!({"count": 201})).solve();
         let x = column(&solution, "x").iter().zip(&solution.trajectory.t).filter(|(_, t)| **t > 1.0);
         let error = x.fold(0.0_f64, |error, (x, t)| error.max((x - t.sin()).abs()));
-        // The tolerance of the embedded estimate, which is rescaled.
+        // The embedded error estimate uses a rescaled tolerance, `0.1 rtol^(2/3)`.
         let tolerance = 0.1 * f64::powf(rtol, 2.0 / 3.0);
         assert!(error < 5.0 * tolerance, "{rtol:e}: off the surface by {error:e}");
-        // A multiplier holds the state on a path.
+        // The multiplier i keeps the state v on the given path 10 sin t.
         let path = Case::until(2.0 * PI).state("v", 0.0, "i - v").free("i", "v - 10*sin(t)");
         let solution = path.method(method).times(json!({"count": 101})).solve();
         let error = distance(&solution, "v", |t| 10.0 * t.sin());
@@ -60,7 +61,7 @@ fn a_state_below_its_tolerance_is_told() {
     assert!(is_told(case()).0);
     let (told, x) = is_told(case().method(json!({"atol": 1e-20})));
     assert!(!told && (x / 1e-12 - 20.0_f64.cos()).abs() < 1e-4, "{told}, {x:e}");
-    // What rounding leaves of a zero is no state that matters.
+    // A state that is zero up to rounding causes no warning.
     assert!(!is_told(Case::until(1.0).state("x", 1.0, "-x").state("w", 1e-17, "0").times(json!([1]))).0);
 }
 

@@ -1,4 +1,4 @@
-//! Starts: variables without a guess where they enter nonlinearly, a singular mass matrix.
+//! Initial values: of variables that occur nonlinearly and have no initial guess, and with a singular mass matrix.
 
 use crate::stability::harness::{Case, column, distance, last};
 use serde_json::json;
@@ -17,12 +17,12 @@ fn a_variable_that_enters_nonlinearly_is_found_without_a_guess() {
             assert!((z.powi(3) + z - x).abs() < 1e-8);
         }
     }
-    // With x = z + z^3, x' = -z^3: z (1 + 3 z^2)' gives 1/(2 z^2) - 3 ln z = c + t.
+    // With x = z + z^3 and x' = -z^3, (1 + 3 z^2) z' = -z^3: the integral is 1/(2 z^2) - 3 ln z = c + t.
     let case = Case::until(1.0).state("x", 1.0, "-x + z").nonnegative("z", "z^3 + z - x");
     let solution = case.method(json!({"rtol": 1e-9})).solve();
     let integral = |z: f64| 0.5 / (z * z) - 3.0 * z.ln();
     assert!((integral(last(&solution, "z")) - integral(ROOT) - 1.0).abs() < 1e-7);
-    // exp(z) = 5 x: Newton's first step goes to 4, the root is ln 5.
+    // exp(z) = 5 x with x = 1: the first Newton step leads to z = 4, and the root is ln 5.
     let case = Case::until(1.0).state("x", 1.0, "-x").nonnegative("z", "exp(z) - 5*x");
     let solution = case.method(json!({"rtol": 1e-9})).solve();
     let error = distance(&solution, "z", |t| 5.0_f64.ln() - t);
@@ -43,7 +43,7 @@ fn a_singular_mass_matrix_makes_an_algebraic_state() {
 
 #[test]
 fn a_steep_start_is_no_jump() {
-    // x' = k (-z - x) with z = 2, far faster than the run.
+    // x' = k (-z - x) with z = 2, on a time scale far shorter than the run.
     for k in [1e9, 1e12, 1e15] {
         let case = Case::until(1e-3).state("x", 0.0, &format!("{k:e}*(-z - x)")).free("z", "z - 2");
         let solution = case.method(json!({"rtol": 1e-6})).solve();

@@ -1,11 +1,12 @@
-//! Stiffness that is only there after a switch. That of smooth problems stands in the table.
+//! Stiffness that appears only after a switch. Smooth stiff problems are in the table of stability cases.
 
 use crate::stability::harness::{Case, column, distance, instants};
 use serde_json::json;
 
 #[test]
 fn a_ball_on_a_stiff_spring_keeps_its_energy() {
-    // Free fall from 1 at g = 10, and a one-sided spring of 1e9: three contacts of about 1e-4 until t = 3.
+    // Free fall from height 1 with g = 10 onto a one-sided spring of stiffness 1e9: three contacts of duration about
+    // 1e-4 until t = 3.
     let case = Case::until(3.0).state("x", 1.0, "v").state("v", 0.0, "-10 + F").nonnegative("F", "F/1e9 + x");
     let solution = case.method(json!({"rtol": 1e-8})).solve();
     let spring = |x: f64| 0.5e9 * x.min(0.0).powi(2);
@@ -13,7 +14,7 @@ fn a_ball_on_a_stiff_spring_keeps_its_energy() {
         let energy = 10.0 * x + 0.5 * v * v + spring(*x);
         assert!((energy - 10.0).abs() < 1e-4, "the energy is {energy}, not 10");
     }
-    // Three times into contact and three times out of it.
+    // Three times the contact closes, and three times it opens.
     assert_eq!(instants(&solution).len(), 6, "{:?}", instants(&solution));
 }
 

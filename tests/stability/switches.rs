@@ -1,4 +1,4 @@
-//! Switches: many, at once, touched only, and stepped over.
+//! Switches: many, simultaneous, grazing, and stepped over.
 
 use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 #[test]
 fn a_bound_that_is_touched_is_no_switch_and_one_passed_within_a_step_is_two() {
-    // Without z, x = (t - 1)^2 + depth. With depth < 0 it rests at zero from 1 - sqrt(-depth) to 1.
+    // Without z, x = (t - 1)^2 + depth. If depth < 0, x rests at zero from t = 1 - sqrt(-depth) to t = 1.
     for depth in [0.0, 1e-14, 1e-8, 1e-6] {
         let case = Case::until(3.0).state("x", 1.0 + depth, "2*(t - 1) + z").nonnegative("z", "x");
         let solution = case.method(json!({"rtol": 1e-8})).solve();
@@ -53,8 +53,8 @@ fn variables_that_switch_at_once_switch_at_one_time() {
 
 #[test]
 fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
-    // x'' + 100 x in -0.3 g Sgn x' from 1/2: each half turn takes pi/10 and 2 mu g/k = 0.05886 of the amplitude, until the
-    // spring is weaker than friction.
+    // x'' + 100 x in -0.3 g Sgn x', x(0) = 1/2: each half period takes pi/10 and reduces the amplitude by 2 mu g/k =
+    // 0.05886, until the spring force is below the friction limit.
     let case = Case::until(4.0).state("x", 0.5, "v").state("v", 0.0, "-100*x - F");
     let turns: Vec<f64> = (0..=8).map(|k| 0.1 * PI * f64::from(k)).collect();
     let case = case.between("F", "-v", "-2.943", "2.943").method(json!({"rtol": 1e-10}));
@@ -71,7 +71,8 @@ fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
 
 #[test]
 fn a_hundred_thousand_switches_keep_their_phase() {
-    // x' = 3 cos t - sgn x settles to x(t + pi) = -x(t), positive from t_0 with 6 sin t_0 = -pi.
+    // The solution of x' = 3 cos t - sgn x tends to one with x(t + pi) = -x(t), positive from t_0 on with 6 sin t_0 =
+    // -pi.
     let half_periods = 100_000;
     let end = PI * f64::from(half_periods);
     let case = Case::until(end).state("x", 0.0, "3*cos(t) - s").between("s", "-x", RELAY[0], RELAY[1]);
@@ -83,17 +84,17 @@ fn a_hundred_thousand_switches_keep_their_phase() {
     assert!((phase - first).abs() < 1e-5, "the last switch is at {phase}, not {first}, of its half period");
     let error = (last(&solution, "x") - std::f64::consts::FRAC_PI_2 + (PI / 6.0).asin()).abs();
     assert!(error < 1e-4, "x is off by {error:e}");
-    // What is kept is what was asked for, whatever the number of steps.
+    // The trajectory contains only the requested output time, whatever the number of steps.
     assert_eq!(solution.trajectory.t.len(), 1);
 }
 
-/// `x = 2 - 0.7 t + 0.1 sin t` until it is zero, and rests there; `y` is its integral.
+/// A state `x = 2 - 0.7 t + 0.1 sin t` that stays at zero once it has reached zero; `y` is its integral.
 fn slide() -> Case {
     let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
     case.between("s", "-x", RELAY[0], RELAY[1])
 }
 
-/// `y` at the end, from the zero of `x` by Newton's method.
+/// Returns `y` at the end, computed from the zero of `x` by Newton's method.
 fn integral() -> f64 {
     let mut rest = 2.8_f64;
     for _ in 0..20 {
@@ -115,7 +116,7 @@ fn stepping_over_switches_solves_every_step_and_converges() {
                     }))
                     .solve();
                 assert!(column(&solution, "x").iter().all(|&x| x > -1e-12));
-                // One step is of low order, whatever the method.
+                // The step that contains the switch is of low order, whatever the order of the method.
                 let bound = if stages == 1 { 2.0 * step } else { step * step };
                 let error = (last(&solution, "y") - integral).abs();
                 assert!(error < bound, "{stages} stages, {steps} steps: off by {error:e}");
@@ -132,7 +133,8 @@ fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
         let solution = slide().method(json!({"rtol": tolerance, "switches": "step_over"})).solve();
         let error = (last(&solution, "y") - integral).abs();
         assert!(error < 10.0 * tolerance, "rtol {tolerance:e}: off by {error:e}");
-        // A step that was rejected leaves no trace: there is one switch, and it is not an accumulation.
+        // A rejected step leaves no switch in the diagnostics: there is one switch, and no warning of accumulating
+        // switches.
         assert_eq!(solution.diagnostics.switches, 1);
         assert!(solution.diagnostics.warnings.is_empty(), "{:?}", solution.diagnostics.warnings);
     }
@@ -140,7 +142,8 @@ fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
 
 #[test]
 fn pulses_between_which_no_state_moves_are_all_found() {
-    // x' = max(0, sin t - c): while the sine is below c nothing bounds the step but what is known of the sign of G.
+    // x' = max(0, sin t - c): while sin t is below c, no state changes, and only information on the sign of G limits
+    // the step size.
     for level in [0.0, 0.9, 0.99, 0.999] {
         let start = f64::asin(level);
         let pulse = 2.0 * start.cos() - level * (PI - 2.0 * start);
@@ -156,8 +159,9 @@ fn pulses_between_which_no_state_moves_are_all_found() {
     }
 }
 
-/// Solves `x' = max(0, g)`, as one variable, beside a free one and as two that enter each other's inequalities, and holds it
-/// against the zeros of `g`, and its integral where it is positive, from two million samples.
+/// Solves `x' = max(0, g)` in three formulations: with one variable, with an additional free variable, and with two
+/// variables that occur in each other's inequalities. Compares the number of switches with the zeros of `g`, and the
+/// final state with the integral of `max(0, g)`, both computed from two million samples.
 fn assert_all_pulses_are_found(g: impl Fn(f64) -> f64, text: &str, method: Value) {
     let (end, samples) = (200.0 * PI, 2_000_000);
     let values: Vec<f64> = (0..samples).map(|i| g((f64::from(i) + 0.5) * end / f64::from(samples))).collect();
@@ -186,7 +190,8 @@ fn a_pulse_in_the_step_before_a_located_switch_is_found() {
 
 #[test]
 fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
-    // v' = a sin 3t - F, |F| <= 1: it slips from where the force passes 1 until v is zero again, to and fro.
+    // v' = a sin 3t - F, |F| <= 1: the block slips in alternating directions, each time from when the force exceeds 1
+    // until v is zero.
     let a = 1.1_f64;
     let start = (1.0 / a).asin();
     let slip = |phase: f64| (a * (start.cos() - phase.cos()) - (phase - start)) / 3.0;
@@ -200,7 +205,7 @@ fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
             Case::until(10.0).state("x", 0.0, "v").state("v", 0.0, "1.1*sin(3*t) - F").between("F", "-v", "-1", "1");
         let solution = case.method(json!({"rtol": rtol})).times(json!([10])).solve();
         let times = instants(&solution);
-        // Nine half periods, and half of the tenth slip.
+        // Nine half periods with two switches each, and the beginning of the tenth slip.
         assert_eq!(times.len(), 19, "{rtol:e}: {times:?}");
         for (k, pair) in times.chunks_exact(2).enumerate() {
             let begins = |phase: f64| (phase + PI * k as f64) / 3.0;
@@ -212,7 +217,7 @@ fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
 
 #[test]
 fn a_rest_between_the_stages_of_a_long_step_is_found() {
-    // The polynomial through the five values of z stays positive where z is zero for a fifth of the step.
+    // The polynomial through the five stage values of z is positive although z is zero for a fifth of the step.
     let g = |t: f64| t.sin() - 0.5 + 0.6 * (3.3 * t).sin();
     assert_all_pulses_are_found(g, "sin(t) - 0.5 + 0.6*sin(3.3*t)", json!({"rtol": 1e-4, "stages": 5}));
 }

@@ -1,12 +1,12 @@
-//! The table of stiff and extreme cases, which `dvi report` shows: every row comes out as it must, but for those that are
-//! known to fail.
+//! The table of stiff and extreme cases that `dvi report` shows: each case must pass, except the known failures.
 
 use dvi::problem::Control;
 use dvi::study::stability::{Outcome, cases, parts, run};
 
-/// Rows that fail, and are shown as such. An impact shorter than the fixed step has its force at one of the two stages, and
-/// throws back faster than it was met: of a rigid body with 5/4 of its speed. From 9e8 on rounding in `K u` of a body far
-/// from where it began is beyond the tolerance as well.
+/// Cases that fail, and are shown as failures in the table. In an impact shorter than the fixed step, the force acts
+/// at only one of the two stages, and the bar rebounds faster than it arrives: a rigid body with 5/4 of its speed.
+/// With a Young's modulus of 9e8 or more, the rounding error of `K u` also exceeds the tolerance when the body is far
+/// from its initial position.
 const KNOWN_FAILURES: [&str; 3] = ["stiff_bar young=9e7", "stiff_bar young=9e8", "stiff_bar young=9e12"];
 
 fn check(part: &str) {

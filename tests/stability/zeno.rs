@@ -1,6 +1,7 @@
-//! Switches that accumulate in finite time, after Stewart's spirals: `w' = M z + q`, `0 <= z`, `0 <= w`, complementary,
-//! with `M` circulant of row `(1, a, 0)` and `q = -(1, 1, 1)`. One phase takes the positive component of `w` to zero while
-//! the next grows; it is `a - 1` times as large and as long.
+//! Switches that accumulate in finite time, after Stewart's spirals: `w' = M z + q`, `0 <= z`, `0 <= w`,
+//! complementary, with the circulant matrix `M` of first row `(1, a, 0)` and `q = -(1, 1, 1)`. In each phase, the
+//! positive component of `w` falls to zero while the next one grows; sizes and durations of successive phases have
+//! the ratio `a - 1`.
 
 use crate::stability::harness::{Case, column, instants, last};
 use serde_json::{Value, json};
@@ -15,14 +16,14 @@ fn spiral(a: f64, initial: [f64; 3], end: f64, method: Value) -> Case {
 
 #[test]
 fn the_spiral_that_grows_is_not_left_for_its_centre_nor_entered_from_it() {
-    // From w = 0 exactly the method stays: z = 1/4.
+    // From w = 0 exactly, the method stays at w = 0 with z = 1/4.
     let solution = spiral(3.0, [0.0; 3], 10.0, json!({})).times(json!({"count": 11})).solve();
     for k in 1..=3 {
         assert!(column(&solution, &format!("w{k}")).iter().all(|w| w.abs() < 1e-12));
         assert!(column(&solution, &format!("z{k}")).iter().all(|z| (z - 0.25).abs() < 1e-12));
     }
     assert_eq!(solution.diagnostics.switches, 0);
-    // From 1e-6 the phases end at 1e-6 (2^k - 1).
+    // From w2 = 1e-6, the k-th phase ends at t = 1e-6 (2^k - 1).
     for tolerance in [1e-6, 1e-10] {
         let method = json!({"rtol": tolerance, "atol": 1e-3 * tolerance});
         let solution = spiral(3.0, [0.0, 1e-6, 0.0], 1.5, method).solve();
@@ -38,7 +39,7 @@ fn the_spiral_that_grows_is_not_left_for_its_centre_nor_entered_from_it() {
 
 #[test]
 fn the_spiral_that_shrinks_is_passed_through_its_accumulation_point() {
-    // a = 3/2: phases of 1, 1/2, 1/4 .. end at t = 2, after which w = 0 and z = 1/(1 + a).
+    // a = 3/2: phases of duration 1, 1/2, 1/4, .. end at t = 2, after which w = 0 and z = 1/(1 + a).
     for method in [json!({}), json!({"rtol": 1e-10}), json!({"vi_solver": "semismooth_newton"})] {
         let case = spiral(1.5, [0.0, 1.0, 0.0], 4.0, method).times(json!([0.5, 1.25, 2, 3, 4]));
         let solution = case.solve();
@@ -62,8 +63,9 @@ fn the_spiral_that_shrinks_is_passed_through_its_accumulation_point() {
 
 #[test]
 fn the_twisting_controller_stops_in_finite_time() {
-    // x'' = -2 sgn x - sgn x'. From height x it falls for sqrt(2x), brakes for a third of that, and has turned at height x/3
-    // below: half turns as a geometric series, which ends before t = 10.
+    // x'' = -2 sgn x - sgn x'. From the distance x, the state falls to zero within sqrt(2x), brakes for a third of
+    // that time, and turns at the distance x/3 on the other side: the half turns form a geometric series that ends
+    // before t = 10.
     let case = Case::until(20.0).state("x", 1.0, "v").state("v", 0.0, "-2*s - r");
     let case = case.between("s", "-x", "-1", "1").between("r", "-v", "-1", "1");
     let solution = case.times(json!([10, 20])).solve();
@@ -77,7 +79,7 @@ fn the_twisting_controller_stops_in_finite_time() {
         assert!((pair[1] - turn).abs() < 1e-7, "{pair:?}: not at {turn}");
         fall /= 3.0_f64.sqrt();
     }
-    // At rest the two forces cancel.
+    // At rest the two relay forces cancel.
     assert!((2.0 * last(&solution, "s") + last(&solution, "r")).abs() < 1e-9);
     assert!(solution.diagnostics.steps.accepted < 1000);
 }

@@ -1,6 +1,7 @@
-//! Gradients in adjoint mode, held to closed forms and to forward mode: on smooth motion, through switches with jumping
-//! rates, along sliding, at breakpoints that depend on a parameter, through impacts and their accumulation; at a cost that
-//! does not depend on the number of parameters; and refused where they do not exist.
+//! Adjoint gradients, compared with closed forms and with forward sensitivities: on smooth motion, through switches
+//! with jumping rates, along sliding modes, at breakpoints that depend on a parameter, and through impacts and their
+//! accumulation. The cost of a gradient does not depend on the number of parameters, and gradients that do not exist
+//! are refused.
 
 use crate::systems::harness::{last, solve};
 use dvi::problem::Control;
@@ -11,19 +12,21 @@ use hybrid::OneStep;
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
-/// A run to `end` whose derivatives are asked for.
+/// Returns a specification that solves `problem` up to the time `end` with the given `sensitivities`.
 fn document(problem: &Value, end: f64, sensitivities: &Value) -> Value {
     let mut method = json!({"rtol": 1e-11, "atol": 1e-13});
     if problem.get("mechanical").is_some() {
         method["impacts"] = json!("locate");
-        // The gap of a contact that is closed at the start is known up to its tolerance.
+        // The gap of a contact that is closed at the start is known only up to its tolerance, so the absolute
+        // tolerance is larger for mechanical problems.
         method["atol"] = json!(1e-11);
     }
     json!({"problem": problem, "time": {"end": end}, "method": method, "output": {"times": [end]},
         "sensitivities": sensitivities})
 }
 
-/// A trusted run to `end` with the gradient of an objective.
+/// Solves `problem` up to the time `end` with the adjoint gradient of `objective`, and asserts that the solution is
+/// trusted.
 #[track_caller]
 fn gradient(problem: &Value, end: f64, to: &[&str], objective: &Value) -> Solution {
     let asked = json!({"to": to, "mode": "adjoint", "objective": objective});
@@ -39,7 +42,7 @@ fn assert_near(found: f64, expected: f64, part: f64, name: &str) {
     assert!((found - expected).abs() <= part * expected.abs().max(1.0), "{name}: {found:e} for {expected:e}");
 }
 
-/// Holds the gradients of states at the end, and of integrals, to the derivatives of forward mode.
+/// Asserts that adjoint gradients of final states and of integrals agree with the derivatives of forward mode.
 #[track_caller]
 fn assert_forward(problem: &Value, end: f64, to: &[&str], (of, integrands): (&[&str], &[&str])) {
     let mut with_integrals = problem.clone();
@@ -69,7 +72,8 @@ fn the_gradient_of_a_linear_oscillator_is_that_of_its_solution() {
         "states": {"x": {"initial": "a", "rate": "v"}, "v": {"initial": 0, "rate": "-k*x"}}}});
     let to = ["k", "m", "a", "v.initial"];
     let solution = gradient(&problem, 3.0, &to, &json!({"final": "k*x^2"}));
-    // x = a cos wt with w^2 = k/m, dw/dk = w/2k, dw/dm = -w/2m.
+    // For the oscillator x = a cos wt with w^2 = k/m, the derivatives of the frequency are dw/dk = w/2k and dw/dm =
+    // -w/2m.
     let (w, t) = (2.0_f64, 3.0);
     let (x, by_w) = (2.0 * (w * t).cos(), -2.0 * t * (w * t).sin());
     let slopes = [by_w * w / 8.0, -by_w * w / 2.0, (w * t).cos(), (w * t).sin() / w];
@@ -86,14 +90,15 @@ fn the_gradient_of_a_linear_oscillator_is_that_of_its_solution() {
 
 #[test]
 fn a_relay_that_slides_has_the_gradient_of_its_closed_form() {
-    // x decreases at the rate mu to zero, and slides there; y is its integral, finally x0^2/2mu.
+    // The state x decreases at the rate mu to zero and slides there; the state y is the integral of x, finally
+    // x0^2/2mu.
     let problem = json!({"filippov": {"parameters": {"mu": 2, "x0": 3}, "surface": "x",
         "states": {"x": {"initial": "x0", "plus": "-mu", "minus": "mu"}, "y": {"initial": 0, "plus": "x", "minus": "x"}}}});
     let to = ["mu", "x0"];
     let solution = gradient(&problem, 4.0, &to, &json!({"final": "mu*y"}));
     assert_near(solution.gradient["mu"], 0.0, 1e-9, "mu");
     assert_near(solution.gradient["x0"], 3.0, 1e-9, "x0");
-    // The integral of x^2 is x0^3/3mu.
+    // The integral of x^2 over the run is x0^3/3mu.
     let solution = gradient(&problem, 4.0, &to, &json!({"integral": "x^2"}));
     assert_near(solution.gradient["mu"], -27.0 / 12.0, 1e-9, "mu");
     assert_near(solution.gradient["x0"], 4.5, 1e-9, "x0");
@@ -102,24 +107,24 @@ fn a_relay_that_slides_has_the_gradient_of_its_closed_form() {
 
 #[test]
 fn gradients_through_switches_are_those_of_forward_mode() {
-    // Sliding to rest and off again.
+    // A block with Coulomb friction slides to rest and is later pushed off again.
     let friction = json!({"dvi": {"parameters": {"a": 4, "b": 3, "mu": 1},
         "states": {"v": {"initial": 0, "rate": "a - b*t - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     assert_forward(&friction, 4.0, &["a", "b", "mu"], (&["v"], &["v^2"]));
-    // Torn off where the friction that holds reaches its bound.
+    // A block at rest is torn off when the friction force that holds it reaches its bound.
     let torn = json!({"dvi": {"parameters": {"a": 2, "mu": 3},
         "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
         "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     assert_forward(&torn, 4.0, &["a", "mu"], (&["x", "v"], &["x*v"]));
-    // A breakpoint of time, and a bound that moves, both with a parameter.
+    // A breakpoint in time, and then a moving bound, both of which depend on a parameter.
     let breaks = json!({"dvi": {"parameters": {"p": 1.25, "b": 3},
         "states": {"x": {"initial": 0, "rate": "b*heaviside(t - p)"}}}});
     assert_forward(&breaks, 4.0, &["p", "b"], (&["x"], &["x^2"]));
     let bound = json!({"dvi": {"parameters": {"c": 2}, "states": {"x": {"initial": 0, "rate": "z"}},
         "variables": {"z": {"inequality": "z - t^2"}}, "set": [{"box": {"of": ["z"], "upper": "c*t"}}]}});
     assert_forward(&bound, 4.0, &["c"], (&["x"], &["x"]));
-    // A hidden constraint: the current of a diode.
+    // A hidden constraint of index 2: the current of a diode in series with an inductance.
     let rectifier = json!({"dvi": {"parameters": {"l": 1, "c": 1, "e": 1},
         "states": {"i": {"initial": 0, "rate": "(e - v + u)/l"}, "v": {"initial": 0, "rate": "i/c"}},
         "variables": {"u": {"inequality": "i"}}, "set": [{"nonnegative": ["u"]}]}});
@@ -128,7 +133,8 @@ fn gradients_through_switches_are_those_of_forward_mode() {
 
 #[test]
 fn a_diode_that_charges_a_capacitor_has_the_gradient_of_its_closed_form() {
-    // v = E (1 - exp(-t/RC)) through an ideal diode that conducts all the time.
+    // Closed form of the capacitor voltage, charged through an ideal diode that conducts all the time: v = E (1 -
+    // exp(-t/RC)).
     let problem = json!({"circuit": {"parameters": {"E": 10, "R": 1000, "C": 1e-6}, "components": [
         {"voltage_source": {"name": "V", "nodes": ["a", "0"], "volts": "E"}},
         {"diode": {"name": "D", "nodes": ["a", "b"]}},
@@ -146,14 +152,14 @@ fn a_diode_that_charges_a_capacitor_has_the_gradient_of_its_closed_form() {
 
 #[test]
 fn a_variable_that_rests_at_its_bound_does_not_hide_the_switch_of_another() {
-    // x = 1 - a t down to zero, and y = 0 all along: the integral of x is 1/(2 a).
+    // The state x = 1 - a t decreases to zero while y rests at zero all along: the integral of x is 1/(2 a).
     let problem = json!({"dvi": {"parameters": {"a": 1},
         "states": {"x": {"initial": 1, "rate": "z - a"}, "y": {"initial": 0, "rate": "u - a"}},
         "variables": {"z": {"inequality": "x"}, "u": {"inequality": "y"}}, "set": [{"nonnegative": ["z", "u"]}]}});
     let solution = gradient(&problem, 2.0, &["a", "x.initial"], &json!({"integral": "x"}));
     assert_near(solution.gradient["a"], -0.5, 1e-9, "a");
     assert_near(solution.gradient["x.initial"], 1.0, 1e-9, "x.initial");
-    // A block that friction holds, beside one that it stops: v = (v0 - mu t) up to v0/mu.
+    // Friction holds one block and stops the other, whose velocity is v = v0 - mu t until the time v0/mu.
     let problem = json!({"dvi": {"parameters": {"mu": 1, "v0": 1.5},
         "states": {"v": {"initial": "v0", "rate": "-mu*p"}, "w": {"initial": 0, "rate": "0.5*mu - mu*r"}},
         "variables": {"p": {"inequality": "-v"}, "r": {"inequality": "-w"}},
@@ -163,15 +169,15 @@ fn a_variable_that_rests_at_its_bound_does_not_hide_the_switch_of_another() {
     assert_near(solution.gradient["v0"], 1.5, 1e-9, "v0");
 }
 
-/// A ball that falls from a height and bounces.
+/// A ball that falls from the height `h` and bounces with the restitution coefficient `e`.
 fn ball() -> Value {
     json!({"mechanical": {"parameters": {"h": 1, "g": 9.81, "e": 0.6},
         "coordinates": {"y": {"initial": "h"}}, "mass": [[1]], "potential": "g*y",
         "contacts": [{"name": "floor", "gap": "y", "restitution": "e"}]}})
 }
 
-/// The height of the ball after two bounces, `y = e^2 u s - g s^2/2` with the speed `u` of the first impact and the time `s`
-/// since the second.
+/// The height of the ball after two bounces, `y = e^2 u s - g s^2/2` with the speed `u` of the first impact and the
+/// time `s` since the second.
 fn height([h, g, e]: [f64; 3], t: f64) -> f64 {
     let u = (2.0 * g * h).sqrt();
     let s = t - u / g * (1.0 + 2.0 * e);
@@ -186,7 +192,8 @@ fn the_height_of_a_ball_after_two_bounces_has_the_gradient_of_its_closed_form() 
     let [h, g, e] = values;
     let u = (2.0 * g * h).sqrt();
     let s = t - u / g * (1.0 + 2.0 * e);
-    // du = u (dh/2h + dg/2g), ds = -d(u/g (1 + 2e)).
+    // The derivatives of the impact speed u and of the time s since the second bounce are du = u (dh/2h + dg/2g) and
+    // ds = -d(u/g (1 + 2e)).
     let slope = |[dh, dg, de]: [f64; 3]| {
         let du = u * (dh / (2.0 * h) + dg / (2.0 * g));
         let ds = -(du / g - u * dg / (g * g)) * (1.0 + 2.0 * e) - 2.0 * u / g * de;
@@ -200,24 +207,25 @@ fn the_height_of_a_ball_after_two_bounces_has_the_gradient_of_its_closed_form() 
 
 #[test]
 fn gradients_through_impacts_are_those_of_forward_mode() {
-    // Up to the accumulation of impacts and behind it; the square of the velocity jumps.
+    // The end times lie before, and one lies behind, the accumulation point of the impacts; the integrand y_dot^2
+    // jumps at each impact.
     let to = ["h", "g", "e", "y_dot.initial"];
     for end in [1.2, 1.7, 2.5] {
         assert_forward(&ball(), end, &to, (&["y", "y_dot"], &["y", "y_dot^2"]));
     }
-    // A block that slides to rest and is pushed off again.
+    // A block on a rough floor slides to rest and is pushed off again by a growing force.
     let block = json!({"mechanical": {"parameters": {"m": 2, "g": 9.81, "mu": 0.3, "w": 2, "k": 2},
         "coordinates": {"x": {"initial": 0, "velocity": "w"}, "y": {"initial": 0}},
         "mass": [["m", 0], [0, "m"]], "potential": "m*g*y", "forces": {"x": "k*t"},
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": "mu", "slip": ["x_dot"]}}]}});
     assert_forward(&block, 4.0, &["m", "g", "mu", "w", "k"], (&["x", "x_dot"], &["x*x_dot"]));
-    // A pendulum held by a joint, which swings against a wall.
+    // A pendulum, held by a joint of constant length, swings against a wall.
     let pendulum = json!({"mechanical": {"parameters": {"l": 1, "g": 9.81, "e": 0.7}, "coordinates": {
             "x": {"initial": "l*sin(1)"}, "y": {"initial": "-l*cos(1)"}}, "mass": [[1, 0], [0, 1]], "potential": "g*y",
         "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
         "contacts": [{"name": "wall", "gap": "x + 0.2", "restitution": "e"}]}});
     assert_forward(&pendulum, 3.0, &["l", "g", "e"], (&["x", "y"], &["x*y"]));
-    // A run that does not begin at time zero.
+    // A run that starts at t = 100 has the same gradient as its equivalent that starts at t = 0.
     let mut later = document(&ball(), 101.2, &json!({"to": to, "mode": "adjoint", "objective": {"integral": "t*y"}}));
     later["time"]["start"] = json!(100);
     let later = solve(&later).gradient;
@@ -225,7 +233,8 @@ fn gradients_through_impacts_are_those_of_forward_mode() {
     to.iter().for_each(|name| assert_near(later[*name], now[*name], 1e-8, name));
 }
 
-/// A chain of 50 masses at rest between springs, of which `differentiated` parameters are asked for.
+/// Solves a chain of 50 masses at rest between springs, with the gradient by the first `differentiated` of its
+/// parameters.
 fn chain(differentiated: usize) -> Solution {
     let (mut parameters, mut states, mut to) = (json!({}), json!({}), Vec::new());
     for i in 0..50 {
@@ -252,28 +261,30 @@ fn a_hundred_parameters_cost_as_much_as_one() {
     let [one, all] = [1, 100].map(chain);
     let work = |solution: &Solution| solution.diagnostics.adjoint.expect("a sweep back");
     let (of_one, of_all) = (work(&one), work(&all));
-    // Each step is factorised once; other steps come from the direction that is followed alone.
+    // The backward sweep factorises each step once. The steps of the two runs differ because each run also follows
+    // the derivatives in one direction, which bound its steps.
     assert_eq!(of_all.factorisations, of_all.steps);
     assert_eq!(of_all.steps, all.diagnostics.steps.accepted);
     assert!(of_all.jacobians <= 7 * of_all.steps && of_all.repeated == 0, "{of_all:?}");
-    // Nothing is differenced where there are neither breakpoints nor hidden constraints.
+    // Finite differences are needed only at breakpoints and for hidden constraints, and the chain has neither.
     assert_eq!(of_all.differences, 0);
     let ratio = |a: u64, b: u64| a as f64 / b as f64;
     assert!(ratio(of_all.factorisations, of_one.factorisations) < 1.5, "{of_all:?} {of_one:?}");
     assert!(ratio(of_all.jacobians, of_one.jacobians) < 1.5, "{of_all:?} {of_one:?}");
     let (evaluations, of_one) = (all.diagnostics.evaluations, one.diagnostics.evaluations);
     assert!(ratio(evaluations.rates, of_one.rates) < 1.5, "{evaluations:?} {of_one:?}");
-    // The first parameter has the same derivative in both.
+    // The derivative by the first parameter is the same whether one parameter or all are asked for.
     assert_near(all.gradient["k0"], one.gradient["k0"], 1e-9, "k0");
-    // x' = A x + f: the derivative by f is the integral of exp(A t) applied to the gradient at the end, here by Taylor's
-    // series of the transposed matrix.
+    // For x' = A x + f the derivative by f is the integral of exp(A t) applied to the gradient at the end, evaluated
+    // by a Taylor series; A is symmetric.
     let k = |i: usize| if i < 50 { 1.0 + 0.01 * i as f64 } else { 1.0 };
     let apply = |y: &[f64]| -> Vec<f64> {
         let at = |i: Option<usize>| i.and_then(|i| y.get(i)).copied().unwrap_or(0.0);
         (0..50).map(|i| k(i) * (at(i.checked_sub(1)) - y[i]) + k(i + 1) * (at(Some(i + 1)) - y[i])).collect()
     };
     let series = |start: &[f64]| -> Vec<f64> {
-        // The sum of t^(j+1)/(j+1)! A^j, in parts of the time short enough for it to converge without cancellation.
+        // The sum of t^(j+1)/(j+1)! A^j, over subintervals short enough for the series to converge without
+        // cancellation.
         let (parts, t) = (20, 0.1);
         let (mut state, mut sum) = (start.to_vec(), vec![0.0; 50]);
         for _ in 0..parts {
@@ -289,7 +300,8 @@ fn a_hundred_parameters_cost_as_much_as_one() {
         }
         sum
     };
-    // A is symmetric. x = series(f), and the objective has the derivative 2 x0 at the first mass and 1 at another.
+    // A is symmetric, so it is its own transpose. The final state is series(f), and the objective has the derivative
+    // 2 x0 by the first mass and 1 by mass 25.
     let x = series(&[0.1; 50]);
     let mut costate = vec![0.0; 50];
     (costate[0], costate[25]) = (2.0 * x[0], 1.0);
@@ -301,7 +313,7 @@ fn a_hundred_parameters_cost_as_much_as_one() {
 
 #[test]
 fn steps_resolve_gradients_where_the_states_rest() {
-    // At rest any step is exact, but what is near decays: dx/dx0 = exp(-40 t).
+    // The state rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 = exp(-40 t).
     let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-40*(x-1)"}}}},
         "time": {"end": 0.1},
         "sensitivities": {"to": ["x.initial"], "mode": "adjoint", "objective": {"final": "x"}}}));
@@ -323,7 +335,7 @@ fn failure(document: &Value) -> String {
 
 #[test]
 fn where_there_is_no_gradient_the_run_says_so() {
-    // Two relays reach their surfaces at the same time, and one drives the other.
+    // Two relays reach their switching surfaces at the same time, and one drives the other.
     let relays = json!({"dvi": {"parameters": {"a": 1, "b": 0.5},
         "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "0.5*z - w"}, "q": {"initial": 0, "rate": "z + w"}},
         "variables": {"z": {"inequality": "-x"}, "w": {"inequality": "-y"}},
@@ -333,7 +345,7 @@ fn where_there_is_no_gradient_the_run_says_so() {
     two["method"] = json!({});
     let message = failure(&two);
     assert!(message.contains("several switches") && message.contains("t = 1"), "{message}");
-    // Two feet land at one time, in an order that the angle decides.
+    // The two feet of a beam land at the same time, in an order that a perturbation of its angle decides.
     let beam = json!({"mechanical": {"coordinates": {"phi": {"initial": 0}, "y": {"initial": 1}},
         "mass": [[0.4, 0], [0, 1]], "potential": "9.81*y",
         "contacts": [{"name": "left", "gap": "y - sin(phi)", "restitution": 0.5},
@@ -341,7 +353,7 @@ fn where_there_is_no_gradient_the_run_says_so() {
     let asked = json!({"to": ["phi.initial"], "mode": "adjoint", "objective": {"final": "y"}});
     let message = failure(&document(&beam, 0.7, &asked));
     assert!(message.contains("several contacts meet at one time"), "{message}");
-    // The root of zero has no derivative.
+    // The square root has no finite derivative at zero.
     let decay = json!({"dvi": {"parameters": {"k": 0}, "states": {"x": {"initial": 0, "rate": "k"}}}});
     let asked = json!({"to": ["k"], "mode": "adjoint", "objective": {"final": "sqrt(x)"}});
     let message = failure(&document(&decay, 1.0, &asked));
@@ -384,7 +396,7 @@ fn what_adjoint_mode_cannot_do_is_refused_with_its_place() {
         assert_eq!(found, pointer, "{asked} {code} {text}");
         assert!(text.contains(told), "{asked}: {text}");
     }
-    // Only steps of Radau IIA are gone back over.
+    // Spheres are time-stepped, and adjoint mode needs Radau IIA steps.
     let spheres = json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": [
         {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 1]}]}}, "time": {"end": 1},
         "sensitivities": adjoint(json!({"final": "ball.z"}))});
@@ -394,8 +406,8 @@ fn what_adjoint_mode_cannot_do_is_refused_with_its_place() {
 
 #[test]
 fn a_gradient_that_cancels_is_not_doubted() {
-    // Two bodies without anything between them fall on the floor and lie there: their heights are zero, whatever their
-    // weight, which the floor bears.
+    // Two uncoupled bodies fall on the floor and lie there: their heights are zero, whatever the weight that the
+    // floor bears.
     let falls = |name: &str| json!({"name": name, "gap": name, "restitution": 0.3});
     let rest = json!({"mechanical": {"parameters": {"m": 2.1, "n": 0.7, "g": 9.80665, "h": 0.4},
         "coordinates": {"x": {"initial": "h"}, "y": {"initial": 0}}, "mass": [["m", 0], [0, "n"]],
@@ -408,13 +420,14 @@ fn a_gradient_that_cancels_is_not_doubted() {
             assert!(slope.abs() < 1e-9, "d{of}/d{name} = {slope:e}");
         }
     }
-    // A state that slides at zero, whatever pushes it, and one that follows it.
+    // The state x slides at zero whatever drives it, and the state y follows x.
     let slides = json!({"dvi": {"parameters": {"a": 0.3, "b": 0.7},
         "states": {"x": {"initial": 0.4, "rate": "a*b - z"}, "y": {"initial": 1, "rate": "x"}},
         "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}});
     let solution = gradient(&slides, 5.0, &["a", "b", "x.initial"], &json!({"final": "x"}));
     assert!(solution.gradient.values().all(|slope| slope.abs() < 1e-9), "{:?}", solution.gradient);
-    // The integral of a wave over its period, and the difference of two things that are alike.
+    // The integral of a wave over whole periods, and then differences of two equal states: each has the derivative
+    // zero.
     let wave = json!({"dvi": {"parameters": {"p": 1.3}, "states": {"x": {"initial": "p", "rate": "-p*x"},
         "y": {"initial": "p", "rate": "-x*p"}}}});
     for objective in [json!({"integral": "p*cos(2*pi*t)"}), json!({"final": "x - y"}), json!({"integral": "y - x"})] {
@@ -425,7 +438,7 @@ fn a_gradient_that_cancels_is_not_doubted() {
 
 #[test]
 fn differences_along_each_parameter_are_counted() {
-    // A breakpoint whose time depends on one of many parameters.
+    // A breakpoint whose time depends on one of many parameters: one finite difference is needed for each.
     let breaks = |count: usize| {
         let names: Vec<String> = (0..count).map(|k| format!("p{k}")).collect();
         let mut parameters = json!({});
@@ -441,7 +454,8 @@ fn differences_along_each_parameter_are_counted() {
     assert_eq!(breaks(8), 8);
 }
 
-/// The gradient of `x` at the end by all initial values, with so many bytes for stored steps, and the bytes and the work.
+/// Returns the gradient of the final `x` by all initial values, with at most `most` bytes for stored steps, then the
+/// bytes used and the work of the backward pass.
 fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, AdjointWork) {
     let (model, time, control) =
         (specification.model().dvi().expect("a problem"), specification.time(), Control::new());
@@ -475,7 +489,7 @@ fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, 
 
 #[test]
 fn steps_that_are_not_kept_are_made_again_and_give_the_same_gradient() {
-    // A block on a belt, which sticks and slips.
+    // A block on a moving belt, which sticks and slips.
     let specification = json!({"problem": {"dvi": {"parameters": {"mu": 0.6},
         "states": {"x": {"initial": 0.2, "rate": "v"}, "v": {"initial": 0.1, "rate": "-x - F"}},
         "variables": {"F": {"inequality": "0.5 - v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}},

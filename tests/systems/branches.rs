@@ -1,5 +1,5 @@
-//! Branches of orbits and of states of rest over a parameter, with folds, flips, tori, oscillations and borders at places that
-//! are known in closed form.
+//! Branches of periodic orbits and of equilibria over a parameter, with folds, flips, tori, Hopf points and border
+//! collisions at parameter values that are known in closed form.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -12,7 +12,8 @@ fn branch_of(specification: Value) -> Branch {
     let solution = solve(&specification);
     let is_trusted = solution.verdict.trusted;
     let branch = solution.branch.expect("a branch");
-    // The last orbit before a wall is touched touches it within the tolerance, and is doubted.
+    // A branch that ends because its orbit grazes a wall may be untrusted: its last orbit touches the wall within the
+    // tolerance.
     assert!(is_trusted || branch.ended.is_some(), "{:?}", solution.verdict);
     let points = branch.parameter.len();
     assert!(branch.points.len() == points && branch.stable.len() == points && branch.spectrum.len() == points);
@@ -32,14 +33,14 @@ fn assert_at(branch: &Branch, kind: BranchEventKind, exact: f64, tolerance: f64)
 
 const G: f64 = 9.81;
 
-/// The amplitude of a table that shakes once a second with this acceleration, in units of gravity.
+/// Returns the amplitude of a table that oscillates once a second with the peak `acceleration`, in units of gravity.
 fn amplitude(acceleration: f64) -> f64 {
     acceleration * G / (TAU * TAU)
 }
 
-/// A ball that strikes a shaken table once in each of its periods. The table is met at the phase whose cosine is
-/// `pi (1 - e)/(1 + e)` of gravity over the acceleration: there the table has the speed that restores what is lost. The table is
-/// moved on by a part of its period.
+/// A ball that strikes a shaken table once in each of its periods. It strikes at the phase whose cosine is `pi (1 -
+/// e)/(1 + e)` of gravity over the acceleration: there the table's velocity makes up for the loss in the impact. The
+/// table's phase is shifted by the fraction `moved` of its period.
 fn ball_on_a_table(e: f64, acceleration: f64, to: f64, moved: f64) -> Value {
     let phase = (PI * (1.0 - e) / (1.0 + e) / acceleration).acos();
     let (a, speed, flown) = (amplitude(acceleration), 0.5 * G, 1.0 - phase / TAU - moved);
@@ -54,8 +55,8 @@ fn ball_on_a_table(e: f64, acceleration: f64, to: f64, moved: f64) -> Value {
 
 #[test]
 fn a_ball_on_a_shaken_table_doubles_its_period_where_its_map_says() {
-    // Of the map from impact to impact the determinant is e^2 and the trace 1 + e^2 - (1 + e)^2 a w^2 sin(phase)/g (Holmes 1982):
-    // a flip where the trace is -(1 + e^2), and a fold where the phase is zero.
+    // The map from impact to impact has the determinant e^2 and the trace 1 + e^2 - (1 + e)^2 a w^2 sin(phase)/g
+    // (Holmes 1982): a flip where the trace is -(1 + e^2), and a fold where the phase is zero.
     let e = 0.8;
     let at_rest = PI * (1.0 - e) / (1.0 + e);
     let flip = at_rest.hypot(2.0 * (1.0 + e * e) / ((1.0 + e) * (1.0 + e)));
@@ -80,7 +81,7 @@ fn below_a_least_amplitude_the_ball_does_not_follow_and_the_branch_folds() {
     let e = 0.8;
     let branch = branch_of(ball_on_a_table(e, 0.6, amplitude(0.2), 0.3));
     assert_at(&branch, BranchEventKind::Fold, amplitude(PI * (1.0 - e) / (1.0 + e)), 1e-8);
-    // It comes back to where it began, on its other, unstable half.
+    // The branch turns at the fold and comes back to its first parameter on its unstable half.
     let (first, last) = (branch.parameter[0], *branch.parameter.last().expect("points"));
     assert!((first - last).abs() < 1e-12, "{first} {last}");
     assert_eq!(*branch.stable.last().expect("points"), Some(false));
@@ -89,8 +90,9 @@ fn below_a_least_amplitude_the_ball_does_not_follow_and_the_branch_folds() {
 
 #[test]
 fn an_impact_that_passes_the_beginning_of_the_period_is_no_event() {
-    // The ball strikes at the phases +-acos(0.349/A) of the table: on the way around the fold the impact passes the beginning of
-    // the period, at the fold itself if the table is not moved. Behind the fold the speed before the impact is the same.
+    // The ball strikes at the phases +-acos(0.349/A) of the table. Along the branch around the fold the time of
+    // impact passes the beginning of the period, at the fold itself if the table's phase is not shifted. The speed
+    // before the impact is the same on both sides of the fold.
     let (e, acceleration) = (0.8, 0.6_f64);
     let at_rest = PI * (1.0 - e) / (1.0 + e);
     for moved in [0.1, 0.0, -0.1] {
@@ -110,7 +112,8 @@ fn an_impact_that_passes_the_beginning_of_the_period_is_no_event() {
 
 #[test]
 fn orbits_that_lie_side_by_side_have_no_folds() {
-    // A block with dry friction sticks, driven by less than its friction: at rest anywhere in |x| <= 1 - f.
+    // A block with dry friction, driven by less than the friction bound, sticks: it can rest anywhere in |x| <= 1 -
+    // f.
     let solution = solve(&json!({"problem": {"dvi": {"parameters": {"f": 0.5},
             "states": {"x": {"initial": 0.2, "rate": "v"}, "v": {"initial": 0, "rate": "-x - 0.1*v - s + f*cos(1.3*t)"}},
             "variables": {"s": {"inequality": "-v"}}, "set": [{"box": {"of": ["s"], "lower": -1, "upper": 1}}]}},
@@ -123,7 +126,8 @@ fn orbits_that_lie_side_by_side_have_no_folds() {
 
 #[test]
 fn an_oscillator_that_is_driven_harder_grazes_its_wall_at_a_known_drive() {
-    // Shaw and Holmes 1983: x'' + 2 d x' + x = f cos(w t) reaches f/|1 - w^2 + 2 d w i|, and the wall at one.
+    // The orbit of the oscillator x'' + 2 d x' + x = f cos(w t) has the amplitude f/|1 - w^2 + 2 d w i|, and grazes
+    // the wall where that is one (Shaw and Holmes 1983).
     let (d, w) = (0.1_f64, 2.0_f64);
     let branch = branch_of(json!({"problem": {"mechanical": {"parameters": {"f": 1, "d": d, "w": w},
             "coordinates": {"x": {"initial": 0}}, "mass": [[1]], "potential": "x^2/2",
@@ -134,7 +138,7 @@ fn an_oscillator_that_is_driven_harder_grazes_its_wall_at_a_known_drive() {
     assert_at(&branch, BranchEventKind::Grazing, (1.0 - w * w).hypot(2.0 * d * w), 1e-6);
     let event = branch.events.iter().find(|event| event.kind == BranchEventKind::Grazing).expect("an event");
     assert!(event.of.is_none() || event.of.as_deref() == Some("wall"), "{event:?}");
-    // Up to there the orbit is that of the linear oscillator.
+    // Below the drive at which it grazes the wall, the orbit is that of the linear oscillator.
     for (f, point) in branch.parameter.iter().zip(&branch.points).filter(|(f, _)| **f < 3.0) {
         let exact = f * (1.0 - w * w) / ((1.0 - w * w).powi(2) + (2.0 * d * w).powi(2));
         assert!((point["x"] - exact).abs() < 1e-8, "{} for {exact}", point["x"]);
@@ -143,7 +147,8 @@ fn an_oscillator_that_is_driven_harder_grazes_its_wall_at_a_known_drive() {
 
 #[test]
 fn a_relay_that_a_drive_begins_to_switch_is_touched_at_a_known_drive() {
-    // A bound of a variable in place of a wall: z >= 0 pushes from x = 1 on. x' = f cos t - x - z, amplitude f/sqrt 2.
+    // A bound z >= 0 of a variable takes the part of a wall: z pushes back from x = 1 on. The orbit of x' = f cos t -
+    // x - z has the amplitude f/sqrt 2 while z = 0.
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"f": 1},
             "states": {"x": {"initial": 0, "rate": "f*cos(t) - x - z"}},
             "variables": {"z": {"inequality": "0.5*z - x + 1"}}, "set": [{"nonnegative": ["z"]}]}},
@@ -152,14 +157,15 @@ fn a_relay_that_a_drive_begins_to_switch_is_touched_at_a_known_drive() {
     assert_at(&branch, BranchEventKind::Grazing, 2.0_f64.sqrt(), 1e-6);
     let event = branch.events.iter().find(|event| event.kind == BranchEventKind::Grazing).expect("an event");
     assert_eq!(event.of.as_deref(), Some("z"));
-    // Behind it the orbit goes on, with the push.
+    // Beyond the border collision the branch goes on to the end of the parameter's interval.
     assert_eq!(branch.ended, None);
     assert!((branch.parameter.last().expect("points") - 2.0).abs() < 1e-12);
 }
 
 #[test]
 fn a_switch_that_passes_the_beginning_of_the_period_is_no_border() {
-    // x' = A cos t - x - f, with f pushing from x = 1 on: touched at A = sqrt 2, and at A = 2.002 the orbit begins at x = 1.
+    // For x' = A cos t - x - f, where f pushes from x = 1 on, the orbit touches x = 1 at A = sqrt 2; at A = 2.002 the
+    // beginning of the period lies at x = 1.
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"A": 1},
             "states": {"x": {"initial": 0.5, "rate": "A*cos(t) - x - f"}},
             "variables": {"f": {"inequality": "f - x + 1"}}, "set": [{"nonnegative": ["f"]}]}},
@@ -173,7 +179,8 @@ fn a_switch_that_passes_the_beginning_of_the_period_is_no_border() {
 
 #[test]
 fn a_torus_begins_where_two_multipliers_cross_the_unit_circle() {
-    // x and y turn at 0.3 and grow at m; a drive beside them makes all periodic: multipliers exp(2 pi (m +- 0.3 i)).
+    // The states x and y rotate at 0.3 rad/s and grow at the rate m, and a driven state z makes the system periodic:
+    // multipliers exp(2 pi (m +- 0.3 i)).
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"m": -0.4}, "states": {
             "x": {"initial": 0, "rate": "m*x - 0.3*y - x*(x^2 + y^2)"}, "y": {"initial": 0, "rate": "0.3*x + m*y - y*(x^2 + y^2)"},
             "z": {"initial": 0.5, "rate": "cos(t) - z"}}}},
@@ -186,7 +193,7 @@ fn a_torus_begins_where_two_multipliers_cross_the_unit_circle() {
 
 #[test]
 fn the_period_follows_the_parameter_that_drives_it() {
-    // x' = -x + cos(w t): at the start of a period x = 1/(1 + w^2).
+    // The orbit of x' = -x + cos(w t) has x = 1/(1 + w^2) at the start of each period.
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"w": 1}, "states": {
             "x": {"initial": 0.5, "rate": "-x + cos(w*t)"}}}}, "method": {"rtol": 1e-10, "atol": 1e-12},
         "periodic": {"period": "2*pi/w", "continue": {"parameter": "w", "from": 2, "to": 6}}}));
@@ -199,7 +206,7 @@ fn the_period_follows_the_parameter_that_drives_it() {
 
 #[test]
 fn free_periods_are_followed_with_their_orbits() {
-    // x and y turn at the rate w = 1 + b r^2 on the circle r^2 = a.
+    // The states x and y rotate at the angular velocity w = 1 + b r^2 on the circle r^2 = a.
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"a": 1, "b": 0.5}, "states": {
             "x": {"initial": 1, "rate": "x*(a - x^2 - y^2) - y*(1 + b*(x^2 + y^2))"},
             "y": {"initial": 0, "rate": "y*(a - x^2 - y^2) + x*(1 + b*(x^2 + y^2))"}}}},
@@ -238,7 +245,7 @@ fn states_of_rest_fold_and_branch_and_begin_to_oscillate() {
 
 #[test]
 fn states_of_rest_cross_borders_and_turn_at_them() {
-    // z = max(x, 0). x' = p - x - z rests at p below zero and at p/2 above.
+    // With z = max(x, 0), the equation x' = p - x - z has the equilibrium p for p < 0 and p/2 for p > 0.
     let bent = |rate: &str, p: f64, x: f64| {
         json!({"parameters": {"p": p}, "states": {"x": {"initial": x, "rate": rate}},
             "variables": {"z": {"inequality": "z - x"}}, "set": [{"nonnegative": ["z"]}]})
@@ -250,7 +257,8 @@ fn states_of_rest_cross_borders_and_turn_at_them() {
     for (p, point) in branch.parameter.iter().zip(&branch.points) {
         assert!((point["x"] - if *p < 0.0 { *p } else { 0.5 * p }).abs() < 1e-7, "{point:?} at {p}");
     }
-    // x' = p - |x| rests at p and, unstable, at -p: both meet in a corner.
+    // The equation x' = p - |x| has the equilibrium p and, unstable, the equilibrium -p: they meet in a corner at p =
+    // 0.
     let branch = rests(bent("p + x - 2*z", 1.0, -1.0), "p", -1.0);
     assert_eq!(kinds(&branch), [BranchEventKind::Border]);
     assert_at(&branch, BranchEventKind::Border, 0.0, 1e-7);
@@ -279,7 +287,7 @@ fn what_cannot_be_followed_is_refused_with_its_place() {
     swept["sweep"] = json!({"over": {"p": [1, 2]}});
     assert_eq!(codes(swept), told("/steady_state", "conflict"));
 
-    // Where nothing rests, there is nothing to begin with.
+    // A problem without an equilibrium has no point to start the branch from.
     let specification = asked(json!({"parameter": "p", "to": 2})).to_string().replace("p - x", "p");
     let specification = Specification::from_json(specification.as_bytes()).expect("a specification");
     let solution = dvi::solve(&specification, &Control::new());
@@ -301,7 +309,7 @@ fn a_branch_that_has_all_its_points_before_its_end_says_so() {
     let whole = follow(200);
     let branch = whole.branch.as_ref().expect("a branch");
     assert!(branch.ended.is_none() && branch.parameter.last() == Some(&2.0), "{:?}", branch.ended);
-    // The same number of points as the whole has is enough.
+    // A limit of as many points as the whole branch has does not cut the branch.
     let same = follow(branch.points.len() as u64);
     assert!(same.branch.expect("a branch").ended.is_none());
 }
@@ -319,7 +327,7 @@ fn two_eigenvalues_that_pass_together_are_told() {
 
 #[test]
 fn a_branch_follows_its_bends_however_long_the_interval_is() {
-    // On p = x + 0.05 sin 40 x the branch turns where 1 + 2 cos 40 x = 0.
+    // The branch p = x + 0.05 sin 40 x has folds where 1 + 2 cos 40 x = 0.
     for to in [0.2, 0.5, 2.0] {
         let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"p": 0}, "states": {
                 "x": {"initial": 0, "rate": "p - x - 0.05*sin(40*x)"}}}},
@@ -328,7 +336,7 @@ fn a_branch_follows_its_bends_however_long_the_interval_is() {
             branch.events.iter().filter(|event| event.kind == BranchEventKind::Fold).map(|event| event.at).collect();
         let angles = (0..40).flat_map(|k| [TAU / 3.0, 2.0 * TAU / 3.0].map(|angle| angle + TAU * f64::from(k)));
         let turns: Vec<f64> = angles.map(|angle| angle / 40.0 + 0.05 * angle.sin()).collect();
-        // The branch ends where it comes to the end of the interval first.
+        // The branch ends where it first reaches the end of the parameter's interval.
         let crossed = turns.iter().position(|p| *p > to).unwrap_or(turns.len());
         assert_eq!(folds.len(), crossed, "to {to}: {folds:?}");
         assert!(folds.iter().zip(&turns).all(|(found, exact)| (found - exact).abs() < 1e-8), "to {to}: {folds:?}");

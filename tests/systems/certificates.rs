@@ -1,10 +1,11 @@
-//! Properties of every exact solution, verified on the computed ones: the natural map, complementarity, and the
-//! differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`, which hold for every problem.
+//! Necessary conditions of every exact solution, verified on computed solutions: the natural map, complementarity,
+//! and the differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`.
 
 use super::harness::solve;
 use super::reference::example;
 
-/// Asserts the certificates of an example; `size` is its largest `|z|` or `|G|`, the scale of their products.
+/// Asserts the necessary conditions for an example; `size`, its largest `|z|` or `|G|`, scales the tolerance of
+/// products.
 fn assert_certified(name: &str, size: f64) {
     let solution = solve(&example(name));
     let figures = solution.diagnostics.complementarity.expect("figures");

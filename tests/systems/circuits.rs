@@ -1,10 +1,10 @@
-//! Ideal diodes: bridges with four, a rectifier with one.
+//! Circuits with ideal diodes: bridges of four diodes, and a rectifier with one.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
-/// Asserts that no variable and no inequality is negative.
+/// Asserts that no complementarity variable and no inequality is negative.
 fn assert_complementary(solution: &dvi::solution::Solution, variables: &[&str]) {
     for name in variables {
         let least = column(solution, name).iter().copied().fold(f64::INFINITY, f64::min);
@@ -25,8 +25,8 @@ fn the_diode_bridge_reaches_its_reference() {
         assert_complementary(&solution, &["v_R1", "v_F2", "i_F1", "i_R2"]);
         let switches = reference["switches"].as_u64();
         assert!(solution.diagnostics.switches >= switches.expect("a count"), "{}", solution.diagnostics.switches);
-        // The two diodes of a branch conduct alternately: their currents add up to |i_load|, and one of them is always
-        // zero.
+        // The two diodes of a bridge branch conduct alternately: their currents add up to |i_load|, and one of them
+        // is always zero.
         let (forward, backward) = (column(&solution, "i_F1"), column(&solution, "i_R2"));
         assert!(forward.iter().chain(backward).any(|&current| current > 1e-3));
     }
@@ -34,10 +34,11 @@ fn the_diode_bridge_reaches_its_reference() {
 
 #[test]
 fn a_bridge_charges_an_empty_capacitor_from_the_zero_of_its_source() {
-    // All diodes are at their corners at first. Closed forms of the charging and discharging pieces, joined in 30 digits.
+    // At first the voltage and current of every diode are zero. The reference joins closed forms of the charging and
+    // discharging pieces, in 30 digits.
     let (voltage, times) = (5.725_303_018_916_766, [0.008_663_621_010_819_184, 0.011_309_363_758_714_332]);
     for (rtol, unit) in [(1e-3, 1.0), (1e-6, 1.0), (1e-9, 1.0), (1e-6, 1e-6), (1e-6, 1e6)] {
-        // The same currents in units of another size.
+        // The circuit is scaled so that its currents are the same in another unit.
         let (ohms, farads) = (10.0 / unit, 1e-3 * unit);
         let solution = solve(&json!({"problem": {"circuit": {"components": [
                 {"voltage_source": {"name": "V", "nodes": ["a", "b"], "volts": "10*sin(314*t)"}},

@@ -1,5 +1,5 @@
-//! Circuits controlled by voltages and currents: controlled sources, limits, amplifiers, comparators, transformers, and
-//! a converter in a closed loop.
+//! Circuits controlled by voltages and currents: controlled sources, limiters, amplifiers, comparators, transformers,
+//! and a converter in a closed loop.
 
 use crate::systems::harness::{column, events, last, solve};
 use crate::systems::reference::example;
@@ -22,8 +22,8 @@ fn assert_near(found: f64, exact: f64, tolerance: f64) {
     );
 }
 
-/// Reference: matrix exponentials from switch to switch in 30 digits, with switches found by Anderson's iteration, in a
-/// separate program which assumes that the coil current never vanishes.
+/// Reference: matrix exponentials between switching times in 30 digits, with switching times found by Anderson's
+/// iteration, in an independent program which assumes that the coil current never vanishes.
 #[test]
 fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     let mut specification = example("buck_closed_loop");
@@ -31,7 +31,7 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     specification["method"] = json!({"rtol": 1e-10});
     specification["output"]["times"] = json!("steps");
     let solution = solve(&specification);
-    // Values at the ends of periods, where a step ends.
+    // Number of a period, and the capacitor voltage and coil current at its end, where a step ends.
     let exact = [
         (1, 0.580_423_786_860_029_6, 0.050_012_019_420_966_06),
         (10, 5.658_879_997_690_433, 2.692_800_285_106_91),
@@ -52,14 +52,16 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     }
     let switches: Vec<f64> =
         solution.trajectory.events.iter().filter(|event| event.of == "closed(S1)").map(|event| event.t).collect();
-    // The switch closes where the sawtooth begins a new period, 999 times within the run, and opens once per period.
+    // The switch closes at the beginning of each period of the sawtooth, 999 times within the run, and opens once per
+    // period.
     assert_eq!(switches.len(), 1999);
     assert_near(switches[0] * 1e6, 2.427_718_171_639_071, 1e-8);
     assert_near(switches.last().expect("a switch") * 1e3, 9.994_999_999_819_495, 1e-9);
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// With a light load the coil current vanishes for part of each period: there `i` is exactly zero, and never negative.
+/// With a light load the converter is in discontinuous conduction: for part of each period the coil current `i` is
+/// exactly zero, and it is never negative.
 #[test]
 fn a_converter_in_a_closed_loop_may_run_dry() {
     let mut specification = example("buck_closed_loop");
@@ -71,7 +73,8 @@ fn a_converter_in_a_closed_loop_may_run_dry() {
     assert!(current.iter().filter(|i| i.abs() < 1e-12).count() > 20);
 }
 
-/// Charging with `v' = (E - v)/(R C)` and discharging with `v' = -v/(R C)`, between `2 - 0.1` and `2 + 0.1`.
+/// A capacitor charges with `v' = (E - v)/(R C)` and discharges with `v' = -v/(R C)`, between `2 - 0.1` and `2 +
+/// 0.1`.
 #[test]
 fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     let mut specification = circuit(
@@ -86,7 +89,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     );
     specification["output"] = json!({"times": {"count": 501}});
     let solution = solve(&specification);
-    // Charging through R1 alone; discharging through R1 and R0.
+    // The capacitor charges through R1 alone, and discharges through R1 and R0 in series.
     let on = |from: f64, to: f64| ((5.0 - from) / (5.0 - to)).ln();
     let off = |from: f64, to: f64| 2.0 * (from / to).ln();
     let (low, high) = (1.9, 2.1);
@@ -101,7 +104,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
         assert_near(*found, *exact, 1e-8);
     }
     assert!(found.len() > 8, "{found:?}");
-    // Within the band, the initial state of the switch decides.
+    // If the voltage starts within the hysteresis band, the initial state of the switch decides whether it rises.
     for (initially, rises) in [(false, false), (true, true)] {
         specification["problem"]["circuit"]["components"][4]["capacitor"]["volts"] = json!(2.0);
         specification["problem"]["circuit"]["components"][1]["switch"]["initially"] = json!(initially);
@@ -110,7 +113,8 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     }
 }
 
-/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))` with the divider ratio `b`.
+/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))`, where `b` is the ratio of the voltage
+/// divider.
 #[test]
 fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
     let specification = circuit(
@@ -131,7 +135,8 @@ fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
     assert!(found.len() > 15);
 }
 
-/// All four controlled sources of SPICE in one circuit without energy storage: a ladder solved by hand.
+/// A circuit without energy storage that contains all four controlled sources of SPICE: its voltages and currents are
+/// found by hand.
 #[test]
 fn controlled_sources_follow_voltages_and_currents() {
     let specification = circuit(
@@ -160,12 +165,11 @@ fn controlled_sources_follow_voltages_and_currents() {
             assert_near(column(&solution, name)[k], exact, 1e-9);
         }
     }
-    // The limit of 150 V is reached where 50 (2 + sin t) = 150, at a maximum: rounding decides whether that is a
-    // switch.
+    // The limit of 150 V is reached at a maximum of 50 (2 + sin t), where rounding decides whether there are events.
     assert!(events(&solution, "v(H1)").len() <= 2);
 }
 
-/// The four controlled sources as lines of a netlist.
+/// The four controlled sources of SPICE as lines of a netlist.
 #[test]
 fn controlled_sources_of_a_netlist_are_those_of_spice() {
     let netlist = "V1 a 0 SIN(2 1 0.5)\nR1 a 0 2\nE1 b 0 a 0 3\nR2 b 0 1\nVm r 0 0\nR3 b r 4\n\
@@ -183,8 +187,8 @@ fn controlled_sources_of_a_netlist_are_those_of_spice() {
     }
 }
 
-/// An inverting integrator: `v' = -u/(R C)`, until the output reaches its limit; from then on the input voltage is not
-/// zero.
+/// An inverting integrator: `v' = -u/(R C)` until the output saturates; from then on the differential input voltage
+/// is nonzero.
 #[test]
 fn an_amplifier_integrates_until_it_saturates() {
     let specification = circuit(
@@ -205,7 +209,8 @@ fn an_amplifier_integrates_until_it_saturates() {
     for (t, out) in t.iter().zip(out) {
         assert_near(*out, (-t.sin()).max(-0.5), 1e-9);
     }
-    // After saturation C1 charges through R1 with v_out at its limit: v_n' = cos t - v_n, from 0.
+    // After saturation the capacitor C1 charges through R1 while the output is at its limit: v_n' = cos t - v_n, from
+    // v_n = 0.
     let exact = |t: f64| (t.cos() + t.sin()) / 2.0 - (meets.cos() + meets.sin()) / 2.0 * (meets - t).exp();
     assert_near(last(&solution, "v(n)"), exact(1.0), 1e-8);
 }
@@ -224,7 +229,7 @@ fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
         1.0,
     );
     let solution = solve(&specification);
-    // On the load's side: a source of 5 V with 5 ohms, and 5 ohms parallel to 0.1 F.
+    // Seen from the secondary side: a source of 5 V with 5 ohms, and 5 ohms parallel to 0.1 F.
     let exact = 2.5 * (1.0 - (-1.0_f64 / (0.1 * 2.5)).exp());
     assert_near(last(&solution, "v(s)"), exact, 1e-8);
     let power = |i: &str, v: &str| last(&solution, i) * last(&solution, v);
@@ -232,9 +237,9 @@ fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
     assert_near(primary, -secondary, 1e-9);
 }
 
-/// A source that jumps with the sawtooth of an inverse tangent drives a switch, and every output lies within rounding of
-/// a multiple of a fifth of the time between jumps, so that some lie on the other side of a jump than the step they belong
-/// to. Reference: matrix exponentials from jump to jump; the current never vanishes.
+/// A boost converter whose switch is driven by a sawtooth that is written as an inverse tangent. Each output time is,
+/// up to rounding, a multiple of a fifth of the period, so that some outputs lie on the other side of a jump than the
+/// step that contains them. Reference: matrix exponentials from jump to jump; the current never vanishes.
 #[test]
 fn a_boost_converter_driven_by_a_sawtooth_is_right_at_every_output() {
     let (inductance, capacitance, load, closed, open) = (1e-4, 1e-3, 10.0, 1e-6, 1e7);
@@ -285,9 +290,9 @@ fn switched_charge(volts: f64, ohms: f64, load: f64, start: f64, closed: &str, e
     })
 }
 
-/// A switch without hysteresis that is held closed by the voltage it lets rise, and opens where a ramp overtakes that voltage:
-/// between open and closed it must be no source of energy, on which the voltage could follow the ramp. Reference:
-/// exponentials from switch to switch.
+/// A switch without hysteresis that the capacitor voltage keeps closed, and that opens where a ramp overtakes that
+/// voltage. A spurious state between open and closed, in which the voltage follows the ramp, would supply energy.
+/// Reference: exponentials between switching times.
 #[test]
 fn a_switch_that_a_ramp_opens_supplies_no_energy() {
     for (volts, ohms, load, start, scale, periods) in
@@ -302,7 +307,7 @@ fn a_switch_that_a_ramp_opens_supplies_no_energy() {
         let mut exact: f64 = start;
         for _ in 0..periods {
             let at = |t: f64| level + (exact - level) * (-charging * t).exp();
-            // The voltage over its scale less the ramp falls where it has its only zero.
+            // The difference of the scaled voltage and the ramp has one zero in the period, where it decreases.
             let (mut before, mut after) = (0.0, period);
             for _ in 0..60 {
                 let middle = 0.5 * (before + after);
@@ -315,7 +320,8 @@ fn a_switch_that_a_ramp_opens_supplies_no_energy() {
     }
 }
 
-/// An ideal thermostat: from the time at which the voltage reaches its level, the switch is a resistance in between.
+/// An ideal thermostat: from the time at which the voltage reaches its set point, the switch slides between open and
+/// closed, and acts as a resistance.
 #[test]
 fn a_switch_that_controls_a_voltage_keeps_it() {
     let mut specification = switched_charge(50.0, 1.0, 2.0, 15.0, "20 - v(c)", 4e-6);
@@ -328,6 +334,7 @@ fn a_switch_that_controls_a_voltage_keeps_it() {
     assert_near(voltages[0], before, 1e-7);
     assert_near(voltages[1], 20.0, 1e-9);
     assert_near(voltages[2], 20.0, 1e-9);
-    // 10 A flow to the load, and the switch takes the rest of the voltage.
+    // A current of 10 A flows to the load; the voltage across the switch is that of the source minus those of R1 and
+    // the load.
     assert_near(last(&solution, "v(S1)"), 20.0, 1e-6);
 }

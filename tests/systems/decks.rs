@@ -1,5 +1,5 @@
-//! Decks as posted in forums and printed in textbooks: rectifiers, clippers, clampers, multipliers, converters,
-//! oscillators, all of ideal components, compared with closed forms.
+//! Netlists of forums and textbooks: rectifiers, clippers, clampers, multipliers, converters and oscillators, all of
+//! ideal components, compared with closed forms.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use dvi::solution::Solution;
@@ -7,7 +7,7 @@ use dvi::specification::document_of;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
-/// The solution of a deck, with tight tolerances.
+/// Solves a netlist with tight tolerances and 201 output times.
 fn run(deck: &str) -> Solution {
     run_with(deck, json!({"count": 201}))
 }
@@ -19,15 +19,15 @@ fn run_with(deck: &str, times: Value) -> Solution {
     solve(&document)
 }
 
-/// The solution of a deck with output at its steps, which end at the edges of a pulse: at an edge itself, either value
-/// is right.
+/// Solves a netlist with output at the ends of steps, which coincide with the edges of pulses: at an edge the value
+/// before or after it is right.
 fn run_to_its_edges(deck: &str) -> Solution {
     let solution = run_with(deck, json!("steps"));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     solution
 }
 
-/// Asserts that a column is within `most` of its closed form at all times.
+/// Asserts that a column differs from its closed form by at most `most` at all output times.
 #[track_caller]
 fn assert_is(solution: &Solution, name: &str, most: f64, exact: impl Fn(f64) -> f64) {
     let error = distance(solution, name, exact);
@@ -55,7 +55,7 @@ fn a_half_wave_rectifier_passes_one_half() {
                 Vin in 0 SIN(0 10 50)\nD1 in out D1N4007\nRload out 0 1k\n\
                 .model D1N4007 D(IS=7.02767n RS=0 N=1.80803 EG=1.05743 XTI=5 CJO=1e-11 VJ=0.7 M=0.5 FC=0.5 TT=1e-07 mfg=OnSemi)\n\
                 .tran 0.1m 40m\n.backanno\n.end\n";
-    // In a circuit without states, the integral of the source is a state.
+    // A circuit without states is given one, the integral of its source.
     let solution = run(deck);
     assert_is(&solution, "v(out)", 1e-8, |t| (10.0 * (TAU * 50.0 * t).sin()).max(0.0));
     assert!(warned(&solution, "`d1n4007` are ideal without cjo, eg, fc, is"));
@@ -87,7 +87,7 @@ fn a_biased_clipper_stops_at_its_battery() {
 }
 
 /// While the square wave is high the capacitor charges through the diode; while it is low the diode blocks and the
-/// charge is kept.
+/// capacitor keeps its charge.
 #[test]
 fn a_clamper_holds_what_it_was_charged_to() {
     let solution =
@@ -99,7 +99,8 @@ fn a_clamper_holds_what_it_was_charged_to() {
     assert!((last(&solution, "v(out)") - (-5.0 - held)).abs() < 1e-7);
 }
 
-/// Without a load, each period brings the output nearer to twice the peak, by a fixed fraction of the difference.
+/// Without a load, each period reduces the difference between the output and twice the peak voltage by a fixed
+/// fraction.
 #[test]
 fn a_doubler_doubles() {
     let solution =
@@ -122,7 +123,8 @@ fn a_multiplier_of_two_stages_goes_to_four_peaks() {
     assert!(solution.trajectory.field("v(X1.C1)").is_some());
 }
 
-/// A chopper with a coil: the current is exponential between switches, hence known in closed form.
+/// A buck chopper with an inductive load: the current is exponential between switching times, and so has a closed
+/// form.
 #[test]
 fn a_buck_chopper_follows_its_exponentials() {
     let solution = run_to_its_edges(
@@ -154,7 +156,8 @@ fn a_buck_chopper_follows_its_exponentials() {
     assert_is(&solution, "i(L1)", 1e-10, exact);
 }
 
-/// The mean output of a boost converter without losses is `V/(1 - D)`; its ripple is comparatively small.
+/// The mean output of a lossless boost converter is `V/(1 - D)` with the duty ratio `D`; its ripple is comparatively
+/// small.
 #[test]
 fn a_boost_converter_raises_by_its_duty() {
     let solution = run_to_its_edges(
@@ -170,7 +173,8 @@ fn a_boost_converter_raises_by_its_duty() {
 fn a_square_wave_through_an_rc_has_its_periodic_ends() {
     let solution =
         run("RC low pass\nV1 in 0 PULSE(0 1 0 0 0 0.5m 1m)\nR1 in out 1k\nC1 out 0 0.1u\n.tran 1u 20m uic\n.end");
-    // The lower turning point 1/(1 + exp(T/(2 tau))) at the end of each period, after many periods.
+    // After many periods T, the voltage at the end of a period is 1/(1 + exp(T/(2 tau))), the minimum of the periodic
+    // solution.
     let low = 1.0 / (1.0 + 5.0_f64.exp());
     assert!((last(&solution, "v(out)") - low).abs() < 1e-8);
 }
@@ -196,11 +200,11 @@ fn full_coupling_is_an_ideal_transformer() {
         "Transformer 10:1\nV1 p 0 SIN(0 325 50)\nL1 p 0 1\nL2 s 0 10m\nK1 L1 L2 1\nRL s 0 8\n.tran 1m 40m uic\n.end",
     );
     assert_is(&solution, "v(s)", 1e-7, |t| 32.5 * (TAU * 50.0 * t).sin());
-    // The magnetising inductance of the primary carries the current that the source drives through it alone.
+    // The magnetising inductance carries the current that the source would drive through the primary coil alone.
     assert_is(&solution, "i(K1.m)", 1e-8, |t| 325.0 / (TAU * 50.0) * (1.0 - (TAU * 50.0 * t).cos()));
 }
 
-/// Reference: a Runge-Kutta method for the equations of the two windings.
+/// Two loosely coupled coils. Reference: a Runge-Kutta method for the equations of the two windings.
 #[test]
 fn loose_coupling_is_mutual_inductance() {
     let solution =
@@ -233,8 +237,8 @@ fn loose_coupling_is_mutual_inductance() {
     assert!((last(&solution, "i(L1)") - i[0]).abs() < 1e-8);
 }
 
-/// Three equal coils, with turns in the ratio 1 : 2 : 3, as each sees a resistor of its own: the sum of the currents and
-/// their differences decay apart.
+/// Three equally coupled coils with the turns ratio 1 : 2 : 3 and matched resistors: the sum of the referred currents
+/// and their differences decay with separate time constants.
 #[test]
 fn three_coils_on_one_core_have_two_time_constants() {
     let coils = "Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 4m\nL3 u 0 9m\nR2 s 0 4\nR3 u 0 9\n";
@@ -251,8 +255,8 @@ fn three_coils_on_one_core_have_two_time_constants() {
     }
 }
 
-/// The second and the third coil are coupled to each other by less than to the first: by symmetry they have one current, and
-/// the two modes are those of a symmetric matrix of two rows.
+/// The second and third coils are coupled less to each other than to the first. By symmetry they carry the same
+/// current, and the two modes are those of a symmetric matrix of order 2.
 #[test]
 fn three_coils_may_be_coupled_unequally() {
     let solution = run("Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n\
@@ -272,20 +276,22 @@ fn three_coils_may_be_coupled_unequally() {
     assert_is(&solution, "i(L3)", 1e-7, |t| currents(t)[1]);
 }
 
-/// Without leakage every turn has the same voltage, and the ampere-turns of the start decay as in one coil.
+/// Three coils without leakage: all turns have the same voltage, and the initial ampere-turns decay as in a single
+/// coil.
 #[test]
 fn three_coils_without_leakage_share_their_ampere_turns() {
     let solution =
         run("A flyback winding with two outputs\nL1 p 0 1m\nL2 s 0 4m\nL3 u 0 9m\nR1 p 0 1\nR2 s 0 4\nR3 u 0 9\n\
                         K1 L1 L2 L3 1\n.ic I(L3)=2\n.tran 10u 6m uic\n.end");
-    // Six ampere-turns, that is 6 A in 1 mH, across three resistors of 1 ohm each, seen from the first winding.
+    // Referred to the first winding, the six ampere-turns are 6 A in 1 mH, across three parallel resistors of 1 ohm
+    // each.
     let v = |t: f64| -2.0 * (-t / 3e-3).exp();
     assert_is(&solution, "v(p)", 1e-8, v);
     assert_is(&solution, "v(s)", 1e-8, |t| 2.0 * v(t));
     assert_is(&solution, "v(u)", 1e-8, |t| 3.0 * v(t));
 }
 
-/// A current that `.ic` gives one of two coupled coils is the current of that coil alone.
+/// A current that `.ic` sets in one of two coupled coils is the current of that coil alone.
 #[test]
 fn a_coupled_coil_starts_with_the_current_that_it_is_given() {
     for (given, at_start) in [("I(L1)=3", [3.0, 0.0]), ("I(L2)=3", [0.0, 3.0])] {
@@ -316,7 +322,8 @@ fn an_integrator_integrates() {
     assert_is(&solution, "v(out)", 1e-8, |t| 1e3 * (TAU * 1e3 * t).sin() / (TAU * 1e3));
 }
 
-/// Charged through `R`, discharged through the switch: the time between the two thresholds is known in closed form.
+/// A capacitor is charged through `R` and discharged through a switch with hysteresis: the times between the two
+/// thresholds have closed forms.
 #[test]
 fn a_relaxation_oscillator_has_its_period() {
     let solution = run(
@@ -341,7 +348,8 @@ fn a_current_switch_closes_at_its_current() {
         "Overcurrent\nV1 a 0 PWL(0 0 1 10)\nVs a b 0\nR1 b 0 100\nV2 c 0 5\nRp c d 100\nW1 d 0 Vs RELAY\nC1 d 0 1p IC=5\n\
                         .model RELAY CSW(IT=51.3m IH=0 RON=1)\n.tran 1m 1\n.end",
     );
-    // 5 V plus the drop of 51.3 mA through 100 ohms, once the ramp of 10 V/s has reached 5.13 V.
+    // The voltage at `d` is 5 V until the ramp of 10 V/s reaches 5.13 V, where the current of 51.3 mA through 100
+    // ohms closes the switch.
     assert_is(&solution, "v(d)", 1e-6, |t| if t < 0.513 { 5.0 } else { 5.0 / 101.0 });
 }
 

@@ -1,5 +1,5 @@
-//! Elastic bodies in contact with obstacles: waves against d'Alembert's solutions; bodies in the plane and in space
-//! against uniform stress, Coulomb's law and finer grids.
+//! Elastic bodies in contact with obstacles: waves compared with d'Alembert's solutions, and bodies in two and three
+//! dimensions compared with uniform stress, Coulomb's law and finer grids.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
@@ -7,7 +7,7 @@ use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// A problem with its horizon, solved to a tolerance.
+/// Solves an elastic problem up to the time `end`, with the given tolerance and number of output times.
 fn run(elastic: &Value, end: f64, tolerance: f64, times: usize) -> Solution {
     solve(&json!({
         "problem": {"elastic": elastic},
@@ -17,7 +17,7 @@ fn run(elastic: &Value, end: f64, tolerance: f64, times: usize) -> Solution {
     }))
 }
 
-/// A bar of length 10 with velocity -10 towards a wall at a distance of 5, with wave speed 30.
+/// A bar of length 10 and wave speed 30 that moves with velocity -10 towards a wall at a distance of 5.
 fn thrown_bar(elements: usize) -> Value {
     json!({
         "body": {"bar": {"x": [0, 10]}}, "elements": elements, "density": 1, "young": 900,
@@ -48,7 +48,7 @@ fn a_bar_touches_the_wall_for_the_time_of_a_wave_and_leaves_with_its_speed() {
         let energy = solution.diagnostics.energy.expect("a balance");
         assert!(energy.largest_defect < 1e-3 * 500.0 && energy.kinetic_at_start == 500.0, "{energy:?}");
     }
-    // A wave front is of width `h^(2/3)`.
+    // Time stepping spreads a wave front over a width proportional to `h^(2/3)`, where `h` is the size of an element.
     assert!(late[1] < 0.5 * late[0] && late[1] < 2e-3, "{late:?}");
     assert!(behind[1] < 0.5 * behind[0] && behind[1] < 0.05, "{behind:?}");
 }
@@ -68,7 +68,7 @@ fn a_wall_that_moves_into_a_bar_does_the_work_that_the_bar_takes_up() {
         "body": {"bar": {"x": [0, 10]}}, "elements": 100, "density": 1, "young": 900,
         "contact": {"x_min": {"gap": "-10*t"}}
     });
-    // Until the wave returns, the force is `rho c v`.
+    // Until the reflected wave returns, the contact force is the impedance times the velocity, `rho c v`.
     let solution = run(&bar, 0.5, 1e-6, 101);
     for (t, force) in solution.trajectory.t.iter().zip(column(&solution, "force_x_min")) {
         assert!(*t < 0.1 || (force - 300.0).abs() < 1.0, "{force} at {t}");
@@ -79,7 +79,7 @@ fn a_wall_that_moves_into_a_bar_does_the_work_that_the_bar_takes_up() {
     assert!((gained - energy.work_of_forces).abs() < 1e-3 * gained, "{energy:?}");
 }
 
-/// A string of length 1 with wave speed 1, fixed at its ends.
+/// A string of length 1 with wave speed 1, fixed at both ends, above an obstacle on the interval `between`.
 fn string(elements: usize, between: [f64; 2], initial: &Value) -> Value {
     json!({
         "body": {"string": {"x": [0, 1]}}, "elements": elements, "density": 1, "tension": 1,
@@ -99,7 +99,8 @@ fn a_string_is_thrown_back_by_a_flat_obstacle_as_a_whole() {
         let quarter = distance(&solution, "quarter", |t| (PI * t).cos().abs() * (PI / 4.0).sin());
         middle.max(quarter)
     });
-    // A node between two fixed ones turns back after `pi h`, twice: first order.
+    // A node between two fixed ones turns back after `pi h`, twice: the error is of first order in the element size
+    // `h`.
     assert!(errors[1] < 0.3 && (1.8..2.2).contains(&(errors[0] / errors[1])), "{errors:?}");
 }
 
@@ -116,19 +117,20 @@ fn a_string_that_falls_on_a_point_is_held_by_it_until_its_halves_turn_back() {
         assert!(!(0.1..0.4).contains(&t) || (force - 2.0).abs() < 0.01, "{force} at {t}");
         assert!(!(0.55..1.45).contains(&t) && t < 2.05 || force.abs() < 1e-9, "{force} at {t}");
     }
-    // By then the jumps of the velocity have become wave trains, as on any grid; only the mean is comparable.
+    // By t = 1.6 the jumps of the velocity have become wave trains, as on any grid, so that only the mean force is
+    // comparable.
     let second: Vec<f64> = forces().filter(|(t, _)| (1.6..1.9).contains(t)).map(|(_, force)| force).collect();
     let mean = second.iter().sum::<f64>() / second.len() as f64;
     assert!((mean - 2.0).abs() < 0.04, "{mean}");
-    // The closed form at t = 1: the string thrown upwards is a trapezoid with height 1/2 at its middle.
+    // Closed form at t = 1: the string, thrown upwards, is a trapezoid whose height at the middle is 1/2.
     let at = |t: f64| solution.trajectory.t.iter().position(|&found| (found - t).abs() < 1e-9).expect("a time");
     assert!((column(&solution, "middle")[at(1.0)] - 0.5).abs() < 0.02);
     assert!((column(&solution, "quarter")[at(1.0)] - 0.25).abs() < 0.02);
     assert!((column(&solution, "quarter")[at(0.25)] + 0.25).abs() < 0.02);
 }
 
-/// A unit square or cube with `young` 1000 and `poisson` 0.3 on a floor, under the pressure 10 on its top, in its final
-/// state of rest.
+/// Returns the final state of rest of a unit square or cube with Young's modulus 1000 and Poisson's ratio 0.3 on a
+/// floor, under the pressure 10 on its top.
 fn pressed(body: &Value, elements: &[usize], floor: &str, top: &str) -> Value {
     let counts: serde_json::Map<String, Value> =
         ["x", "y", "z"].iter().zip(elements).map(|(key, &n)| ((*key).to_owned(), n.into())).collect();
@@ -161,7 +163,7 @@ fn uniform_stress_passes_through_a_contact_exactly() {
     close(last(&solution, "right_y") - last(&solution, "left_y"), 0.003);
 }
 
-/// A block that falls onto a cylindrical floor of radius 1, deep enough to touch it away from the middle.
+/// A block that falls onto a cylindrical floor of radius 1, deformed enough to touch it away from the middle.
 fn dropped_block(columns: usize, viscosity: f64) -> Value {
     json!({
         "body": {"rectangle": {"x": [-1, 1], "y": [0, 1], "plane": "strain"}}, "elements": {"x": columns, "y": columns / 2},
@@ -195,7 +197,8 @@ fn without_viscosity_the_block_keeps_its_energy_and_its_uniqueness_is_said_to_be
     assert!(viscous.diagnostics.warnings.iter().all(|warning| warning.code != "uniqueness_open"));
 }
 
-/// A block of mass 2 on a rough floor, with a load of 20 and a horizontal force of up to 10 from the left.
+/// A block of mass 2 on a rough floor, with a load of 20 on its top and a horizontal force that rises to `push` on
+/// its left side.
 fn pushed_block(viscosity: f64, push: f64) -> Value {
     json!({
         "body": {"rectangle": {"x": [0, 2], "y": [0, 1], "plane": "strain"}}, "elements": {"x": 4, "y": 2},
@@ -214,7 +217,7 @@ fn a_block_on_a_rough_floor_sticks_below_the_limit_of_coulomb_and_slides_above_i
 
     let sliding = run(&pushed_block(50.0, 10.0), 4.0, 1e-6, 41);
     assert!((last(&sliding, "friction_y_min_x") + 0.3 * last(&sliding, "force_y_min")).abs() < 1e-6);
-    // Momentum balance of the whole body from t = 3 to t = 4: (10 - 0.3 20)/2.
+    // Momentum balance of the whole body from t = 3 to t = 4: the acceleration is (10 - 0.3 20)/2.
     let x = column(&sliding, "corner_x");
     let acceleration = (x[40] - 2.0 * x[35] + x[30]) / 0.25;
     assert!((acceleration - 2.0).abs() < 0.05, "{acceleration}");
@@ -224,8 +227,8 @@ fn a_block_on_a_rough_floor_sticks_below_the_limit_of_coulomb_and_slides_above_i
 
 #[test]
 fn a_pressed_and_pushed_block_ends_where_another_program_has_it_at_every_tolerance() {
-    // Reference of tests/peers/answers/viscoelastic_block.py: the same elements, implicit Euler, extrapolated to seven
-    // digits.
+    // Reference of tests/peers/answers/viscoelastic_block.py: the same finite elements with implicit Euler,
+    // extrapolated to seven digits.
     let answers = [("pushed_corner_x", 0.0194062942), ("pushed_corner_y", -0.0044296766), ("foot_x", 0.0121661748)];
     for rtol in [1e-3, 1e-4, 1e-5] {
         let mut block = example("viscoelastic_block");
@@ -235,7 +238,7 @@ fn a_pressed_and_pushed_block_ends_where_another_program_has_it_at_every_toleran
             let error = (last(&solution, name) / answer - 1.0).abs();
             assert!(error < 10.0 * rtol, "{name} at {rtol:e}: off by {error:e}");
         }
-        // Before the load arrives, forces and distances at the floor are noise, which must not shorten the steps.
+        // Before the load arrives, contact forces and gaps are rounding noise, which must not shorten the steps.
         assert!(solution.diagnostics.steps.accepted < 1000, "{:?}", solution.diagnostics.steps);
     }
 }

@@ -1,12 +1,12 @@
-//! Features of functions of the states that are narrow compared with a step: hills, strips and pulses without any
-//! warning in time, each compared with a closed form.
+//! Features of functions of the states that are narrow compared with a step: hills, strips and pulses that nothing
+//! announces, each compared with a closed form.
 
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// Widths, from some that a step may hit by chance to one that it never hits.
+/// Widths of a feature, from one that a step may hit by chance to one that no step hits.
 const WIDTHS: [f64; 3] = [1e-2, 1e-4, 1e-6];
 
 fn assert_trusted(solution: &Solution) {
@@ -19,7 +19,7 @@ fn mechanical(system: Value, end: f64) -> Solution {
     solution
 }
 
-/// Solves `x' = 1` beside `y' = rate`, and returns `y(3)`.
+/// Solves `x' = unit` and `y' = rate` up to the time 3, and returns `y(3)`.
 fn integral(rate: &str, unit: f64) -> f64 {
     let states = json!({"x": {"initial": 0, "rate": unit.to_string()}, "y": {"initial": 0, "rate": rate}});
     let solution = solve(&json!({"problem": {"dvi": {"states": states}}, "time": {"end": 3},
@@ -37,7 +37,8 @@ fn a_particle_is_thrown_back_by_a_hill_however_narrow_in_any_units() {
                 "coordinates": {"x": {"initial": 0, "velocity": unit}}, "mass": [[1]], "potential": potential}},
                 "time": {"end": 4}, "method": {"atol": 1e-9 * unit}}));
             assert_trusted(&solution);
-            // The particle returns with its initial speed; it turns on the flank, at most a few widths before the top.
+            // The particle returns with its initial speed, after turning on the flank of the hill, at most a few
+            // widths before its top.
             assert!((last(&solution, "x_dot") / unit + 1.0).abs() < 2e-5, "{width}, {unit}");
             assert!((last(&solution, "x") / unit + 2.0).abs() < 5.0 * width + 1e-4, "{width}, {unit}");
         }
@@ -61,7 +62,8 @@ fn a_strip_adds_the_work_of_its_force() {
 
 #[test]
 fn a_magnet_below_a_floor_brakes_what_slides_over_it() {
-    // The normal force is 1 + 0.2 exp(..)/width; from the friction work, v^2 = 1 - 2 mu (x + 0.2 sqrt(pi)).
+    // The normal force is 1 + 0.2 exp(..)/width, and the work of friction gives v^2 = 1 - 2 mu (x + 0.2 sqrt(pi))
+    // behind the magnet.
     for width in [1e-2, 1e-3] {
         let system = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
             "mass": [[1, 0], [0, 1]], "forces": {"y": format!("-1 - {}*exp(-((x - 1)/{width})^2)", 0.2 / width)},
@@ -102,8 +104,8 @@ fn a_relay_that_slides_through_a_peak_keeps_its_energy() {
     }
 }
 
-/// `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from 40: steps over many periods change `x` little, and their error
-/// is that of the embedded formula, not of the full order.
+/// A ripple that is small compared with its state, `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from `x = 40`:
+/// steps over many periods change `x` little, and their error is that of the embedded formula, not of the full order.
 #[test]
 fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
     let wave =
@@ -119,14 +121,14 @@ fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
                 "time": {"end": 4}, "output": {"times": times},
                 "method": {"rtol": rtol, "atol": 1e-3 * rtol, "stages": stages},
             }));
-            // Some 200 steps, each with an error of a tolerance or two.
+            // The run takes some 200 steps, each with an error of at most about twice the tolerance.
             let error = distance(&solution, "x", exact) / (40.0 * rtol);
             assert!(error < 400.0, "{stages} stages: {error:.0} times {rtol:e}");
         }
     }
 }
 
-/// The time within `(from, to)` at which a monotonic function is zero.
+/// Returns the zero of a monotonic function in `(from, to)`, by bisection.
 fn zero(f: impl Fn(f64) -> f64, mut from: f64, mut to: f64) -> f64 {
     for _ in 0..200 {
         let middle = 0.5 * (from + to);
@@ -137,7 +139,8 @@ fn zero(f: impl Fn(f64) -> f64, mut from: f64, mut to: f64) -> f64 {
 
 #[test]
 fn a_surface_is_left_where_the_coefficient_of_its_variable_dips() {
-    // x' = 1/2 - k(t) s with s in Sgn x: x leaves zero where k = 1/2, and returns after equal areas.
+    // For x' = 1/2 - k(t) s with s in Sgn x, x leaves zero when k falls to 1/2, and returns to zero when the integral
+    // of its rate vanishes.
     for width in [3.0, 0.3, 0.03] {
         let k = |t: f64| 1.0 - 0.9 * (-((t - 50.0) / width).powi(2)).exp();
         let leaves = 50.0 - width * (-(0.5_f64 / 0.9).ln()).sqrt();
@@ -161,7 +164,8 @@ fn a_surface_is_left_where_the_coefficient_of_its_variable_dips() {
 
 #[test]
 fn bounds_that_move_are_seen_in_the_rates_of_what_they_hold() {
-    // x' = a with a at its upper bound, a pulse of width 0.1; and a block whose rough ground is narrow, of work 2/5.
+    // First x' = a with a at its upper bound, a pulse of width 0.1; then a block that slides over a narrow rough
+    // patch, whose friction does the work 2/5.
     let pulse = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "a"}},
         "variables": {"a": {"inequality": "a - 2"}},
         "set": [{"box": {"of": ["a"], "lower": 0, "upper": "exp(-((t - 50)/0.1)^2)"}}]}},
@@ -182,7 +186,8 @@ fn bounds_that_move_are_seen_in_the_rates_of_what_they_hold() {
 
 #[test]
 fn a_bounded_variable_gives_no_impulse_to_a_reference_that_jumps_for_a_moment() {
-    // x' = -s, s in Sgn(x - r): x follows a reference of any height at a speed of one, for the width of its pulse.
+    // For x' = -s with s in Sgn(x - r), x moves towards a pulse of r, whatever its height, at the speed one for the
+    // width of the pulse, and then back.
     for (width, end) in [(1e-3, 40.0), (1e-2, 400.0)] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "-s"}},
             "variables": {"s": {"inequality": format!("2*pulse(t, 33.3777, {width}) - x")}},
@@ -196,15 +201,16 @@ fn a_bounded_variable_gives_no_impulse_to_a_reference_that_jumps_for_a_moment() 
 
 #[test]
 fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
-    // p' = 1. A surge of width 0.01 opens a diode that short-circuits i; a wall of height 1 and width 0.1 lifts x for
-    // good; a Filippov system slides along y = 0 but for the moment at which its lower field points down.
+    // Three problems in which a state p or x grows at the rate 1 through a narrow feature: a surge of width 0.01
+    // opens a diode that short-circuits i; a wall of height 1 and width 0.1 lifts x for good; a Filippov system
+    // leaves y = 0 only while its lower field points down.
     let surge = solve(&json!({"problem": {"dvi": {
         "states": {"p": {"initial": 0, "rate": "1"}, "i": {"initial": 0, "rate": "-1 + 3*exp(-((p - 731.3)/0.01)^2) - i + v"}},
         "variables": {"v": {"inequality": "i"}}, "set": [{"nonnegative": ["v"]}]}},
         "time": {"end": 1000}, "output": {"times": [0, 731.31, 1000]}, "method": {"rtol": 1e-9}}));
     assert_trusted(&surge);
-    // i' = 3 exp(-(s/w)^2) - 1 - i from where the surge is one on; i = 0.0213 is too small to change it by more than its
-    // product with the width.
+    // The current obeys i' = 3 exp(-(s/w)^2) - 1 - i from the time at which the surge exceeds one; since it is at
+    // most 0.0213, its decay adds only a term of the order of the width.
     let (width, leaves) = (0.01_f64, -0.01 * 3.0_f64.ln().sqrt());
     let count = 20_000;
     let h = (0.01 - leaves) / f64::from(count);
@@ -231,7 +237,8 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
         "y": {"initial": 0.5, "plus": "-1", "minus": "1 - 2*exp(-((x - 731.3)/0.01)^2)"}}}},
         "time": {"end": 1000}, "output": {"times": [0, 731.3, 1000]}, "method": {"rtol": 1e-6}}));
     assert_trusted(&slide);
-    // Half of the Gaussian from where it is 1/2 to its middle: y = s - 2 w sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
+    // Integral of 1 - 2 exp(-(x/w)^2) from the point at which it vanishes to the middle of the Gaussian: y = s - 2 w
+    // sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
     let (s, erf) = (2.0_f64.ln().sqrt(), 0.760_968_108_550_488_5);
     let told = 0.01 * (s - PI.sqrt() * erf);
     let y = column(&slide, "y");
@@ -240,7 +247,7 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
 
 #[test]
 fn a_sliding_variable_has_its_value_at_outputs_whatever_its_coefficient_does() {
-    // y' = -1 + s (2 + (t - 50)^2) rests at zero with s = 1/(2 + (t - 50)^2).
+    // The state of y' = -1 + s (2 + (t - 50)^2) rests at zero with s = 1/(2 + (t - 50)^2).
     let solution = solve(&json!({"problem": {"dvi": {
         "states": {"y": {"initial": 0.5, "rate": "-1 + s*(2 + (t - 50)^2)"}}, "variables": {"s": {"inequality": "y"}},
         "set": [{"box": {"of": ["s"], "lower": 0, "upper": 5}}]}},
@@ -253,7 +260,7 @@ fn a_sliding_variable_has_its_value_at_outputs_whatever_its_coefficient_does() {
 
 #[test]
 fn a_pulse_of_a_free_variable_is_integrated_at_every_tolerance() {
-    // y' = z with z = exp(-(t - 50)^2): the tails of the pulse count only together.
+    // For y' = z with z = exp(-(t - 50)^2), the tails of the pulse matter only in sum.
     for digits in 4..=11 {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"y": {"initial": 0, "rate": "z"}},
             "variables": {"z": {"inequality": "z - exp(-(t - 50)^2)"}}, "set": [{"free": ["z"]}]}},
@@ -266,8 +273,9 @@ fn a_pulse_of_a_free_variable_is_integrated_at_every_tolerance() {
 
 #[test]
 fn a_table_of_a_state_is_integrated_across_its_knots() {
-    // Through (-2, 0), (-1, 0), (1, 1), (2, 1) the monotone cubic is 0, 1/2 + 3x/4 - x^3/4 and 1: its second derivative jumps at
-    // -1 and 1. Over half a turn of x = a sin t its integral is elementary, and over a whole turn half the period.
+    // The monotone cubic through (-2, 0), (-1, 0), (1, 1), (2, 1) is 0, 1/2 + 3x/4 - x^3/4 and 1: its second
+    // derivative jumps at -1 and 1. For x = a sin t its integral is elementary over half a period, and half the
+    // period over a whole one.
     for a in [1.2_f64, 1.5, 1.7, 1.9] {
         let c = (1.0 / a).asin();
         let (of_sine, of_cube) = (1.0 - c.cos(), 2.0 / 3.0 - c.cos() + c.cos().powi(3) / 3.0);

@@ -1,4 +1,4 @@
-//! Rates that jump between regions: crossing of a surface, sliding along one, a repulsive one, and three regions that
+//! Filippov systems: crossing of a switching surface, sliding along one, a repulsive surface, and three regions that
 //! meet.
 
 use crate::systems::harness::{column, distance, events, last, solve};
@@ -21,7 +21,7 @@ fn the_switching_circle_is_crossed_at_one() {
         assert!(error < 1e-9, "`{state}` is off by {error:e}");
     }
     assert!((events(&solution, "z")[0] - 1.0).abs() < 1e-10);
-    // The weight is 0 before the crossing and 1 after it, with nothing in between.
+    // The weight of the convex combination is 0 before the crossing and 1 after it, with no value in between.
     for (&t, &z) in solution.trajectory.t.iter().zip(column(&solution, "z")) {
         assert_eq!(z, if t < 1.0 { 0.0 } else { 1.0 }, "at {t}");
     }
@@ -57,7 +57,7 @@ fn the_relay_slides_with_the_share_that_holds_it() {
     let error = distance(&solution, "x", |t| (2.0 - 0.7 * t).max(0.0));
     assert!(error < 1e-10, "off by {error:e}");
     assert!((events(&solution, "z")[0] - reach).abs() < 1e-10);
-    // 0.3 = s = (1 - z) - z.
+    // The sliding condition 0.3 = s = (1 - z) - z gives the weight z.
     assert!((last(&solution, "z") - 0.35).abs() < 1e-12);
 }
 
@@ -79,7 +79,8 @@ fn three_regions_by_name_are_the_three_regions_in_full() {
     let line = 2.0 - 1.0 / 3.0_f64.sqrt();
     assert!((events(&solution, "z2")[0] - line).abs() < 1e-8);
     assert!((events(&full, "z2")[0] - line).abs() < 1e-5);
-    // The solution follows the line between the first two regions at half speed, to the point where all three meet.
+    // The solution slides along the line between the first two regions at half speed, to the point where all three
+    // meet.
     let origin = 2.0 + 3.0_f64.sqrt();
     let error = distance(&solution, "x", |t| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 });
     assert!(error < 1e-7, "off by {error:e}");

@@ -1,5 +1,5 @@
-//! Fits of parameters to data: estimates and intervals compared with linear least squares and, through sticking and
-//! switches, with closed solutions; and the coverage of the 95 % intervals.
+//! Fits of parameters to data: estimates and confidence intervals compared with linear least squares and, through
+//! sticking and switches, with closed-form solutions; and the coverage of 95 % confidence intervals.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -24,7 +24,7 @@ fn caveats(solution: &Solution) -> Vec<&str> {
     solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect()
 }
 
-/// Data of `x = x_0 + a t` with deviations that a straight line cannot follow.
+/// Returns times and data of `x = x_0 + a t` with residuals that no straight line can fit.
 fn line() -> (Vec<f64>, Vec<f64>) {
     let t: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.5 + if i > 3 { 0.25 } else { 0.0 }).collect();
     let off = [0.3, -0.2, 0.1, 0.4, -0.5, 0.2, -0.1, 0.25];
@@ -44,7 +44,7 @@ fn a_straight_line_has_the_estimates_and_intervals_of_linear_regression() {
     let slope = t.iter().zip(&x).map(|(t, x)| (t - mean) * x).sum::<f64>() / spread;
     let first = x.iter().sum::<f64>() / m - slope * mean;
     let squares: f64 = t.iter().zip(&x).map(|(t, x)| (x - first - slope * t).powi(2)).sum();
-    // Student's quantile for 6 degrees of freedom.
+    // Student's t quantile at 97.5 % for 6 degrees of freedom.
     let (variance, student) = (squares / (m - 2.0), 2.446_911_848_791_681);
     let (_, fit) = fitted(&json!({"problem": problem_of_a_line(), "time": {"end": 4}, "method": {"rtol": 1e-10},
         "fit": {"parameters": {"a": {}, "x.initial": {}}, "data": {"t": t, "x": x}}}));
@@ -86,8 +86,8 @@ fn given_standard_deviations_weigh_the_data_and_make_intervals_normal() {
     assert_eq!((fit.observations, fit.residuals["x"][5]), (7, None));
 }
 
-/// A mass carried by a belt of speed `v` against a spring until it slips at `x = f`; afterwards `x = f + v sin(t -
-/// f/v)`, as long as it is slower than the belt.
+/// Position of a mass that a belt of speed `v` carries against a spring until it slips at `x = f`; afterwards `x =
+/// f + v sin(t - f/v)`, as long as the mass is slower than the belt.
 fn carried(f: f64, v: f64, t: f64) -> f64 {
     let slips = f / v;
     if t <= slips { v * t } else { f + v * (t - slips).sin() }
@@ -110,7 +110,7 @@ fn friction_and_speed_of_a_belt_are_found_through_the_onset_of_slip() {
             "data": {"t": t, "x": x, "sd": sd}}}));
     assert_near(fit.parameters["f"].estimate, f, 1e-8);
     assert_near(fit.parameters["v_belt"].estimate, v, 1e-8);
-    // The Jacobian of the closed solution.
+    // Normal matrix of the least-squares problem, from the Jacobian of the closed-form solution.
     let slips = f / v;
     let (mut ff, mut fv, mut vv) = (0.0, 0.0, 0.0);
     for &t in &t {
@@ -129,7 +129,7 @@ fn friction_and_speed_of_a_belt_are_found_through_the_onset_of_slip() {
 
 #[test]
 fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
-    // The diode conducts until tan(wt) = -wRC; then v decays with RC.
+    // The diode conducts until tan(wt) = -wRC; then v decays with the time constant RC.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * std::f64::consts::PI);
     let off = (std::f64::consts::PI - (w * r * c).atan()) / w;
     let at = |t: f64| 10.0 * if t <= off { (w * t).sin() } else { (w * off).sin() * (-(t - off) / (r * c)).exp() };
@@ -147,7 +147,7 @@ fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
 
 #[test]
 fn what_is_measured_may_be_a_definition_of_states_and_parameters() {
-    // An instrument shows gain x^2 of x = exp(-a t): ln y = ln gain - 2 a t.
+    // The measured quantity is y = gain x^2 with x = exp(-a t): ln y = ln gain - 2 a t.
     let t: Vec<f64> = (0..=10).map(|i| f64::from(i) * 0.3).collect();
     let y: Vec<f64> = t.iter().map(|t| 3.0 * (-2.0 * 0.7 * t).exp()).collect();
     let (_, fit) =
@@ -157,7 +157,7 @@ fn what_is_measured_may_be_a_definition_of_states_and_parameters() {
         "fit": {"parameters": {"a": {}, "gain": {}}, "data": {"t": t, "y": y, "sd": 0.01, "w": t}}}));
     assert_near(fit.parameters["a"].estimate, 0.7, 1e-8);
     assert_near(fit.parameters["gain"].estimate, 3.0, 1e-8);
-    // The derivatives are dy/da = -2 t y and dy/dgain = y/gain.
+    // The derivatives of the measured quantity y are dy/da = -2 t y and dy/dgain = y/gain.
     let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 { t.iter().zip(&y).map(|(t, y)| f(*t, *y)).sum() };
     let [aa, ag, gg] =
         [sum(&|t, y| (2.0 * t * y).powi(2)), sum(&|t, y| -2.0 * t * y * y / 3.0), sum(&|_, y| y * y / 9.0)];
@@ -195,7 +195,8 @@ fn a_parameter_that_nothing_depends_on_is_named_alone() {
 
 #[test]
 fn hubers_loss_leaves_one_value_that_is_far_off_its_bound_alone() {
-    // A constant m with 9 values at 2 and one at 50, sd 0.1: 9 (m - 2)/0.1 = 1.345.
+    // A constant m is fitted to 9 values at 2 and one at 50, with sd 0.1: Huber's loss is least where 9 (m - 2)/0.1 =
+    // 1.345.
     let t: Vec<f64> = (1..=10).map(f64::from).collect();
     let x: Vec<f64> = (1..=10).map(|i| if i == 4 { 50.0 } else { 2.0 }).collect();
     let (_, fit) =
@@ -210,7 +211,7 @@ fn a_bound_that_holds_a_parameter_is_told() {
     let (solution, fit) = fitted(&json!({"problem": problem_of_a_line(), "time": {"end": 4}, "method": {"rtol": 1e-9},
         "fit": {"parameters": {"a": {"upper": 1.5}, "x.initial": {}}, "data": {"t": t, "x": x, "sd": 0.05}}}));
     assert_eq!((fit.parameters["a"].estimate, fit.parameters["a"].sd), (1.5, None));
-    // With the slope given, the intercept is the mean of the remainder.
+    // With the slope at its bound, the intercept is the mean of x - 1.5 t.
     let rest: f64 = t.iter().zip(&x).map(|(t, x)| x - 1.5 * t).sum::<f64>() / t.len() as f64;
     assert_near(fit.parameters["x.initial"].estimate, rest, 1e-7);
     assert_near(fit.parameters["x.initial"].sd.unwrap(), 0.05 / (t.len() as f64).sqrt(), 1e-7);
@@ -237,10 +238,10 @@ fn of_several_starts_the_best_minimum_is_kept_and_the_others_told() {
     assert!(caveats(&solution).contains(&"several_minima"));
 }
 
-/// Two standard normal numbers (Box and Muller 1958).
 #[test]
 fn a_minimum_that_is_not_the_least_is_told_by_residuals_of_one_sign() {
-    // x = cos 3t with errors of 1 %; from the frequency 1 the search ends elsewhere, and nothing is said of `sd`.
+    // Data of x = cos 3t with errors of 1 %. From the frequency 1 the search ends in another local minimum; the
+    // standard deviation of the data is not given.
     let mut random = fastrand::Rng::with_seed(5);
     let t: Vec<f64> = (1..=120).map(|i| f64::from(i) / 10.0).collect();
     let x: Vec<f64> = t.iter().map(|t| (3.0 * t).cos() + 0.01 * normals(&mut random)[0]).collect();
@@ -255,12 +256,14 @@ fn a_minimum_that_is_not_the_least_is_told_by_residuals_of_one_sign() {
     assert!((fit.parameters["w"].estimate - 3.0).abs() > 0.1 && caveats(&solution).contains(&"misfit"), "{fit:?}");
 }
 
+/// Returns two independent standard normal numbers (Box and Muller 1958).
 fn normals(random: &mut fastrand::Rng) -> [f64; 2] {
     let (radius, angle) = ((-2.0 * (1.0 - random.f64()).ln()).sqrt(), TAU * random.f64());
     [radius * angle.cos(), radius * angle.sin()]
 }
 
-/// The number of intervals of each parameter that contain the true value, for fits to the motion of the belt.
+/// Returns, for each parameter, the number of confidence intervals that contain its true value, over `fits` fits to
+/// the motion of a mass on a belt.
 fn covered(fits: u64, sd: f64, is_told: bool) -> [u64; 2] {
     let (f, v) = (1.0, 0.5);
     let mut held = [0; 2];
@@ -285,7 +288,8 @@ fn covered(fits: u64, sd: f64, is_told: bool) -> [u64; 2] {
 
 #[test]
 fn intervals_at_95_percent_cover_about_so_often() {
-    // Of 200 intervals, 190 +- 9.5 contain the true value: about three standard deviations of the binomial count.
+    // Of 200 intervals, 190 +- 9.5 should contain the true value: the limits allow about three standard deviations of
+    // the binomial count.
     for is_told in [true, false] {
         for held in covered(200, 0.02, is_told) {
             assert!((180..=200).contains(&held), "{held} of 200, sd told: {is_told}");
@@ -312,7 +316,7 @@ fn a_fit_that_cannot_be_run_says_why() {
 
 #[test]
 fn a_bounce_tells_gravity_and_restitution() {
-    // Heights of a ball that falls from 1 and bounces, in closed form, for g = 9.81 and e = 0.7.
+    // Heights of a ball that falls from 1 and bounces, from closed forms with g = 9.81 and e = 0.7.
     let (g, e) = (9.81_f64, 0.7);
     let fall = (2.0 / g).sqrt();
     let height = |t: f64| {
@@ -328,8 +332,8 @@ fn a_bounce_tells_gravity_and_restitution() {
             "data": {"t": t, "y": y, "sd": 0.01}}}));
     assert_near(fit.parameters["g"].estimate, g, 1e-7);
     assert_near(fit.parameters["e"].estimate, e, 1e-7);
-    // The interval of e follows from dy/de = g fall (t - fall) after the bounce and from what the fall says of g; it is wider
-    // than with g known.
+    // Bound of the interval of e for a known g, from dy/de = g fall (t - fall) after the bounce. The interval is
+    // wider if g is estimated as well.
     let known: f64 = t.iter().filter(|t| **t > fall).map(|t| (g * fall * (t - fall) / 0.01).powi(2)).sum();
     let sd = fit.parameters["e"].sd.expect("a standard deviation");
     assert!(sd > known.sqrt().recip() && sd < 3.0 * known.sqrt().recip(), "{sd} for {}", known.sqrt().recip());

@@ -22,7 +22,7 @@ fn codes(document: &Value) -> Vec<(String, &'static str)> {
 #[test]
 fn integrals_of_functions_that_jump_are_exact() {
     for (text, end, expected) in [
-        // 0 + 1 + .. + 4, and half of 5.
+        // The integral of floor(t) to 5.5 is 0 + 1 + .. + 4, plus half of 5.
         ("floor(t)", 5.5, 12.5),
         ("ceil(t) - round(t)", 4.0, 2.0),
         ("mod(t, 2)", 7.0, 6.5),
@@ -32,7 +32,7 @@ fn integrals_of_functions_that_jump_are_exact() {
         ("pulse(t, 500, 1e-3)", 1e3, 1e-3),
         ("if(t > 1 and t <= 3 or not t < 9, 2, -1)", 10.0, -1.0),
         ("if(mod(floor(t), 2) == 0, t, 0)", 4.0, 3.0),
-        // Edges of all these functions at once.
+        // A sum of several functions whose edges coincide.
         ("pwm(t, 0.2, 0.5) + sawtooth(t, 0.1) + (t >= 0.5) + floor(10*t)", 1.0, 0.5 + 0.5 + 0.5 + 4.5),
     ] {
         let solution = solve(&rate(text, end));
@@ -43,8 +43,8 @@ fn integrals_of_functions_that_jump_are_exact() {
 
 #[test]
 fn a_filter_behind_a_switched_source_is_in_its_periodic_state() {
-    // i' = (u - i)/tau with u = 1 for a fraction d of each period T: at the end of a period i = (e^{dT/tau} -
-    // 1)/(e^{T/tau} - 1).
+    // For i' = (u - i)/tau with u = 1 during a fraction d of each period T, the current at the end of a period is i =
+    // (e^{dT/tau} - 1)/(e^{T/tau} - 1).
     let (tau, period, duty) = (2e-3, 1e-3, 0.3);
     let mut document = rate(&format!("(pwm(t, {period}, {duty}) - x)/{tau}"), 0.1);
     document["method"] = json!({"rtol": 1e-10, "atol": 1e-12});
@@ -56,7 +56,8 @@ fn a_filter_behind_a_switched_source_is_in_its_periodic_state() {
 
 #[test]
 fn a_table_drives_an_oscillator() {
-    // x'' = -x + f(t), with f from 0 to 1 at 1 to -1 at 2 to 0 at 3: a sum of ramps, each with the response s - sin s.
+    // The load f(t) of x'' = -x + f(t) is linear from 0 to 1 at t = 1, to -1 at t = 2 and to 0 at t = 3: a sum of
+    // ramps, each with the response s - sin s, where s is the time since its beginning.
     let mut document = rate("v", 10.0);
     document["problem"]["dvi"]["states"]["v"] = json!({"initial": 0, "rate": "-x + load(t)"});
     document["problem"]["dvi"]["tables"] = json!({"load": {"x": [0, 1, 2, 3], "y": [0, 1, -1, 0]}});
@@ -69,23 +70,25 @@ fn a_table_drives_an_oscillator() {
 
 #[test]
 fn no_step_passes_over_what_a_table_does() {
-    // A triangle of area 1 within two milliseconds, after 900 seconds at rest.
+    // A pulse of area 1 within two milliseconds, after 900 seconds at rest.
     for (interpolation, y, area) in [("linear", [0, 0, 1000, 0, 0], 1.0), ("previous", [0, 0, 1000, 0, 0], 1.0)] {
         let mut document = rate("load(t)", 1e3);
         document["problem"]["dvi"]["tables"] =
             json!({"load": {"x": [0, 900, 900.001, 900.002, 950], "y": y, "interpolation": interpolation}});
         assert_near(last(&solve(&document), "x"), area, 1e-9);
     }
-    // Simpson's rule is exact for cubics; the slope at the maximum is zero.
+    // Simpson's rule is exact for the cubic pieces of a monotone cubic interpolant, whose slope at the maximum is
+    // zero.
     let mut document = rate("load(t)", 2.0);
     document["problem"]["dvi"]["tables"] = json!({"load": {"x": [0, 1, 2], "y": [0, 1, 0], "interpolation": "pchip"}});
-    // On each side a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2, and slope 0 at the top: 1/2 + (2 - 0)/12.
+    // Each half is a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2 and the slope 0 at the top: its integral is
+    // 1/2 + (2 - 0)/12.
     assert_near(last(&solve(&document), "x"), 2.0 * (0.5 + 2.0 / 12.0), 1e-10);
 }
 
 #[test]
 fn tables_of_states_are_solved_through_their_kinks() {
-    // The rate is -x for x > 0 and -2 x otherwise, with x' = 1 from -1: through zero at t = 1, where the slope doubles.
+    // The tabulated slope is x for x < 0 and 2 x otherwise, and x' = 1 from -1: x passes the kink at t = 1.
     let mut document = rate("1 - 0*x", 2.0);
     document["problem"]["dvi"]["states"] =
         json!({"x": {"initial": -1, "rate": "1"}, "y": {"initial": 0, "rate": "slope(x)"}});

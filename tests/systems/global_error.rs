@@ -4,7 +4,7 @@ use super::harness::{last, solve};
 use super::reference;
 use serde_json::{Value, json};
 
-/// The ratio of the estimated to the true error of each state.
+/// Returns the ratio of the estimated to the true global error of each state.
 fn quotients(mut specification: Value, method: &Value, exact: &[(&str, f64)]) -> Vec<f64> {
     specification["method"] = method.clone();
     specification["output"] = json!({"times": {"count": 2}, "global_error": true});
@@ -14,7 +14,7 @@ fn quotients(mut specification: Value, method: &Value, exact: &[(&str, f64)]) ->
     exact.iter().map(|(name, x)| told(name) / (last(&solution, name) - x)).collect()
 }
 
-/// Asserts that the estimate is between half and twice the true error, sign included, at every tolerance.
+/// Asserts that the estimated global error is between half and twice the true one, sign included, at every tolerance.
 fn assert_close(specification: &Value, exact: &[(&str, f64)]) {
     let tolerances = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
     let methods = tolerances.map(|rtol| json!({"rtol": rtol, "atol": rtol}));

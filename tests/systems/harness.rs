@@ -5,7 +5,7 @@ use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::Value;
 
-/// Solves a valid specification to its end.
+/// Solves a specification, and asserts that it is valid and that the solution is completed.
 pub fn solve(specification: &Value) -> Solution {
     let specification = Specification::from_json(specification.to_string().as_bytes())
         .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"));
@@ -14,23 +14,23 @@ pub fn solve(specification: &Value) -> Solution {
     solution
 }
 
-/// The last value of a field.
+/// Returns the last value of a field of the trajectory.
 pub fn last(solution: &Solution, name: &str) -> f64 {
     *column(solution, name).last().unwrap_or_else(|| panic!("`{name}` has no values"))
 }
 
-/// A field over time.
+/// Returns the values of a field of the trajectory.
 pub fn column<'a>(solution: &'a Solution, name: &str) -> &'a [f64] {
     solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"))
 }
 
-/// The largest distance of a field from a function of time.
+/// Returns the largest distance of a field of the trajectory from a function of time.
 pub fn distance(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> f64 {
     let times = solution.trajectory.t.iter();
     times.zip(column(solution, name)).map(|(&t, &value)| (value - exact(t)).abs()).fold(0.0, f64::max)
 }
 
-/// The times of the events of a variable.
+/// Returns the times of the events of a variable.
 pub fn events(solution: &Solution, of: &str) -> Vec<f64> {
     solution.trajectory.events.iter().filter(|event| event.of == of).map(|event| event.t).collect()
 }

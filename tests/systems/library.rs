@@ -1,5 +1,5 @@
-//! Problems of programs in Rust: the examples of `api/rust` against what is known, functions beside the same in text, and what is
-//! refused.
+//! The solver as a Rust library: the examples of `api/rust` compared with known values, equations given as functions
+//! compared with equations given as text, and errors of invalid problems.
 
 #[path = "../../api/rust/friction_belt.rs"]
 #[allow(dead_code, reason = "an example has a main function")]
@@ -25,7 +25,8 @@ fn the_examples_give_what_is_known() {
     }
 }
 
-/// A pendulum on a rod, of index 2: the multiplier stands in the rates, its velocity in the inequality.
+/// A pendulum on a rod in Cartesian coordinates, of index 2: the multiplier enters the rates, and the inequality is
+/// the constraint on velocities.
 fn pendulum() -> Problem {
     Problem::new()
         .state("x", 1.0)
@@ -53,13 +54,14 @@ fn functions_and_text_agree() {
         let pairs = functions.field(name).unwrap().iter().zip(text.field(name).unwrap());
         pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{name}: {a} beside {b}"));
     }
-    // The conservation of energy is an answer from outside: speed^2 = -2 y.
+    // Conservation of energy, which is independent of the solver, gives speed^2 = -2 y.
     let at = |name: &str| functions.field(name).unwrap()[2];
     let energy = 0.5 * (at("u").powi(2) + at("w").powi(2)) + at("y");
     assert!(energy.abs() < 1e-7, "{energy}");
 }
 
-/// Steps are no more than in text: differences are accurate enough for Newton's method.
+/// Finite-difference Jacobians are accurate enough for Newton's method, so that functions need no more steps than
+/// text.
 #[test]
 fn differences_cost_no_steps() {
     let settings = Settings { rtol: 1e-8, ..Settings::default() };
@@ -68,7 +70,7 @@ fn differences_cost_no_steps() {
     assert!((functions / text - 1.0).abs() < 0.05, "{functions} steps beside {text}");
 }
 
-/// In units in which lengths are of the order of 1e-9 and times of 1e-6, the same digits.
+/// A problem with lengths of the order of 1e-9 and times of the order of 1e-6 is solved to the same number of digits.
 #[test]
 fn functions_hold_in_other_units() {
     let (length, time) = (1e-9, 1e-6);
@@ -124,7 +126,7 @@ fn what_is_wrong_is_refused() {
         g[0] = z[0] + x[0];
     });
     assert_refused(&square, &plain, 1.0, "rate_not_affine", "/problem/dvi/states/x/rate");
-    // What is no bound must not be taken for none.
+    // A bound that is NaN or otherwise invalid must not be treated as an infinite one.
     for (lower, upper) in [(f64::NAN, 1.0), (-1.0, f64::NAN), (f64::INFINITY, f64::INFINITY)] {
         let boxed = decay().variables(&["z"], Set::Box { lower, upper }).equations(|_t, _x, z, rates, g| {
             rates[0] = z[0];
@@ -138,7 +140,8 @@ fn what_is_wrong_is_refused() {
     assert_refused(&Problem::text("{}").state("x", 1.0), &plain, 1.0, "conflict", "/problem");
 }
 
-/// A blow-up is told with the trajectory so far; a function that panics does so in the thread of its caller, as any function.
+/// A solution that blows up is returned up to its last step with an error; a panic of a user's function propagates to
+/// its caller.
 #[test]
 fn what_fails_on_its_way_keeps_what_there_is() {
     let problem = Problem::new().state("x", 1.0).equations(|_t, x, _z, rates, _g| rates[0] = x[0] * x[0]);

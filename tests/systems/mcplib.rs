@@ -1,5 +1,5 @@
-//! Problems of the collection MCPLIB (Dirkse and Ferris 1995), from the starts from which PATH solves them, to solutions that were
-//! found apart: each file has the data with their source, and the solution to its last digits.
+//! Problems of the collection MCPLIB (Dirkse and Ferris 1995), solved from the starting points from which PATH solves
+//! them. Each data file names its source and has the solution to its last digits, which was found independently.
 
 use crate::systems::harness::solve;
 use serde_json::Value;
@@ -15,7 +15,7 @@ const PROBLEMS: [(&str, &str); 8] = [
     ("wallmcp", include_str!("mcplib/wallmcp.json")),
 ];
 
-/// Solves the problem of a file, and compares with its solution.
+/// Solves the problem of a data file, and asserts that the result is the solution in that file.
 fn assert_solved(name: &str, specification: &Value, exact: &Value) {
     let mut solution = solve(specification);
     assert!(solution.verdict.trusted, "{name}: {:?}", solution.verdict);
@@ -34,7 +34,8 @@ fn problems_of_the_collection_are_solved_from_their_starts() {
     }
 }
 
-/// A household of the economy of Scarf and Hansen owns one unit of labour: its published income is the price.
+/// In the economy of Scarf and Hansen a household owns one unit of labour, so that the price of labour is its
+/// published income.
 #[test]
 fn the_economy_of_scarf_and_hansen_has_its_published_income() {
     let problem: Value = serde_json::from_str(include_str!("mcplib/hansmcp.json")).expect("JSON");

@@ -1,11 +1,11 @@
-//! Problems with memory, compared with closed forms: Abel's kernel, reflections with many switches, a relaxing kernel,
-//! balls.
+//! Problems with memory (Volterra convolutions), compared with closed forms: Abel's kernel, reflections with many
+//! switches, a relaxing kernel, and sets that are balls.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
 use serde_json::{Value, json};
 
-/// `Gamma(x)` for `x > 0`, by the recurrence and Stirling's series.
+/// Returns the gamma function for `x > 0`, by its recurrence and Stirling's series.
 pub fn gamma(x: f64) -> f64 {
     if x < 20.0 {
         return gamma(x + 1.0) / x;
@@ -16,7 +16,7 @@ pub fn gamma(x: f64) -> f64 {
     (std::f64::consts::TAU / x).sqrt() * (x * (x.ln() - 1.0) + series).exp()
 }
 
-/// One variable `u >= 0` with the kernel of exponent `alpha`.
+/// A problem with one variable `u >= 0` and the fractional kernel of the exponent `alpha`.
 pub fn abel(alpha: f64, q: &str, end: f64, method: Value) -> Value {
     json!({
         "problem": {"convolution": {
@@ -31,7 +31,8 @@ pub fn abel(alpha: f64, q: &str, end: f64, method: Value) -> Value {
 
 #[test]
 fn the_inverse_of_abels_integral_is_half_a_power() {
-    // u = (2/pi) sqrt(t) solves int (t-s)^(-1/2) u ds = t, and its integral to 1 is 4 / (3 pi).
+    // Abel's equation int (t-s)^(-1/2) u ds = t has the solution u = (2/pi) sqrt(t), whose integral to 1 is 4 / (3
+    // pi).
     let kernels = [
         json!({"fractional": {"exponent": 0.5, "matrix": [["sqrt(pi)"]]}}),
         json!({"entries": [[1]], "exponent": 0.5}),
@@ -56,7 +57,7 @@ fn the_inverse_of_abels_integral_is_half_a_power() {
 
 #[test]
 fn a_variable_starts_when_its_force_has_gone() {
-    // q = (1-t)^m, m odd: u = Gamma(m+1)/Gamma(m+1-a) (t-1)_+^(m-a).
+    // For q = (1-t)^m with m odd, the solution is u = Gamma(m+1)/Gamma(m+1-a) (t-1)_+^(m-a).
     for (alpha, m) in [(0.25, 3), (0.5, 3), (0.75, 3), (1.0, 3), (1.5, 5)] {
         let document = abel(alpha, &format!("(1 - t)^{m}"), 2.0, json!({"step": 0.005}));
         let solution = solve(&document);
@@ -80,14 +81,14 @@ fn the_step_is_halved_until_two_runs_agree() {
     let pairs = solution.trajectory.t.iter().zip(column(&solution, "u"));
     let total: f64 = pairs.map(|(t, u)| (u - factor * (t - 1.0).max(0.0).sqrt()).abs()).sum();
     let mean = total / solution.trajectory.t.len() as f64;
-    // The reported distance is that of the last run but one.
+    // The reported distance compares the two coarser of the last three runs.
     assert!(mean > 0.0 && mean < refinement.mean_distance[0].1, "{mean:e} against {refinement:?}");
     assert!(mean < 1e-4 * factor * 2.0_f64.sqrt());
 }
 
 #[test]
 fn exponent_one_is_the_complementarity_system_of_an_integral() {
-    // 0 <= z, 0 <= int z + q, complementary: int z is the running maximum of -q (Skorokhod's reflection).
+    // Skorokhod's reflection: from 0 <= z, 0 <= int z + q and complementarity, int z is the running maximum of -q.
     let q = "0.2 - sin(t) - 0.1*t";
     let solution = solve(&abel(1.0, q, 10.0, json!({"step": 0.005})));
     let system = solve(&json!({
@@ -106,7 +107,8 @@ fn exponent_one_is_the_complementarity_system_of_an_integral() {
 
 #[test]
 fn a_kernel_that_relaxes_is_a_differential_equation() {
-    // w = exp(-t/tau) * z satisfies w' = z - w / tau: a system without memory, of index one.
+    // The convolution w = exp(-t/tau) * z satisfies w' = z - w / tau, a differential variational inequality of index
+    // one.
     let solution = solve(&json!({
         "problem": {"convolution": {
             "parameters": {"tau": 0.5},
@@ -127,7 +129,7 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
     let switches = events(&system, "z");
     assert_eq!(switches.len(), 7);
     for ((&t, w), found) in system.trajectory.t.iter().zip(column(&system, "w")).zip(column(&solution, "G_z")) {
-        // If `z` becomes active between two stages, its bound may prevent the correction of `w` within the step.
+        // If `z` becomes positive between two stages, its bound may prevent the correction of `w` within the step.
         let is_at_switch = switches.iter().any(|switch| (0.0..0.005).contains(&(t - switch)));
         let bound = if is_at_switch { 0.005 * 2.5 } else { 1e-5 };
         let exact = w - (2.0 * t).sin();
@@ -137,7 +139,8 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
 
 #[test]
 fn kernels_that_vanish_at_zero_have_a_higher_index() {
-    // z = 6 t solves (t * z)(t) = t^3, with the kernel as a power, as entries, and as entries with a power in front.
+    // The solution of (t * z)(t) = t^3 is z = 6 t. The kernel is given as a power, as entries, and as entries
+    // multiplied by a power.
     let kernels =
         [json!({"fractional": {"exponent": 2}}), json!({"entries": [["t"]]}), json!({"entries": [[1]], "exponent": 2})];
     for kernel in kernels {
@@ -154,7 +157,7 @@ fn kernels_that_vanish_at_zero_have_a_higher_index() {
 
 #[test]
 fn each_entry_has_an_index_of_its_own() {
-    // z1 = 3 t^2 solves 1 * z1 = t^3, and z2 = 6 t solves t * z2 = t^3.
+    // The solution of 1 * z1 = t^3 is z1 = 3 t^2, and that of t * z2 = t^3 is z2 = 6 t, where * is the convolution.
     let solution = solve(&json!({
         "problem": {"convolution": {
             "variables": {"z1": {"q": "-t^3"}, "z2": {"q": "-t^3"}},
@@ -172,7 +175,8 @@ fn each_entry_has_an_index_of_its_own() {
 
 #[test]
 fn a_ball_holds_a_rotating_force() {
-    // Inside the ball z solves I^a z = t^3 (c, s); at its boundary G is normal to it.
+    // Inside the ball z solves I^a z = t^3 (c, s), with the fractional integral I^a; at its boundary G is normal to
+    // the ball.
     let solution = solve(&json!({
         "problem": {"convolution": {
             "variables": {"x": {"q": "-0.6*t^3"}, "y": {"q": "-0.8*t^3"}},
@@ -197,7 +201,7 @@ fn a_ball_holds_a_rotating_force() {
 
 #[test]
 fn a_start_outside_is_told() {
-    // q = -1 from the start: u = t^(-1/2) / Gamma(1/2), which is infinite at the start, and its integral is 2 sqrt(t /
+    // For q = -1 from the start, u = t^(-1/2) / Gamma(1/2) is infinite at the start, and its integral is 2 sqrt(t /
     // pi).
     let solution = solve(&abel(0.5, "-1", 1.0, json!({"step": 0.001})));
     assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "impulse_at_start"));
@@ -208,8 +212,8 @@ fn a_start_outside_is_told() {
 
 #[test]
 fn of_several_runs_the_most_accurate_is_returned() {
-    // A least step selects uniform meshes. The kernel t^0.9 / Gamma(1.9) has the solution 2 t^0.1 / Gamma(1.1) for t^2;
-    // rounding errors grow as h^-1.9.
+    // A smallest step size selects uniform meshes. The kernel t^0.9 / Gamma(1.9) has the solution 2 t^0.1 /
+    // Gamma(1.1) for the data t^2; rounding errors grow as h^-1.9 with the step size h.
     let problem = json!({
         "problem": {"convolution": {
             "variables": {"u": {"q": "-t^2"}},
@@ -226,7 +230,7 @@ fn of_several_runs_the_most_accurate_is_returned() {
     assert!(error < 2e-5, "off by {error:e}");
     let refinement = solution.diagnostics.refinement.as_ref().expect("an estimate");
     assert!(refinement.scaled > 1.0 && solution.diagnostics.steps.accepted < 65_536, "{refinement:?}");
-    // The tolerance is not reached, which the verdict reports.
+    // The verdict reports that the tolerance is not reached.
     assert!(!solution.verdict.trusted);
     let because: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
     assert_eq!(because, ["local_error"]);

@@ -1,5 +1,5 @@
-//! Problems with memory and known switches: these are located at the order of the method, each with a new mesh after
-//! it.
+//! Problems with memory (Volterra convolutions) and known switches, which are located at the order of the method; a
+//! new mesh begins after each switch.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::memory::{abel, gamma};
@@ -7,7 +7,7 @@ use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// A variable between 0 and 1 with the kernel of exponent `alpha`.
+/// A problem with one variable between 0 and 1 and the fractional kernel of the exponent `alpha`.
 fn relaxation(alpha: f64, q: &str, end: f64, method: Value, times: usize) -> Value {
     json!({
         "problem": {"convolution": {
@@ -34,8 +34,9 @@ fn assert_proven(solution: &Solution, at_most: u64) {
     assert_eq!((screening.proven, screening.undecided, screening.missed), (steps, 0, 0));
 }
 
-/// `u` rises in ramps from 0 to 1, rests, falls in ramps to 0 and rests, `cycles` times, and `w` follows parabolas
-/// while `u` rests. Returns `q`, the switches, and the end.
+/// A variable `u` that rises in ramps from 0 to 1, rests, falls in ramps to 0 and rests, `cycles` times; the residual
+/// `w` follows parabolas while `u` rests. Returns the data `q` of this solution, the times of its switches, and the
+/// end.
 fn ramps(alpha: f64, cycles: usize) -> (String, Vec<f64>, f64) {
     let factor = gamma(alpha + 2.0);
     let (mut q, mut switches, mut t) = (String::from("max(0.3 - t, 0)"), Vec::new(), 0.3);
@@ -98,7 +99,7 @@ fn fifty_two_known_switches_are_located() {
 
 #[test]
 fn a_relaxation_between_bounds_switches_fifty_times() {
-    // u stays at zero until q = 0, which is the first switch. The other switches are compared between runs with
+    // The variable u stays at zero until q = 0, its first switch. The other switches are compared between runs with
     // different meshes and tolerances.
     for alpha in [0.3, 0.5, 0.8, 0.9] {
         let q = "1.2 - cos(3*t) - 1.4*sin(t)^2";
@@ -113,7 +114,7 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
         assert!(apart < 1e-8, "alpha = {alpha}: switches differ by {apart:e}");
         let q_at_first = 1.2 - (3.0 * a[0]).cos() - 1.4 * a[0].sin().powi(2);
         assert!(q_at_first.abs() < 1e-13, "alpha = {alpha}: q = {q_at_first:e} at the first switch");
-        // The uniform grid converges to the same solution, slowly.
+        // Runs on a uniform grid converge slowly to the same solution.
         let uniform = solve(&relaxation(alpha, q, 70.0, json!({"step": 70.0 / 65536.0}), 4501));
         let pairs = column(&first, "u").iter().zip(column(&uniform, "u"));
         let mean = pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / 4501.0;
@@ -123,8 +124,8 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
 
 #[test]
 fn of_order_one_the_switches_are_those_of_an_integral() {
-    // w' = u + q', without memory, solved by Radau IIA with an inequality at every stage. There are hundreds of
-    // switches, also from pulses narrower than any mesh.
+    // With an exponent of one the problem is w' = u + q', which has no memory and which Radau IIA solves with an
+    // inequality at every stage. It has hundreds of switches, some of them from pulses narrower than any mesh.
     let forces = [
         ("0.1 - 0.5*t - 0.25*sin(3*t)", 70.0, 130),
         ("1 - 3*exp(-((t - 7.3)/1e-3)^2)", 10.0, 2),
@@ -155,13 +156,13 @@ fn of_order_one_the_switches_are_those_of_an_integral() {
 
 #[test]
 fn pulses_between_the_nodes_are_not_missed() {
-    // At the bound until q = 0: the first switch is a root of the force, however short the pulse.
+    // The variable is at its bound until q = 0: the first switch is a root of q, however short the pulse.
     for alpha in [0.3, 0.5, 0.8, 1.0, 1.5] {
         for width in [1e-2, 1e-3, 1e-5] {
             let q = format!("1 - 3*exp(-((t - 7.3)/{width:e})^2)");
             let solution = solve(&relaxation(alpha, &q, 10.0, json!({"rtol": 1e-6}), 11));
             assert_proven(&solution, 500);
-            // Above order one, the face after a switch is not verified.
+            // For exponents above one, the active set after a switch is not verified.
             assert_eq!(solution.verdict.trusted, alpha <= 1.0, "{:?}", solution.verdict);
             let first = *events(&solution, "u").first().expect("the pulse");
             let exact = 7.3 - width * 3.0_f64.ln().sqrt();
@@ -172,7 +173,8 @@ fn pulses_between_the_nodes_are_not_missed() {
 
 #[test]
 fn a_bound_that_moves_for_a_moment_is_followed() {
-    // u is held at its upper bound, a pulse, whose integral against exp(-(t - s)) is sqrt(pi) width exp(7.313 - t).
+    // The variable u is at its upper bound, a pulse whose convolution with exp(-t) is sqrt(pi) width exp(7.313 - t)
+    // after the pulse.
     for width in [0.5, 5e-3, 1e-4] {
         let solution = solve(&json!({"problem": {"convolution": {"variables": {"u": {"q": -10}},
             "set": [{"box": {"of": ["u"], "lower": 0, "upper": format!("exp(-((t - 7.313)/{width:e})^2)")}}],
@@ -190,7 +192,8 @@ fn a_bound_that_moves_for_a_moment_is_followed() {
 
 #[test]
 fn one_switch_has_a_closed_form_behind_it() {
-    // q = (1 - t)(1 + t): u solves I^a u = 2 s + s^2 with s = t - 1, and leaves zero as s^(1-a).
+    // For q = (1 - t)(1 + t), u solves I^a u = 2 s + s^2 with s = t - 1 and the fractional integral I^a, and leaves
+    // zero as s^(1-a).
     for alpha in [0.2, 0.5, 0.9] {
         let exact = |t: f64| {
             let s = (t - 1.0).max(0.0);
@@ -209,12 +212,12 @@ fn one_switch_has_a_closed_form_behind_it() {
     }
 }
 
-/// An order with the switches of the relaxation, and values between them as `(t, u)`.
+/// Exponent of a kernel, the switching times of its relaxation, and values of the variable between them as `(t, u)`.
 type Reference = (f64, &'static [f64], &'static [(f64, f64)]);
 
-/// For `q = 1.2 - cos(3t) - 1.4 sin(t)^2`, by another method in 30 digits: after a switch, the inverse of Abel's
-/// integral applied to each term of the series of `q` and of the contribution of the past; switches are roots of the
-/// series, and of `w` by quadrature.
+/// References for `q = 1.2 - cos(3t) - 1.4 sin(t)^2`, by another method in 30 digits: after a switch, the inverse of
+/// Abel's integral is applied to each term of the series of `q` and of the contribution of the past; switches are
+/// roots of that series, and of `w` by quadrature.
 const REFERENCES: [Reference; 3] = [
     (
         0.3,
@@ -316,15 +319,15 @@ fn the_order_holds_over_switches() {
         };
         let ((coarse, few), (fine, many)) = (run(1e-6), run(1e-9));
         let order = (coarse / fine).ln() / (many / few).ln();
-        // For order 0.8 each segment is a single element from the coarsest tolerance on, and only rounding errors
-        // remain.
+        // For the exponent 0.8 each segment is a single element even at the coarsest tolerance, and only rounding
+        // errors remain.
         assert!(order >= 3.0 || coarse < 1e-10, "order {order}: {coarse:e} in {few}, {fine:e} in {many}");
     }
 }
 
 #[test]
 fn kernels_of_time_and_of_higher_index_have_segments_too() {
-    // u = 2 t^0.1 / Gamma(1.1) solves (t^0.9 / Gamma(1.9)) * u = t^2.
+    // The solution of (t^0.9 / Gamma(1.9)) * u = t^2 is u = 2 t^0.1 / Gamma(1.1), where * is the convolution.
     let solution = solve(&json!({
         "problem": {"convolution": {
             "variables": {"u": {"q": "-t^2"}},
@@ -340,8 +343,8 @@ fn kernels_of_time_and_of_higher_index_have_segments_too() {
 
 #[test]
 fn a_relay_with_memory_of_high_order_is_not_trusted() {
-    // Order two is `w'' = u`, where u in [-1, 1] opposes w, which oscillates between -0.3 and 0.3 for ever; this run
-    // mistakes a switch for rest.
+    // A kernel of exponent two gives `w'' = u`, where u in [-1, 1] opposes w, which oscillates between -0.3 and 0.3
+    // for ever; the run mistakes a switch for rest.
     let document = json!({
         "problem": {"convolution": {
             "kernel": {"fractional": {"exponent": 2}},

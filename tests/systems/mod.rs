@@ -1,4 +1,4 @@
-//! The systems of the theory, each solved from its example as by a user, and compared with an answer from outside: a
+//! Systems of the theory, each solved from its example as a user would, and compared with an independent answer: a
 //! closed form, or a reference computed in extended precision by two independent codes (`tests/reference/`).
 
 mod adjoint;

@@ -1,5 +1,5 @@
-//! Circuits given by components, each compared with an answer from outside: matrices written by hand, closed forms,
-//! Kirchhoff's laws.
+//! Circuits given by their components, each compared with an independent answer: matrices written by hand, closed
+//! forms, or Kirchhoff's laws.
 
 use crate::systems::harness::{column, distance, events, solve};
 use crate::systems::reference::example;
@@ -73,8 +73,8 @@ fn the_rectifier_from_its_netlist_follows_its_closed_form() {
     assert!(nearest < 1e-9, "the diode blocks {nearest:e} off its time");
 }
 
-/// Kirchhoff's laws and the laws of the components, for a circuit with every kind of element both in the tree and in
-/// the cotree.
+/// Kirchhoff's laws and the laws of the components, for a circuit with every kind of element both in the spanning
+/// tree and in the cotree.
 #[test]
 fn outputs_obey_the_laws_that_were_eliminated() {
     let text = "V1 in 0 SIN(1 10 50 0 0 30)\nR1 in a 10\nR2 a b 22\nR3 b 0 33\nR4 a c 47\nC1 c 0 10u IC=1\nC2 c d 20u\n\
@@ -107,8 +107,8 @@ fn outputs_obey_the_laws_that_were_eliminated() {
     assert!(source.fold(0.0, |most: f64, error| most.max(error.abs())) < 1e-12);
 }
 
-/// A current charges capacitors that ideal diodes connect in a row. Like water, it raises the lowest level to the next
-/// one, then both.
+/// A current charges capacitors that ideal diodes connect in a ladder. As water fills basins, it raises the lowest
+/// voltage to the next one, then both of them.
 #[test]
 fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     let (rungs, current, end, step) = (1000, 1.0, 19.9, 1.0);
@@ -126,8 +126,8 @@ fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     let mut specification = circuit(json!({"components": components}), end);
     specification["output"]["fields"] = json!(["v(n0)", "v(n3)", "v(n4)", "v(n5)", "v(n6)", "i(D3)"]);
     let solution = solve(&specification);
-    // With unit steps between the initial levels, m capacitors at one level have m (m - 1)/2 more charge than at the
-    // initial level of the lowest.
+    // The initial voltages are 0, 1, 2, .., so that the first m capacitors hold the charge m (m - 1)/2 in addition to
+    // the charge t that the current has brought.
     let merged = |t: f64| (1..).find(|&m| f64::from(m * (m + 1)) / 2.0 > t).map_or(0.0, f64::from);
     let level = |t: f64| (t + merged(t) * (merged(t) - 1.0) / 2.0) / merged(t);
     for k in [0, 3, 4, 5, 6] {
@@ -138,8 +138,8 @@ fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     assert!(error < 1e-9, "the fourth diode is off by {error:e}");
 }
 
-/// The value at time `t` of a piecewise exponential relaxation from zero with the time constant `tau`; `rest` gives the
-/// limit of each piece, by the time at which it begins.
+/// Value at the time `t` of a piecewise exponential relaxation from zero with the time constant `tau`. The pieces end
+/// at `ends`; `rest` maps the time at which a piece begins to its limit.
 fn relaxation(t: f64, tau: f64, ends: &[f64], rest: impl Fn(f64) -> f64) -> f64 {
     let (mut x, mut from) = (0.0, 0.0);
     for &end in ends {
@@ -155,8 +155,8 @@ fn relaxation(t: f64, tau: f64, ends: &[f64], rest: impl Fn(f64) -> f64) -> f64 
 
 #[test]
 fn a_switched_coil_freewheels_through_its_diode() {
-    // Closed for the first 3/8 of every millisecond; without a diode, the open switch conducts at its withstand
-    // voltage.
+    // The switch is closed for the first 3/8 of every millisecond; without a diode, the open switch conducts at its
+    // withstand voltage.
     let closed = "sin(2*pi*1000*t + pi/8) - sin(pi/8)";
     let (volts, ohms, henries) = (10.0, 5.0, 2e-3);
     let solution = solve(&circuit(
@@ -175,7 +175,7 @@ fn a_switched_coil_freewheels_through_its_diode() {
     let error = distance(&solution, "i(L1)", exact);
     assert!(error < 1e-8, "off by {error:e}");
     let through = |t: f64| if is_closed(t) { 0.0 } else { exact(t) };
-    // A sample exactly at a switch may show either side.
+    // A sample exactly at a switch may have the value before or after it.
     let away = |t: f64| ends.iter().all(|end| (t - end).abs() > 1e-9) && t > 0.0;
     for (&t, &i) in solution.trajectory.t.iter().zip(column(&solution, "i(D1)")).filter(|(t, _)| away(**t)) {
         assert!((i - through(t)).abs() < 1e-8, "the diode carries {i} at {t}");
@@ -243,7 +243,7 @@ fn a_square_wave_charges_a_capacitor_as_its_closed_form_says() {
 
 #[test]
 fn a_circuit_that_stores_nothing_follows_its_sources() {
-    // A half-wave rectifier, and a limiter between 0 and 5 volts.
+    // Two circuits: a half-wave rectifier, and a limiter between 0 and 5 volts.
     let rectified = solve(&netlist("V1 a 0 SIN(0 10 50)\nD1 a b\nR1 b 0 1k", 0.045));
     let wave = |t: f64| 10.0 * (100.0 * std::f64::consts::PI * t).sin();
     let error = distance(&rectified, "v(b)", |t| wave(t).max(0.0));
@@ -279,9 +279,9 @@ fn a_capacitor_across_a_source_takes_the_current_of_its_slope() {
 
 #[test]
 fn a_voltage_multiplier_of_any_length_pumps_charge_up_its_ladder() {
-    // The voltages of the column after five periods, for an amplitude of 100 V: the least change of the capacitors, in
-    // the energy norm, that keeps every diode from conducting in reverse, over 64 parts of each quarter period, in
-    // rational numbers. Every event is at the end of a part, so the values are exact.
+    // Reference: voltages of the ladder after five periods for an amplitude of 100 V, from the least change of the
+    // capacitor voltages, in the energy norm, that keeps every diode from conducting in reverse, over 64 parts of
+    // each quarter period, in rational numbers. Every event is at the end of a part, so that the values are exact.
     let pumped = [120.58919270833333, 176.13932291666666, 201.513671875, 207.51953125, 208.349609375, 208.3984375];
     for (stages, volts, farads, hertz) in [(12, 100.0, 1e-6, 1000.0), (16, 4e-5, 3.3e-3, 0.5)] {
         let mut text = format!("V1 t 0 SIN(0 {volts:e} {hertz:e})\n");
@@ -303,7 +303,7 @@ fn a_voltage_multiplier_of_any_length_pumps_charge_up_its_ladder() {
             assert!((found - exact).abs() < 1e-7 * volts, "{stages} stages: v(b{k}) = {found:e}, not {exact:e}");
         }
         assert!(solution.verdict.trusted, "{stages} stages: {:?}", solution.verdict);
-        // A period has at most eight different pieces, for any length of the ladder.
+        // A period has at most eight different smooth pieces, for any length of the ladder.
         let steps = solution.diagnostics.steps.accepted;
         assert!(steps < 100, "{stages} stages: {steps} steps");
     }

@@ -1,6 +1,6 @@
 //! A problem with several solutions: `w' = M z - (1,1,1)`, `0 <= z perp w >= 0`, with the P-matrix `M =
-//! [[1,3,0],[0,1,3],[3,0,1]]` (Stewart). From `w = 0` one solution stays; others spiral outwards, with each phase twice
-//! as long as the previous one.
+//! [[1,3,0],[0,1,3],[3,0,1]]` (Stewart). From `w = 0` one solution stays at rest; others spiral outwards, with each
+//! phase twice as long as the previous one.
 
 use crate::systems::harness::{column, solve};
 use crate::systems::reference::example;
@@ -13,7 +13,7 @@ fn from_rest_the_solution_stays() {
     specification["problem"]["lcs"]["initial"] = json!([0, 0, 0]);
     let solution = solve(&specification);
     for (w, z) in [("w1", "z1"), ("w2", "z2"), ("w3", "z3")] {
-        // Rounding in z enters w quadratically; a solution that left the point would grow to ten.
+        // Rounding errors of z enter w quadratically; a solution that left the equilibrium would grow to ten.
         assert!(column(&solution, w).iter().all(|w| w.abs() < 1e-25));
         assert!(column(&solution, z).iter().all(|z| (z - 0.25).abs() < 1e-15));
     }
@@ -24,7 +24,8 @@ fn from_rest_the_solution_stays() {
 fn from_nearby_it_follows_the_spiral() {
     let start = 1e-6;
     let solution = solve(&example("reverse_zeno"));
-    // Phases end at 1e-6 (2^k - 1): the first lasts 1e-6, and each is twice as long as the previous one.
+    // Phases of the spiral end at 1e-6 (2^k - 1): the first lasts 1e-6, and each is twice as long as the previous
+    // one.
     let mut ends: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     ends.dedup();
     assert_eq!(ends.len(), 23);
@@ -32,7 +33,7 @@ fn from_nearby_it_follows_the_spiral() {
         let exact = start * (2.0_f64.powi(k as i32 + 1) - 1.0);
         assert!((end / exact - 1.0).abs() < 1e-12, "phase {k} ends at {end} instead of {exact}");
     }
-    // In the phase with z = e3, from T to 2T on a clock that begins at -1e-6: w1 = 2T - s, w2 = 2(s - T), w3 = 0.
+    // In the phase with z = e3, from T to 2T in the shifted time s = t + 1e-6: w1 = 2T - s, w2 = 2(s - T), w3 = 0.
     let (s, phase) = (10.0 + start, start * 2.0_f64.powi(23));
     assert!((column(&solution, "w1").last().expect("values") - (2.0 * phase - s)).abs() < 1e-9);
     assert!((column(&solution, "w2").last().expect("values") - 2.0 * (s - phase)).abs() < 1e-9);
@@ -40,8 +41,8 @@ fn from_nearby_it_follows_the_spiral() {
     assert!(caveats.iter().any(|caveat| caveat.code == "uniqueness_not_guaranteed"), "{caveats:?}");
 }
 
-/// `y' = -u` above the surface `y = 0` and `u` below it, `u' = -1`: the surface attracts until `u = 0` and repels
-/// afterwards, when the solution may leave it at any time and to either side.
+/// For `y' = -u` above the surface `y = 0`, `y' = u` below it, and `u' = -1`, the surface attracts until `u = 0` and
+/// repels afterwards, when the solution may leave it at any time and to either side.
 #[test]
 fn a_surface_that_begins_to_repel_takes_the_certificate_back() {
     for (scale, end, attracts) in [(1.0, 0.9, true), (1.0, 1.5, false), (1e-6, 1.5e-6, false), (1e6, 0.9e6, true)] {

@@ -1,5 +1,5 @@
-//! Definitions, integrals and `stop`, compared with closed forms: through switches, impacts, and events that begin and
-//! end within a step.
+//! Definitions, integrals and `stop` conditions, compared with closed forms: through switches, impacts, and events
+//! that begin and end within a step.
 
 use crate::systems::harness::{column, events, last, solve};
 use dvi::solution::{EventKind, Solution};
@@ -16,7 +16,7 @@ fn assert_near(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance, "{found:?} instead of {expected:?}");
 }
 
-/// `x'' = -4 x` from `x = 1`: `x = cos 2t`.
+/// An oscillator `x'' = -4 x` from `x = 1`, whose solution is `x = cos 2t`.
 fn oscillator(stop: &Value) -> Value {
     json!({"problem": {"dvi": {
         "parameters": {"k": 4, "v_belt": 0.5},
@@ -36,19 +36,19 @@ fn a_run_ends_where_a_monitor_rises_and_tells_what_else_is_watched() {
     let end = 0.75 * PI;
     assert_eq!(ended.label, "through");
     assert_near(ended.t, end, 1e-9);
-    // x passes zero at pi/4, and `v = -2 sin 2t` is a half at `sin 2t = -1/4`.
+    // The position x passes zero at pi/4, and the velocity `-2 sin 2t` is a half at `sin 2t = -1/4`.
     assert_near(events(&solution, "slip")[0], 0.5 * (PI + 0.25_f64.asin()), 1e-9);
     assert_eq!(events(&solution, "through"), [ended.t]);
     assert!(solution.trajectory.events.iter().all(|event| event.kind == EventKind::Crossed));
     assert_eq!(solution.diagnostics.switches, 0);
-    // The grid and the end.
+    // Output times are those of the grid up to the end, and the end itself.
     assert_eq!(solution.trajectory.t, [0.0, ended.t]);
     assert_near(last(&solution, "x"), 0.0, 1e-9);
     assert_near(last(&solution, "twice"), 4.0, 1e-8);
     assert_near(last(&solution, "slip"), 1.5, 1e-8);
     assert_near(last(&solution, "action"), 4.0 * end, 1e-8);
     assert_near(last(&solution, "sliding"), -1.0 - 0.5 * end, 1e-8);
-    // The path from 1 to -1 and back to zero.
+    // Length of the path from 1 to -1 and back to zero.
     assert_near(last(&solution, "path"), 3.0, 1e-8);
     assert!(solution.trajectory.field("energy").is_none());
 }
@@ -66,7 +66,7 @@ fn what_is_only_told_changes_nothing() {
     found.iter().zip(expected).for_each(|(found, expected)| assert_near(*found, expected, 1e-9));
 }
 
-/// A problem `x' = 1`, which takes a few long steps.
+/// A monitor that changes its sign and back within one of the few long steps of the problem `x' = 1`.
 #[test]
 fn what_changes_its_sign_and_back_within_a_step_is_seen() {
     for gap in [1e-1, 1e-3, 1e-6] {
@@ -96,11 +96,11 @@ fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
             "time": {"start": 7, "end": 27}, "method": {"rtol": 1e-10, "atol": 1e-12},
             "output": {"fields": ["*", "momentum"]}, "stop": [stop]}))
     };
-    // Impacts at 8, 9, 9.5, with velocities 10, 5, 2.5, 1.25.
+    // A ball with impacts at t = 8, 9, 9.5 and the velocities 10, 5, 2.5, 1.25 before and after them.
     let solution = ball(json!({"when": "y_dot", "direction": "falling"}));
     assert_trusted(&solution);
-    // The velocity of the ball decreases to zero at t = 8.5, at a height of 1.25; at the impact at t = 8 it jumps
-    // upwards.
+    // The velocity of the ball jumps upwards at the impact at t = 8, and decreases to zero at t = 8.5, at a height of
+    // 1.25.
     assert_near(solution.ended_by.as_ref().expect("an end").t, 8.5, 1e-9);
     assert_near(last(&solution, "y"), 1.25, 1e-9);
     assert_near(last(&solution, "area"), 5.0 - 10.0 / 6.0 + (0.625 - 0.125 * 10.0 / 6.0), 1e-8);
@@ -114,7 +114,8 @@ fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
 
 #[test]
 fn integrals_are_as_exact_as_states_where_variables_switch() {
-    // z = max(sin t, 0): the integrals of its square and of twice its value, by quadrature of smooth parts.
+    // For z = max(sin t, 0), the integrals of its square and of twice its value follow from a quadrature of the
+    // smooth parts.
     let solution = solve(&json!({"problem": {"dvi": {
         "definitions": {"power": "z*z"}, "integrals": {"energy": "power", "twice": "2*z"},
         "states": {"x": {"initial": 0, "rate": "z"}}, "variables": {"z": {"inequality": "z - sin(t)"}},
@@ -125,7 +126,7 @@ fn integrals_are_as_exact_as_states_where_variables_switch() {
         assert_near(*found, expected, 1e-8);
     }
     assert_near(last(&solution, "twice"), 8.0, 1e-8);
-    // A run with a pause: x' = 0, and a pulse that depends on time alone.
+    // A state at rest, x' = 0, with an integrand that is a pulse of time alone.
     let solution = solve(&json!({"problem": {"dvi": {"integrals": {"pulse": "heaviside(t - 3)*heaviside(3.5 - t)"},
         "states": {"x": {"initial": 1, "rate": 0}}}}, "time": {"end": 10}}));
     assert_near(last(&solution, "pulse"), 0.5, 1e-8);
@@ -168,7 +169,7 @@ fn other_parameters_are_bound_in_all_that_is_observed() {
     let specification = Specification::from_json(document.to_string().as_bytes()).expect("a specification");
     let bound = specification.with_parameters(&[("k", 1.0), ("v_belt", -1.5)]).expect("other values");
     let solution = dvi::solve(&bound, &dvi::problem::Control::new());
-    // x = cos t, v = -sin t, and v + 1.5 falls to 1 where sin t = 1/2.
+    // With x = cos t and v = -sin t, the monitor v + 1.5 falls to 1 where sin t = 1/2.
     assert_near(solution.ended_by.as_ref().expect("an end").t, PI / 6.0, 1e-8);
     assert_near(last(&solution, "twice"), 1.0, 1e-8);
 }
@@ -235,7 +236,7 @@ fn integrals_of_fast_functions_of_time_are_exact() {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// Long steps pass over features that are narrow in time or state; times are stretched as well.
+/// Long steps pass over integrands with features that are narrow in time or in a state, in several units of time.
 #[test]
 fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
     let lorentz = 0.01 * (5870.0_f64.atan() + 4130.0_f64.atan());
@@ -265,10 +266,10 @@ fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
     }
 }
 
-/// An integral has no value where monitors and other integrands are evaluated.
+/// The integral of `mod(t, p)^2`, which jumps at each multiple of `p`, between jumps and across them.
 #[test]
 fn integrals_of_remainders_are_exact_between_jumps_and_across_them() {
-    // The integral of mod(t, p)^2 over n periods and a part r: n p^3/3 + r^3/3.
+    // The integral of mod(t, p)^2 over n periods and a remainder r is n p^3/3 + r^3/3.
     for (period, end) in [(1.59, 1.0), (7.0, 5.5), (0.3, 1.0)] {
         let solution =
             solve(&json!({"problem": {"dvi": {"parameters": {"p": period}, "integrals": {"I": "mod(t, p)^2"},
@@ -292,7 +293,8 @@ fn integrals_are_unknown_to_monitors_and_integrands() {
     }
 }
 
-/// Thousands of edges in a step exceed the work that a step may take, and are doubted.
+/// An integrand with thousands of edges in a step exceeds the work that a step may take, and the verdict does not
+/// trust it.
 #[test]
 fn integrands_with_more_features_than_are_examined_are_doubted() {
     let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": 1}},
@@ -301,7 +303,7 @@ fn integrands_with_more_features_than_are_examined_are_doubted() {
     assert!(!solution.verdict.trusted);
 }
 
-/// Where terms cancel, enclosures are wide, but there is no feature.
+/// Interval enclosures of expressions whose terms cancel are wide, although the integrand has no narrow feature.
 #[test]
 fn integrands_whose_terms_cancel_are_trusted() {
     let solution = solve(&json!({"problem": {"dvi": {
@@ -342,7 +344,7 @@ fn monitors_that_rest_at_zero_have_one_event_for_reaching_it() {
 
 #[test]
 fn integrals_take_the_impulses_of_jumps() {
-    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1; then z = x = 1 holds it.
+    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1; from then on x = 1, held by z = 2.
     let solved = |integrals: Value| {
         solve(&json!({"problem": {"dvi": {"integrals": integrals,
             "states": {"x": {"initial": 0, "rate": "-x + z/2"}},
@@ -358,7 +360,7 @@ fn integrals_take_the_impulses_of_jumps() {
     }
     let jumps = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Jumped);
     assert_eq!(jumps.map(|event| (event.t, event.of.as_str())).collect::<Vec<_>>(), [(1.0, "x")]);
-    // A square of an impulse, and a product with a state that jumps beside it, have no integral.
+    // The square of an impulse, and the product of an impulse and a state that jumps with it, have no integral.
     for integrand in ["z^2", "x*z"] {
         let solution = solved(json!({"I": integrand}));
         let because = &solution.verdict.because;
@@ -388,7 +390,8 @@ fn a_jump_at_the_end_is_made() {
 #[test]
 fn a_touch_within_the_tolerances_is_told() {
     let is_told = |solution: &Solution| solution.verdict.caveats.iter().any(|caveat| caveat.code == "touch_uncertain");
-    // The sine touches 1; the height of a throw is 1/2 at t = 1. Above and below, the number of crossings is certain.
+    // The sine touches 1, and the height of a throw has its maximum 0.6 at t = 1. With the level well above or below
+    // the maximum, the number of crossings is certain.
     let sine = json!({"dvi": {"states": {"y": {"initial": 0, "rate": "cos(t)"}}}});
     let thrown = json!({"mechanical": {"coordinates": {"y": {"initial": 0.1, "velocity": 1}}, "mass": [[1]], "potential": "y",
         "contacts": [{"name": "floor", "gap": "y + 3"}]}});
@@ -406,20 +409,21 @@ fn a_touch_within_the_tolerances_is_told() {
 
 #[test]
 fn rest_at_zero_is_no_touch() {
-    // A pulse train, and a block that sticks twice a period: a force of 1.5 sin t, friction 1.
+    // A pulse train, and a block that sticks twice a period under a force of 1.5 sin t with the friction bound 1.
     let block = json!({"states": {"v": {"initial": 0, "rate": "1.5*max(0, sin(t)) - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]});
     let solution = solve(&json!({"problem": {"dvi": block}, "time": {"end": 20}, "stop": [
         {"when": "v", "label": "speed", "record": true}, {"when": "pwm(t, 3, 0.4)", "label": "pulse", "record": true}]}));
     let codes: Vec<&str> = solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect();
     assert!(!codes.contains(&"touch_uncertain"), "{codes:?}");
-    // Three and a bit periods: it slips and stops in each.
+    // The run covers a little more than three periods, and the block slips and stops in each.
     assert!(events(&solution, "speed").len() >= 6, "{:?}", events(&solution, "speed"));
 }
 
 #[test]
 fn a_state_that_comes_to_rest_at_zero_has_one_event() {
-    // x = max(1 - t, 0), and with the rate z - 1 - t zero is reached at sqrt(3) - 1; a speed that friction stops at t = 1.
+    // Two states that reach zero and stay: x = max(1 - t, 0), and a state of the rate z - 1 - t, which reaches zero
+    // at sqrt(3) - 1; then a speed that friction stops at t = 1.
     let held = |rate: &str| {
         json!({"states": {"x": {"initial": 1, "rate": rate}}, "variables": {"z": {"inequality": "x"}},
             "set": [{"nonnegative": ["z"]}]})
@@ -440,7 +444,7 @@ fn every_impact_of_a_ball_reaches_zero() {
     let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[1]],
             "potential": "9.81*y", "contacts": [{"name": "f", "gap": "y", "restitution": 0.6}]}},
         "time": {"end": 1.5}, "stop": [{"when": "y", "direction": "falling", "record": true, "label": "down"}]}));
-    // The k-th flight takes 0.6^k times twice the first fall.
+    // The k-th flight after the first fall lasts 0.6^k times twice that fall.
     let fall = (2.0 / 9.81_f64).sqrt();
     let mut expected = vec![fall];
     while let Some(next) =
@@ -467,7 +471,8 @@ fn a_row_at_a_jump_is_behind_it_in_every_column() {
 
 #[test]
 fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
-    // 1/y - x is constant: y = 1/4 behind the jump of x by 3, which no rule of one point gives.
+    // The quantity 1/y - x is constant: y = 1/4 after the jump of x by 3, which no quadrature rule with one point
+    // finds.
     let solution = solve(&json!({"problem": {"dvi": {
             "states": {"x": {"initial": 0, "rate": "z"}, "y": {"initial": 1, "rate": "-z*y^2"}},
             "variables": {"z": {"inequality": "x - 3*heaviside(t - 1)"}}, "set": [{"nonnegative": ["z"]}]}}, "time": {"end": 2}}));
@@ -477,7 +482,7 @@ fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
 
 #[test]
 fn events_of_functions_with_jumps_are_those_of_their_formulas() {
-    // Both signs of a period T/n, whose edges fall on the end of the run and of its steps within rounding.
+    // The period T/n is such that edges coincide, up to rounding, with the end of the run and of its steps.
     let counted = |monitor: &str, end: f64| {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-0.1*x"}}}},
             "time": {"end": end}, "stop": [{"when": monitor, "record": true}], "output": {"times": {"count": 2}}}));
@@ -493,10 +498,10 @@ fn events_of_functions_with_jumps_are_those_of_their_formulas() {
         for (k, t) in found.iter().enumerate() {
             assert_near(*t, 0.5 * period * (k + 1) as f64, 1e-9 * end);
         }
-        // A triangle passes 1/5 twice in each period, and a part of each is a pulse.
+        // A triangle passes 1/5 twice in each period, and so does a pulse train pass 1/2.
         assert_eq!(counted(&format!("triangle(t, {period}) - 0.2"), end).len(), 2 * n as usize, "{end}, {n}");
         assert_eq!(counted(&format!("pwm(t, {period}, 0.4) - 0.5"), end).len(), 2 * n as usize - 1, "{end}, {n}");
-        // What is 1 or 2 has no zero, and what is constant none.
+        // A function that jumps between positive values has no zero, and a constant has none.
         for monitor in [
             format!("if(sawtooth(t, {period}) < 0.2, 1, 2)"),
             format!("if(mod(t, {period}) > {}, x, x + 1)", 0.3 * period),

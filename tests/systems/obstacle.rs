@@ -8,7 +8,7 @@ use dvi::specification::{EXAMPLES, Specification};
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// The value of a field at an output time.
+/// Returns the value of a field at an output time `t`.
 fn at(solution: &Solution, field: &str, t: f64) -> f64 {
     let k = solution.trajectory.t.iter().position(|&told| (told - t).abs() < 1e-12);
     column(solution, field)[k.unwrap_or_else(|| panic!("no output at t = {t}"))]
@@ -16,7 +16,8 @@ fn at(solution: &Solution, field: &str, t: f64) -> f64 {
 
 #[test]
 fn the_oxygen_front_follows_the_table() {
-    // Front and surface concentration by an integral equation, to seven digits (Hansen and Hougaard 1974).
+    // Reference: position of the front and concentration at the surface from an integral equation, to seven digits
+    // (Hansen and Hougaard 1974).
     let table = [
         (0.04, 0.9991799, 0.27432417),
         (0.05, 0.9967929, 0.24768675),
@@ -29,7 +30,7 @@ fn the_oxygen_front_follows_the_table() {
         let errors = [at(&solution, "contact_from", t) - front, at(&solution, "surface", t) - surface];
         assert!(errors[0].abs() < 5e-5 && errors[1].abs() < 5e-6, "at t = {t} off by {errors:?}");
     }
-    // One unit of oxygen is consumed per unit of time and length, where there is any: d total / dt = pressure - 1.
+    // One unit of oxygen is consumed per unit of time and length where there is oxygen: d total / dt = pressure - 1.
     let (t, total, pressure) = (&solution.trajectory.t, column(&solution, "total"), column(&solution, "pressure"));
     let integral: f64 = (1..t.len()).map(|k| (t[k] - t[k - 1]) * (0.5 * (pressure[k] + pressure[k - 1]) - 1.0)).sum();
     assert!((total[t.len() - 1] - total[0] - integral).abs() < 1e-5, "{total:?} {integral}");
@@ -49,7 +50,8 @@ fn every_example_with_an_obstacle_meets_its_inequality_to_ten_digits() {
 
 #[test]
 fn the_american_put_has_its_price_and_its_exercise_boundary() {
-    // The value 6.0903705 is from a binomial tree with extrapolation, and from collocation of the integral equation.
+    // The reference value 6.0903705 is from a binomial tree with extrapolation, and from collocation of the integral
+    // equation.
     let solution = solve(&example("american_put"));
     let error = last(&solution, "price") - 6.0903705;
     assert!(error.abs() < 1e-4, "off by {error:e}");
@@ -59,7 +61,7 @@ fn the_american_put_has_its_price_and_its_exercise_boundary() {
 
 #[test]
 fn a_put_on_a_stock_with_dividends_has_the_price_of_spectral_collocation() {
-    // Andersen, Lake and Offengenden 2016: r = q = 0.05, volatility 0.25.
+    // Reference: Andersen, Lake and Offengenden 2016, r = q = 0.05, volatility 0.25.
     let mut put = example("american_put");
     let problem = &mut put["problem"]["obstacle"];
     problem["parameters"]["volatility"] = json!(0.25);
@@ -68,7 +70,8 @@ fn a_put_on_a_stock_with_dividends_has_the_price_of_spectral_collocation() {
     assert!(error.abs() < 1e-4, "off by {error:e}");
 }
 
-/// `0 <= u _|_ u_t - u_xx + 1 >= 0` with `u = e^(t-x) - 1 - (t-x)` ahead of a front at `x = t`.
+/// The problem `0 <= u _|_ u_t - u_xx + 1 >= 0` with the solution `u = e^(t-x) - 1 - (t-x)` ahead of a front at `x =
+/// t`.
 fn travelling_wave(elements: u64) -> Value {
     json!({
         "problem": {"obstacle": {
@@ -98,7 +101,8 @@ fn a_travelling_wave_is_met_at_second_order_in_space() {
 
 #[test]
 fn the_stefan_problem_has_its_similarity_solution() {
-    // P: 0 <= u _|_ u_t - u_xx + 1 >= 0, u(0,t) = t: the front is at 2 lambda sqrt t, lambda e^(lambda^2) erf lambda = 1/sqrt pi.
+    // For 0 <= u _|_ u_t - u_xx + 1 >= 0 with u(0,t) = t, the front is at 2 lambda sqrt t, where lambda e^(lambda^2)
+    // erf lambda = 1/sqrt pi.
     let mut problem = travelling_wave(400);
     problem["problem"]["obstacle"]["boundary"]["x_min"]["dirichlet"] = json!("t");
     let solution = solve(&problem);
@@ -108,7 +112,7 @@ fn the_stefan_problem_has_its_similarity_solution() {
 
 #[test]
 fn a_string_comes_to_rest_on_a_parabola() {
-    // Straight from the ends, the membrane touches 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
+    // The string is straight from its ends, and touches the obstacle 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
     let solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [-1, 1]}, "elements": 150, "diffusion": 1, "obstacle": "1/4 - x^2", "initial": "1 - x^2",
@@ -131,8 +135,8 @@ fn a_string_comes_to_rest_on_a_parabola() {
 
 #[test]
 fn a_string_pressed_between_two_walls_leaves_them_tangentially() {
-    // u'' = -f, with obstacles at -1 and 1: contact begins at the distance sqrt(2/f) = 1/4 from the fixed points at -1,
-    // 0 and 1.
+    // A string with u'' = -f between obstacles at -1 and 1: contact begins at the distance sqrt(2/f) = 1/4 from the
+    // zeros of u at -1, 0 and 1.
     let solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [-1, 1]}, "elements": 202, "diffusion": 1, "source": "32*sign(x)", "initial": 0,
@@ -182,7 +186,7 @@ fn an_obstacle_above_mirrors_one_below() {
     assert!(column(&above, "pressure").iter().all(|pressure| *pressure <= 0.0), "it pulls");
 }
 
-/// A quarter of a membrane of radius 2 over a hemisphere of radius 1, on a square within it.
+/// A quarter of a membrane of radius 2 over a hemisphere of radius 1, computed on a square inside it.
 fn hemisphere(elements: u64, mass: &str) -> Value {
     json!({
         "problem": {"obstacle": {
@@ -199,11 +203,12 @@ fn hemisphere(elements: u64, mass: &str) -> Value {
 
 #[test]
 fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
-    // At rest u = sqrt(1 - r^2) up to r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 - ln(a/2)) = 1.
+    // The membrane at rest is u = sqrt(1 - r^2) up to the radius r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 -
+    // ln(a/2)) = 1.
     for mass in ["lumped", "consistent"] {
         let errors = [14, 28, 56].map(|elements| {
             let solution = solve(&hemisphere(elements, mass));
-            // The area is accurate to a third of an element along its edge.
+            // The area of contact is accurate to a third of an element along its boundary.
             let (a, h) = (0.6979651482233735, 1.4 / elements as f64);
             let error = last(&solution, "contact") - FRAC_PI_4 * a * a;
             assert!(error.abs() < FRAC_PI_2 * a * h / 3.0, "{mass}: area off by {error:e} on {elements}");
@@ -218,7 +223,8 @@ fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
 
 #[test]
 fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it() {
-    // u_t = u_xx/10 - 100 u_x approaches a layer of width 1/1000 at the end, with elements of 1/20.
+    // The equation u_t = u_xx/10 - 100 u_x forms a boundary layer of width 1/1000 at the right end, on elements of
+    // size 1/20.
     let mut solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [0, 1]}, "elements": 20, "diffusion": 0.1, "advection": 100, "initial": 0,
@@ -227,7 +233,7 @@ fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it(
         }},
         "time": {"end": 1}
     }));
-    // The steady solution is exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
+    // The discrete steady solution is exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
     for probe in ["first", "last"] {
         assert!((last(&solution, probe) - 1.0).abs() < 1e-6, "{probe}: {}", last(&solution, probe));
         assert!(column(&solution, probe).iter().all(|u| (-1e-3..1.001).contains(u)), "{probe} overshoots");
@@ -249,7 +255,8 @@ fn a_run_that_is_cancelled_before_its_first_step_is_stopped_and_has_not_failed()
 
 #[test]
 fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
-    // u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z), without flux through the sides; the obstacle is never reached.
+    // Solution of the heat equation without flux through the sides: u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z).
+    // The obstacle is never reached.
     let errors = [6, 12].map(|elements| {
         let solution = solve(&json!({
             "problem": {"obstacle": {
@@ -266,8 +273,8 @@ fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
     assert!((order - 2.0).abs() < 0.2, "order {order} from {errors:?}");
 }
 
-/// `u = 1/2 - t/4 + cos(pi x) exp(-pi^2 t) / 8` sinks onto the obstacle `-1/2` after the cosine has decayed: contact is
-/// at `t = 4`, independently of where the steps end.
+/// The solution `u = 1/2 - t/4 + cos(pi x) exp(-pi^2 t) / 8` sinks onto the obstacle `-1/2` after the cosine has
+/// decayed: contact begins at `t = 4`, independently of where the steps end.
 #[test]
 fn what_sinks_onto_an_obstacle_as_a_whole_is_on_its_way_until_it_is_there() {
     for (rtol, end) in [(1e-4, 5.0), (1e-6, 7.0), (1e-6, 40.0), (1e-8, 13.0)] {
@@ -288,8 +295,8 @@ fn what_sinks_onto_an_obstacle_as_a_whole_is_on_its_way_until_it_is_there() {
     }
 }
 
-/// Nothing depends on the place: `u` falls by 1/2 in the unit of time unless the obstacle `sin t` pushes it up. Between its
-/// contacts `u` is linear in time, so that its error estimate is zero.
+/// The solution does not depend on the position: `u` falls by 1/2 per unit of time unless the obstacle `sin t` pushes
+/// it up. Between contacts `u` is linear in time, so that its error estimate is zero.
 #[test]
 fn an_obstacle_that_moves_is_not_stepped_over() {
     let specification = json!({
@@ -311,7 +318,7 @@ fn an_obstacle_that_moves_is_not_stepped_over() {
     assert!(worst < 1e-3, "off by {worst:e}");
 }
 
-/// A problem on the unit interval without flux, with the given data, until `end`.
+/// A problem on the unit interval without flux through its ends, with the members `data`, up to the time `end`.
 fn slab(data: &Value, end: f64, rtol: f64) -> Value {
     let mut problem =
         json!({"domain": {"x": [0, 1]}, "elements": 20, "diffusion": 1, "initial": 1, "probes": {"p": [0]}});
@@ -322,7 +329,7 @@ fn slab(data: &Value, end: f64, rtol: f64) -> Value {
     })
 }
 
-/// The integral of `exp(-((t - 50)/width)^2)`, which is over before and after the bump.
+/// The integral to `t` of `exp(-((t - 50)/width)^2)`, for times well before or after the bump.
 fn bump(t: f64, width: f64) -> f64 {
     if t > 50.0 { std::f64::consts::PI.sqrt() * width } else { 0.0 }
 }
@@ -333,7 +340,7 @@ fn a_bump_of_a_coefficient_between_the_stages_of_a_long_step_is_seen() {
         let solution = solve(&slab(&json!({"reaction": format!("exp(-((t-50)/{width})^2)")}), 100.0, rtol));
         let error = last(&solution, "p") - (-bump(100.0, width)).exp();
         assert!(error.abs() < 100.0 * rtol, "reaction of width {width} at {rtol:e} off by {error:e}");
-        // On the grid, cos(pi x) decays at the rate (2 n sin(pi / (2 n)))^2 with n elements.
+        // On a grid of n elements, cos(pi x) decays at the rate (2 n sin(pi / (2 n)))^2.
         let data = json!({"diffusion": format!("1e-4 + exp(-((t-50)/{width})^2)"), "initial": "cos(pi*x)"});
         let solution = solve(&slab(&data, 100.0, rtol));
         let rate = (40.0 * (std::f64::consts::PI / 40.0).sin()).powi(2);
@@ -363,11 +370,11 @@ fn a_bump_of_a_bound_between_the_stages_of_a_long_step_pushes() {
 
 #[test]
 fn jumps_of_data_end_steps() {
-    // The reaction 10^4 over 10^-4 multiplies by 1/e.
+    // The reaction coefficient 10^4 during 10^-4 multiplies u by 1/e.
     let solution = solve(&slab(&json!({"reaction": "1e4*pulse(t, 1.2345, 1e-4)"}), 4.0, 1e-7));
     let error = distance(&solution, "p", |t| if t < 1.2345 { 1.0 } else { (-1.0_f64).exp() });
     assert!(error < 1e-5, "off by {error:e}");
-    // An obstacle that appears lifts what is below it, and leaves it there when it vanishes.
+    // An obstacle that appears lifts the solution below it, which stays there when the obstacle vanishes.
     let data = json!({"initial": 0, "obstacle": "if(t < 1, -1, if(t < 2, 0.5, -1))"});
     let solution = solve(&slab(&data, 4.0, 1e-7));
     let error = distance(&solution, "p", |t| if t < 1.0 { 0.0 } else { 0.5 });
@@ -378,7 +385,7 @@ fn jumps_of_data_end_steps() {
 
 #[test]
 fn contact_begins_and_ends_when_the_load_says_so() {
-    // u = 1 + t^2/2 - 2 t touches at 2 - sqrt 2; the load t - 2 lifts at 2.
+    // The solution u = 1 + t^2/2 - 2 t touches the obstacle at 2 - sqrt 2, and the load t - 2 lifts it off at t = 2.
     let solution = solve(&slab(&json!({"source": "t - 2", "obstacle": 0}), 4.0, 1e-7));
     let changes = events(&solution, "contact");
     let touch = 2.0 - 2.0_f64.sqrt();

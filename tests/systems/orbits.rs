@@ -1,4 +1,4 @@
-//! Periodic orbits and steady states, compared with closed forms, and refused where there are none.
+//! Periodic orbits and steady states, compared with closed forms, and errors of problems that have none.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -32,7 +32,8 @@ fn assert_near(found: f64, exact: f64, tolerance: f64) {
 
 #[test]
 fn a_driven_oscillator_has_its_amplitude_and_its_multipliers() {
-    // x'' + 2 d x' + x = cos 2t: amplitude 1/|1 - 4 + 4 d i|, multipliers exp(lambda pi) with lambda = -d +- i sqrt(1 - d^2).
+    // The orbit of x'' + 2 d x' + x = cos 2t has the amplitude 1/|1 - 4 + 4 d i| and the multipliers exp(lambda pi)
+    // with lambda = -d +- i sqrt(1 - d^2).
     let d = 0.1_f64;
     let orbit = orbit_of(json!({"problem": {"dvi": {"parameters": {"w": 2, "d": d}, "states": {
             "x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "cos(w*t) - 2*d*v - x"}}}},
@@ -53,7 +54,7 @@ fn a_driven_oscillator_has_its_amplitude_and_its_multipliers() {
 
 #[test]
 fn a_free_period_is_found_with_the_orbit() {
-    // Van der Pol's equation at mu = 1, by series in forty digits (Amore and others 2018).
+    // Reference for van der Pol's equation at mu = 1: series in forty digits (Amore and others 2018).
     let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
             "x": {"initial": 2, "rate": "v"}, "v": {"initial": 0, "rate": "(1 - x^2)*v - x"}}}},
         "periodic": {"period": {"free": 6.3, "phase": "v"}}, "method": {"rtol": 1e-11, "atol": 1e-13}}));
@@ -65,7 +66,7 @@ fn a_free_period_is_found_with_the_orbit() {
 
 #[test]
 fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
-    // The diode blocks where tan(wt) = -wRC, and conducts again where 10 sin(wt) meets the exponential.
+    // The diode blocks from tan(wt) = -wRC on, and conducts again when 10 sin(wt) meets the decaying exponential.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * PI);
     let orbit = orbit_of(json!({"problem": {"circuit": {"components": [
             {"voltage_source": {"name": "V", "nodes": ["in", "0"], "volts": "10*sin(100*pi*t)"}},
@@ -106,16 +107,16 @@ fn buck(ohms: f64) -> Value {
 fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     let orbit = orbit_of(buck(2.0));
     assert!(orbit.shots <= 5, "{}", orbit.shots);
-    // Continuous conduction: the mean is given by the duty, and the multipliers are exp(lambda T), of modulus
-    // exp(-T/(2RC)).
+    // In continuous conduction the duty ratio gives the mean output, and the multipliers are exp(lambda T), of
+    // modulus exp(-T/(2RC)).
     assert_near(orbit.over_period["v(out)"].mean.unwrap(), 0.4 * 12.0, 1e-11);
     let [re, im] = orbit.multipliers[0];
     assert_near(re.hypot(im), (-0.5_f64).exp(), 1e-9);
     let phase = 2e-5 * (1.0 / (1e-4 * 1e-5) - 1.0 / (2.0_f64 * 2.0 * 1e-5).powi(2)).sqrt();
     assert_near(im, (-0.5_f64).exp() * phase.sin(), 1e-8);
 
-    // Discontinuous conduction: coil and capacitor store nothing over a period, the current is zero for a while, and
-    // all steps are proven free of events.
+    // In discontinuous conduction the coil and the capacitor store no net energy over a period, the coil current is
+    // zero for part of it, and all steps are proven free of events.
     let orbit = orbit_of(buck(200.0));
     assert!(orbit.shots <= 7, "from rest, by way of a state in continuous conduction: {}", orbit.shots);
     let of = |name: &str| orbit.over_period[name];
@@ -147,7 +148,8 @@ fn what_has_no_orbit_says_why() {
 
 #[test]
 fn a_state_of_rest_has_its_eigenvalues() {
-    // z >= 0, z + y - 1 >= 0: z = 1 - y where y < 1, so that y' = -3y + 1 has the steady state 1/3; x' = x - x^3 has 1.
+    // From z >= 0 and z + y - 1 >= 0, z = 1 - y where y < 1, so that y' = -3y + 1 has the steady state 1/3; x' = x -
+    // x^3 has the steady state 1.
     let rest = |specification: Value| {
         let solution = solve(&specification);
         assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
@@ -163,7 +165,7 @@ fn a_state_of_rest_has_its_eigenvalues() {
     assert_near(found.eigenvalues[1][0], -3.0, 1e-9);
     assert_eq!(found.stable, Some(true));
 
-    // An oscillator about an unstable point, slow in its units.
+    // An oscillator with an unstable equilibrium and a time scale of 1e6.
     let found = rest(json!({"problem": {"dvi": {"states": {
         "x": {"initial": 3, "rate": "1e-6*v"}, "v": {"initial": 1, "rate": "1e-6*(0.2*v - x + 2)"}}}}, "steady_state": {}}));
     assert_near(found.states["x"], 2.0, 1e-12);
@@ -179,20 +181,20 @@ fn the_state_of_rest_is_that_which_a_run_comes_to() {
         assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
         solution.steady_state.expect("a state of rest")
     };
-    // x' = 1 + x - 2 max(x, 0): runs from above the unstable rest at -1 come to 1.
+    // For x' = 1 + x - 2 max(x, 0), runs from above the unstable equilibrium at -1 tend to 1.
     for (from, to) in [(1.0, 1.0), (0.1, 1.0), (-0.5, 1.0), (1e3, 1.0), (-1.0, -1.0)] {
         let found = rest(json!({"states": {"x": {"initial": from, "rate": "1 + x - 2*z"}},
             "variables": {"z": {"inequality": "z - x"}}, "set": [{"nonnegative": ["z"]}]}));
         assert_near(found.states["x"], to, 1e-12);
         assert_eq!(found.stable, Some(to > 0.0));
     }
-    // x' = -x + 2 sign(x).
+    // The equation x' = -x + 2 sign(x) has the stable equilibria -2 and 2.
     for from in [-3.0, -0.1, 0.1, 2.0, 1e4] {
         let found = rest(json!({"states": {"x": {"initial": from, "rate": "-x + 2*z"}},
             "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}));
         assert_near(found.states["x"], 2.0 * f64::signum(from), 1e-12);
     }
-    // A saddle that the fast state comes to first.
+    // The fast state x first brings the solution near a saddle, which y then leaves.
     for from in [1e-3, -1e-3] {
         let found = rest(json!({"states": {"x": {"initial": 1, "rate": "-10*x"},
             "y": {"initial": from, "rate": "y*(1 - y^2)"}}}));
@@ -202,7 +204,8 @@ fn the_state_of_rest_is_that_which_a_run_comes_to() {
 
 #[test]
 fn a_search_that_begins_far_from_the_orbit_keeps_the_value_of_its_phase() {
-    // Roessler's equations at c = 2.5, whose orbit passes y = -2.8 twice; the period by Taylor series of order 30.
+    // Roessler's equations at c = 2.5, whose orbit passes y = -2.8 twice. Reference of the period: Taylor series of
+    // order 30.
     for rtol in [1e-5, 1e-7, 1e-9] {
         let solution = solve(&json!({"problem": {"dvi": {"parameters": {"c": 2.5}, "states": {
                 "x": {"initial": 2, "rate": "-y - z"}, "y": {"initial": -2.8, "rate": "x + 0.2*y"},
@@ -227,7 +230,8 @@ fn what_never_rests_says_why() {
     }
 }
 
-/// The multipliers of an orbit, which are right or not trusted; and those that are to be trusted are right.
+/// Asserts that the multipliers of an orbit are right or that the solution is not trusted; with `is_trusted`, that
+/// they are right and trusted.
 #[track_caller]
 fn assert_multipliers(specification: &Value, exact: &[[f64; 2]], is_trusted: bool) {
     let solution = solve(specification);
@@ -244,20 +248,21 @@ fn assert_multipliers(specification: &Value, exact: &[[f64; 2]], is_trusted: boo
 
 #[test]
 fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit() {
-    // x' = cos(t + ph) + k x - F sign x passes zero twice a period, at cos = c and back, with rates c - F and c + F before
-    // and behind: the multiplier is exp(2 pi k) ((c - F)/(c + F))^2.
+    // The solution of x' = cos(t + ph) + k x - F sign x passes zero twice a period, at cos = c and at cos = -c, with
+    // rates c - F and c + F before and after: the multiplier is exp(2 pi k) ((c - F)/(c + F))^2.
     let dry = |growth: f64, phase: f64, x: f64| {
         let rate = |sign: &str| format!("cos(t+ph)+({growth})*x{sign}0.3");
         json!({"problem": {"filippov": {"parameters": {"ph": phase}, "surface": "x",
                 "states": {"x": {"initial": x, "plus": rate("-"), "minus": rate("+")}}}},
             "periodic": {"period": "2*pi"}, "method": {"rtol": 1e-10}, "output": {"times": {"count": 3}}})
     };
-    // The orbit is odd: half of a period later it is its negative, which gives the phase at which it is zero.
+    // The orbit is odd: half a period later it is its negative. This symmetry gives the phase at which the orbit is
+    // zero.
     let phase_at_zero = |k: f64| {
-        // x = A cos(t + ph) + B sin(t + ph) + F/k + C exp(k t), with x(0) = x(pi) = 0.
+        // Between its zeros the orbit is x = A cos(t + ph) + B sin(t + ph) + F/k + C exp(k t), with x(0) = x(pi) = 0.
         let (a, b) = (-k / (1.0 + k * k), 1.0 / (1.0 + k * k));
         let steady = 0.3 / k;
-        // a cos ph + b sin ph = f with f = -(F/k) (e^(k pi) - 1)/(e^(k pi) + 1).
+        // The condition for the phase is a cos ph + b sin ph = f with f = -(F/k) (e^(k pi) - 1)/(e^(k pi) + 1).
         let f = -steady * (0.5 * k * PI).tanh();
         (b.atan2(a), (f / a.hypot(b)).acos())
     };
@@ -270,7 +275,7 @@ fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit()
             }
             let exact = (TAU * k).exp() * ((c - 0.3) / (c + 0.3)).powi(2);
             assert_multipliers(&dry(k, phase, 0.0), &[[exact, 0.0]], true);
-            // A quarter of a period later.
+            // The orbit at a phase a quarter of a period later.
             let x = solve(&dry(k, phase, 0.0)).trajectory.field("x").expect("x")[1];
             assert!(x.abs() < 1e-6, "half of a period later it is zero as well: {x}");
             let above = 0.5;
@@ -283,7 +288,8 @@ fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit()
 
 #[test]
 fn steps_resolve_what_is_near_an_orbit_at_rest() {
-    // Hill's equation about zero: the product of both multipliers is exp(-d pi) by Liouville's theorem, here of a pair.
+    // Hill's equation about its equilibrium zero: by Liouville's theorem the product of the multipliers, a complex
+    // pair, is exp(-d pi).
     let hill = json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "v"},
             "v": {"initial": 0, "rate": "-0.2*v-25*(1+0.3*cos(2*t))*x"}}}},
         "periodic": {"period": "pi"}, "output": {"times": {"count": 3}}});
@@ -291,7 +297,8 @@ fn steps_resolve_what_is_near_an_orbit_at_rest() {
     let multipliers = &solution.orbit.as_ref().expect("an orbit").multipliers;
     let product: f64 = multipliers.iter().map(|value| value[0].hypot(value[1])).product();
     assert!((product - (-0.2 * PI).exp()).abs() <= 1e-3 && solution.verdict.trusted, "{multipliers:?}");
-    // x' = x (2 + cos t) - x^3 about zero: exp(4 pi). Beside a state that moves: 12 x cos(t)^2, exp(12 pi).
+    // The equilibrium zero of x' = x (2 + cos t) - x^3 has the multiplier exp(4 pi). Beside a second state that
+    // moves, x' = 12 x cos(t)^2 has the multiplier exp(12 pi).
     let grows = json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "x*(2+cos(t))-x^3"}}}},
         "periodic": {"period": "2*pi"}, "output": {"times": {"count": 3}}});
     assert_multipliers(&grows, &[[(4.0 * PI).exp(), 0.0]], true);
@@ -305,8 +312,8 @@ fn steps_resolve_what_is_near_an_orbit_at_rest() {
 
 #[test]
 fn a_derivative_behind_a_jump_in_time_is_resolved_where_the_states_rest() {
-    // y follows the logistic map for half of a period, x relaxes to y by exp(-40) for the other: the multipliers are 2 - r and
-    // nearly 0, and the fixed point 1 - 1/r turns over at r = 3.
+    // During half of a period y follows the logistic map, and during the other half x relaxes to y by exp(-40): the
+    // multipliers are 2 - r and nearly 0, and the fixed point 1 - 1/r has a flip at r = 3.
     let map = json!({"problem": {"dvi": {"parameters": {"r": 2.6}, "states": {
             "x": {"initial": 0.6, "rate": "(1-if(mod(t,1)<0.5,1,0))*80*(y-x)"},
             "y": {"initial": 0.6, "rate": "if(mod(t,1)<0.5,1,0)*2*(r*x*(1-x)-x)"}}}},
@@ -320,7 +327,8 @@ fn a_derivative_behind_a_jump_in_time_is_resolved_where_the_states_rest() {
 
 #[test]
 fn a_torus_begins_where_oscillations_that_no_state_makes_grow() {
-    // Rest beside a driven state, whose steps are too long for oscillations with w: a torus begins at m = 0.
+    // An equilibrium of x and y beside a driven state, for which steps would be too long to resolve oscillations with
+    // the frequency w: a torus begins at m = 0.
     for w in [2.0_f64.sqrt(), 9.3] {
         let solution = solve(&json!({"problem": {"dvi": {"parameters": {"m": -0.1, "w": w}, "states": {
                 "x": {"initial": 0, "rate": "m*x-w*y-x*(x^2+y^2)"}, "y": {"initial": 0, "rate": "w*x+m*y-y*(x^2+y^2)"},
@@ -336,7 +344,7 @@ fn a_torus_begins_where_oscillations_that_no_state_makes_grow() {
 #[test]
 fn a_drift_below_the_tolerance_is_no_orbit() {
     let one = |x: f64, rate: &str| json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": rate}}}}, "periodic": {"period": 1}});
-    // A drive in resonance adds pi to the amplitude in each period, and dry friction takes at most 4 F from it.
+    // A drive in resonance adds pi to the amplitude in each period, and dry friction reduces it by at most 4 F.
     let resonance = |rtol: f64| {
         json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "y"}, "y": {"initial": 0, "rate": "-x+cos(t)"}}}},
             "periodic": {"period": "2*pi"}, "method": {"rtol": rtol}})
@@ -349,7 +357,7 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
         resonance(1e-6),
         resonance(1e-9),
         with_friction,
-        // Rates of one sign have no orbit.
+        // Equations whose rates have one sign have no orbit.
         one(1.0, "exp(-x)"),
         one(1.5, "1/x+0*t"),
         one(1.5, "ln(2+x^2)/(1+x^2)*(1.5+sin(2*pi*t))"),
@@ -360,12 +368,13 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
         assert_eq!(error.code, "no_orbit", "{}", error.message);
     }
 
-    // Of one with the opposite sign the larger root is an orbit: (x - 1)^2 = 1e-4, with the multiplier exp(-2e-2).
+    // With a region of the opposite sign the larger root is an orbit: (x - 1)^2 = 1e-4, with the multiplier
+    // exp(-2e-2).
     let orbit = orbit_of(one(2.0, "1e-4-(x-1)^2"));
     assert_near(orbit.start["x"], 1.01, 1e-5);
     assert_near(orbit.multipliers[0][0], (-2e-2_f64).exp(), 1e-4);
     assert_eq!(orbit.stable, Some(true));
-    // Every start of a free oscillator is on an orbit.
+    // Every starting point of an undamped oscillator lies on an orbit.
     let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
             "x": {"initial": 1, "rate": "y"}, "y": {"initial": 0, "rate": "-x"}}}}, "periodic": {"period": "2*pi"}}));
     assert_near(orbit.start["x"], 1.0, 1e-12);
@@ -377,7 +386,8 @@ fn a_steady_state_that_its_equations_do_not_determine_is_told() {
     let solved = |states: Value| solve(&json!({"problem": {"dvi": {"states": states}}, "steady_state": {}}));
     let is_told =
         |solution: &Solution| solution.verdict.caveats.iter().any(|caveat| caveat.code == "steady_state_uncertain");
-    // No rest at all; one of many; a triple root, which the tolerances leave at 1e-4.
+    // A system without equilibrium, one of a continuum of equilibria, and a triple root, which the tolerances
+    // determine only to 1e-4.
     for (from, rate) in [(800.0, "exp(-x)"), (25.0, "1 - tanh(x)"), (3.0, "0*x"), (1.0, "-x^3")] {
         let solution = solved(json!({"x": {"initial": from, "rate": rate}}));
         assert!(is_told(&solution), "{rate}: {:?}", solution.verdict);
@@ -399,7 +409,8 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
         json!({"dvi": {"states": {"x": {"initial": x, "rate": rate}}, "variables": {"z": {"inequality": inequality}},
             "set": [{"nonnegative": ["z"]}]}})
     };
-    // Double and fourfold roots, and x' = -|x| and x' = -x + 3 max(0, x) at their corners.
+    // Double and fourfold roots, and the equations x' = -|x| and x' = -x + 3 max(0, x) at their kinks: all are stable
+    // on one side only.
     for problem in
         [one(2.0, "-(x-1)^2"), one(3.0, "-(x-2)^4"), with_z("-x-2*z", "z+x", 1.0), with_z("-x+3*z", "z-x", -1.0)]
     {
@@ -408,11 +419,12 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
         let is_told = solution.verdict.caveats.iter().any(|caveat| caveat.code == "stability_undecided");
         assert!(found.stable.is_none() && is_told, "{problem}: {found:?} {:?}", solution.verdict);
     }
-    // The same equation has the double root as an orbit of any period.
+    // As a periodic problem, the equation x' = -(x - 1)^2 has its double root as an orbit of any period.
     let solution = solve(&json!({"problem": one(2.0, "-(x-1)^2"), "periodic": {"period": 1}}));
     let orbit = solution.orbit.expect("an orbit");
     assert!((orbit.start["x"] - 1.0).abs() < 1e-4 && orbit.stable.is_none(), "{orbit:?}");
-    // Away from its corner a side decides: x' = -x + 3 max(0, x) - 2 rests at -2 with the eigenvalue -1, x' = x - 1 at 1.
+    // Away from a kink the eigenvalue decides on stability: x' = -x + 3 max(0, x) - 2 has the equilibrium -2 with the
+    // eigenvalue -1, and x' = x - 1 has the unstable equilibrium 1.
     for (problem, stable) in [(with_z("-x+3*z-2", "z-x", -3.0), true), (one(1.0, "x-1"), false)] {
         let solution = solve(&json!({"problem": problem, "steady_state": {}}));
         assert_eq!(solution.steady_state.expect("a state of rest").stable, Some(stable));
@@ -421,7 +433,8 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
 
 #[test]
 fn orbits_that_runs_return_to_from_far_around_are_said_to_be_uncertain() {
-    // x = 5 + sin t + .. comes nearer by 1e-9 a unit of time; without damping all starts are those of orbits.
+    // Weak damping contracts x to the orbit 5 + sin t by a relative 1e-9 per unit of time; without damping every
+    // starting point lies on an orbit.
     for (rate, is_uncertain) in [("cos(t) - 1e-9*(x - 5)", true), ("cos(t)", true), ("cos(t) - (x - 5)", false)] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": rate}}}},
             "periodic": {"period": "2*pi"}}));
@@ -432,7 +445,8 @@ fn orbits_that_runs_return_to_from_far_around_are_said_to_be_uncertain() {
 
 #[test]
 fn means_over_a_period_take_impulses_and_see_pulses() {
-    // x' = z - x is lifted to 1 at the start of each period and falls from 1/2 on: z is x' + x, and has the mean of x.
+    // The state of x' = z - x is lifted to 1 at the start of each period, held there, and decays during the second
+    // half. Since z = x' + x, the mean of z is that of x.
     let lifted = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "z - x"}},
             "variables": {"z": {"inequality": "x - pwm(t, 1, 0.5)"}}, "set": [{"nonnegative": ["z"]}]}},
         "periodic": {"period": 1}}));
@@ -442,7 +456,7 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
         let mean = orbit.over_period[name].mean.unwrap();
         assert!((mean - exact).abs() < 1e-8, "{name}: {mean} for {exact}");
     }
-    // The square of an impulse has no mean, and all else has one.
+    // The root mean square of z is undefined since z contains an impulse; all other means exist.
     assert!(lifted.verdict.trusted, "{:?}", lifted.verdict);
     assert!(
         lifted.verdict.caveats.iter().any(|caveat| caveat.code == "mean_undefined" && caveat.message.contains("`z`"))
@@ -469,7 +483,7 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
 
 #[test]
 fn a_period_may_begin_at_an_edge_of_its_drive() {
-    // x' = u - x where u is 1 over the first 40 % of each period: exponentials.
+    // The orbit of x' = u - x, where u is 1 over the first 40 % of each period, consists of exponentials.
     for period in [0.1_f64, 1e-6, 0.3, 7.0] {
         let (on, off) = (0.4 * period, 0.6 * period);
         let exact = (-off).exp() * (-on).exp_m1() / (-period).exp_m1();

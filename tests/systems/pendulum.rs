@@ -1,4 +1,4 @@
-//! A pendulum in Cartesian coordinates, with its tension as a free variable: `K = R`, a differential-algebraic
+//! A pendulum in Cartesian coordinates, with its tension as a free variable: `K = R` gives a differential-algebraic
 //! equation.
 
 use crate::systems::harness::{column, last, solve};
@@ -20,7 +20,7 @@ fn the_pendulum_reaches_its_reference_and_keeps_its_length() {
         let error = (last(&solution, name) - digits(&reference[k])).abs();
         assert!(error < 3e-7, "`{name}` is off by {error:e}");
     }
-    // The tension is computed from the states: it is not the stage value, which is of lower order.
+    // The reported tension is computed from the states; the stage value would be of lower order.
     let tension = last(&solution, "tension") - digits(&reference[4]);
     assert!(tension.abs() < 3e-6, "the tension is off by {tension:e}");
     for (x, y) in column(&solution, "x").iter().zip(column(&solution, "y")) {
@@ -37,6 +37,6 @@ fn an_inconsistent_velocity_is_an_error_that_says_by_how_much() {
     let solution = dvi::solve(&specification, &dvi::problem::Control::new());
     let error = solution.error.expect("an error");
     assert_eq!(error.code, "inconsistent_start");
-    // The whole component of the velocity along the rod has to vanish.
+    // The component of the initial velocity along the rod has to vanish, and the message states all of it.
     assert!(error.message.contains("`u`") && error.message.contains("-5e-1"), "{}", error.message);
 }

@@ -1,4 +1,4 @@
-//! Queues and traffic: reflection at zero, and an equilibrium of departures.
+//! Queues and traffic: reflection at zero, and an equilibrium of departure times.
 
 use crate::systems::harness::{column, distance, last, solve};
 use crate::systems::reference::example;
@@ -10,7 +10,8 @@ fn two_queues_in_tandem_follow_the_reflection_map() {
     let solution = solve(&example("fluid_queue"));
     let error = distance(&solution, "q1", |t| (3.0 - 0.5 * t).max(0.0));
     assert!(error < 1e-9, "q1 is off by {error:e}");
-    // 0.8 t while the first queue is busy; then arrivals pass through it.
+    // The second queue grows at the rate 0.8 while the first is busy, and then at the rate 0.3, since arrivals pass
+    // through the first queue.
     let error = distance(&solution, "q2", |t| 0.8 * t.min(6.0) + 0.3 * (t - 6.0).max(0.0));
     assert!(error < 1e-9, "q2 is off by {error:e}");
     assert!((last(&solution, "idle1") - 0.5).abs() < 1e-9);
@@ -19,7 +20,7 @@ fn two_queues_in_tandem_follow_the_reflection_map() {
 
 #[test]
 fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
-    // h = 10 clears the market, so that q' = 6 and p = 1 + q/4.
+    // The market clears at h = 10, so that q' = 6 and p = 1 + q/4.
     let market = json!({"problem": {"dvi": {
         "states": {"q": {"initial": 5, "rate": "h - 4"}},
         "variables": {"h": {"inequality": "1 + q/4 - p"}, "p": {"inequality": "h - 10"}},
@@ -27,7 +28,7 @@ fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
         "time": {"end": 1}});
     let solution = solve(&market);
     assert!((last(&solution, "q") - 11.0).abs() < 1e-9 && (last(&solution, "p") - 3.75).abs() < 1e-9);
-    // The point of the unit simplex nearest to (sin t, cos t), by its multiplier: u = (1 + sin t - cos t)/2 until pi/2,
+    // Projection of (sin t, cos t) onto the unit simplex by a multiplier p: u = (1 + sin t - cos t)/2 until pi/2,
     // then 1.
     let simplex = json!({"problem": {"dvi": {
         "states": {"x": {"initial": 0, "rate": "u"}},
@@ -46,7 +47,8 @@ fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
 
 #[test]
 fn commuters_leave_as_vickrey_says() {
-    // Arnott, de Palma, Lindsey 1990, with N = 6000, s = 3000, alpha = 6.4, beta = 3.9, gamma = 15.21, t* = 9.
+    // Reference: Arnott, de Palma, Lindsey 1990, with N = 6000, s = 3000, alpha = 6.4, beta = 3.9, gamma = 15.21,
+    // t* = 9.
     let (first, last_arrival, on_time) = (7.408_163_265_306_122, 9.408_163_265_306_122, 8.029_974_489_795_919);
     let (early, late) = (7680.0, 888.477_556_866_719);
     let solution = solve(&example("bottleneck"));
@@ -80,8 +82,9 @@ fn all_commuters_arrive_where_newtons_method_steps_over_the_switches() {
     }
 }
 
-/// Wardrop's equilibrium on twenty routes, as vectors: the flow on a route is `k (c - f)^(1/3)` if the least cost `c`
-/// is above its free cost `f`, else zero, and all flows add up to the demand. `c` is found by bisection.
+/// Wardrop's equilibrium on twenty routes, with indexed variables: the flow on a route is `k (c - f)^(1/3)` if the
+/// least cost `c` is above its free cost `f`, else zero, and all flows add up to the demand. The reference finds `c`
+/// by bisection.
 #[test]
 fn twenty_routes_carry_what_their_least_cost_says() {
     let specification = json!({
@@ -111,8 +114,8 @@ fn twenty_routes_carry_what_their_least_cost_says() {
         assert!((column(&solution, "least")[k] - below).abs() < 1e-8, "{} {below}", column(&solution, "least")[k]);
         for i in 1..=20 {
             let found = column(&solution, &format!("h[{i}]"))[k];
-            // The flow is the cube root of the excess of the cost over the free cost; so is the error if that excess is
-            // small.
+            // The flow is the cube root of the excess of the cost over the free cost, and so is the error of the flow
+            // where that excess is small.
             let bound = 120.0 * 1e-8_f64.cbrt().min(1e-8 / (below - 10.0 - f64::from(i)).max(1e-8)) + 1e-6;
             assert!((found - flow(below, i)).abs() < bound, "t = {t}, route {i}: {found} {}", flow(below, i));
         }

@@ -1,11 +1,11 @@
-//! Relays that appear only in the second or third derivative of their signal. Their output is bounded, so that no state
-//! jumps, whatever the index: they are solved as posed.
+//! Relays whose output enters only the second or third derivative of their signal. Their output is bounded, so that
+//! no state jumps, whatever the index: they are solved as posed.
 
 use super::harness::{column, events, last, solve};
 use dvi::analysis::Uniqueness;
 use serde_json::{Value, json};
 
-/// States with initial values and rates, and a relay `u in Sgn(signal)`.
+/// A problem with the given states, as name, initial value and rate, and a relay `u in Sgn(signal)`.
 fn relay(states: &[(&str, f64, &str)], signal: &str, end: f64, method: Value) -> Value {
     let states: serde_json::Map<String, Value> = states
         .iter()
@@ -24,7 +24,8 @@ fn relay(states: &[(&str, f64, &str)], signal: &str, end: f64, method: Value) ->
 
 #[test]
 fn a_double_integrator_swings_on_parabolas() {
-    // x'' = -sgn x from (x0, 0): arcs of x0 - s^2/2, each a quarter period sqrt(2 x0) long.
+    // The solution of x'' = -sgn x from (x0, 0) consists of arcs x0 - s^2/2, each of which lasts a quarter period
+    // sqrt(2 x0).
     let x0 = 1.3;
     let method = json!({"rtol": 1e-9, "atol": 1e-12});
     let solution = solve(&relay(&[("x", x0, "v"), ("v", 0.0, "-u")], "x", 100.0, method));
@@ -51,8 +52,8 @@ fn a_double_integrator_swings_on_parabolas() {
 
 #[test]
 fn a_relay_of_index_three_has_its_limit_cycle() {
-    // A relay with the plant 1/(s+1)^3: between switches each state is a polynomial times exp(-t), minus u; the
-    // switches are found by bisection of these.
+    // A relay with the plant 1/(s+1)^3. Reference: between switches each state is a polynomial times exp(-t), minus
+    // u, and the switches are found by bisection.
     let states = [("x1", 0.5, "x2 - x1"), ("x2", 0.0, "x3 - x2"), ("x3", 0.0, "-u - x3")];
     let solution = solve(&relay(&states, "x1", 50.0, json!({})));
     let exact = [("x1", -0.15903742340564242), ("x2", -0.22012133011893664), ("x3", 0.18668410076126674)];
@@ -81,8 +82,8 @@ fn certificates_are_lost_where_a_run_leaves_what_they_hold_for() {
         assert_eq!(caveat, !analysis.uniqueness.is_certified(), "{}", analysis.because);
         analysis.uniqueness
     };
-    // x = 1 + t + t^2/4 stays above one; sqrt(-x) falls from 1/4 to zero at t = 1/2, where the solution may stay at
-    // rest.
+    // With the rate sqrt(x) from 1, x = 1 + t + t^2/4 stays above one, where the rate is Lipschitz. With sqrt(|x|)
+    // from -1/16, x reaches zero at t = 1/2, where the solution may stay at rest.
     assert_eq!(certified("sqrt(x)", 1.0), Uniqueness::LocallyUnique);
     assert_eq!(certified("sqrt(abs(x))", -0.0625), Uniqueness::ExistsNotCertified);
     assert_eq!(certified("1 + heaviside(x - 0.5)", 0.0), Uniqueness::NotCertified);

@@ -1,4 +1,4 @@
-//! The statistics of a run: rejections and their reasons, and the convergence rate of Newton's method.
+//! The statistics of a run: rejected steps and their reasons, and the convergence rate of Newton's method.
 
 use super::harness::solve;
 use super::reference::example;
@@ -17,7 +17,7 @@ fn every_rejection_has_its_reason() {
     let steps = solve(&example("van_der_pol")).diagnostics.steps;
     assert!(steps.rejected > 0 && steps.rejected_for.contains_key("error_test"), "{steps:?}");
     assert_eq!(steps.rejected, steps.rejected_for.values().sum::<u64>());
-    // Steps across t = 2, where x = (1 - t/2)^2 is zero, evaluate the square root of a negative number.
+    // Steps across t = 2, where the solution x = (1 - t/2)^2 is zero, evaluate the square root of a negative number.
     let root = run(&json!({"x": {"initial": 1, "rate": "-sqrt(x)"}}), 3.0).steps;
     assert!(root.rejected_for.get("not_finite").is_some_and(|times| *times == root.rejected), "{root:?}");
 }

@@ -1,6 +1,6 @@
 //! Derivatives with respect to parameters and initial values, compared with closed forms: on smooth motion, through
-//! switches with jumping rates, along sliding and sticking, across time events that depend on a parameter; and refused
-//! where they do not exist.
+//! switches with jumping rates, along sliding and sticking, and across time events that depend on a parameter.
+//! Derivatives that do not exist are refused.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -24,12 +24,12 @@ fn assert_column(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) {
 
 #[test]
 fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
-    // m x'' + k x = 0 from x = a: x = a cos wt, w^2 = k/m.
+    // The solution of m x'' + k x = 0 from x = a is x = a cos wt with w^2 = k/m.
     let problem = json!({"dvi": {"parameters": {"k": 4, "m": 1, "a": 2}, "mass": [[1, 0], [0, "m"]],
         "states": {"x": {"initial": "a", "rate": "v"}, "v": {"initial": 0, "rate": "-k*x"}}}});
     let solution = derived(problem, 3.0, &["k", "m", "a", "v.initial"]);
     let w = 2.0;
-    // dw/dk = w/2k, dw/dm = -w/2m.
+    // The derivatives of the angular frequency are dw/dk = w/2k and dw/dm = -w/2m.
     let by_w = |t: f64| -2.0 * t * (w * t).sin();
     assert_column(&solution, "dx/dk", |t| by_w(t) * w / 8.0);
     assert_column(&solution, "dx/dm", |t| -by_w(t) * w / 2.0);
@@ -42,8 +42,8 @@ fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
 
 #[test]
 fn a_parameter_that_is_zero_is_moved_in_the_units_of_the_problem() {
-    // A mass on a belt, x' = v, v' = -x - 0.8 sign(v - 0.5), with v0 = 0 at first. The derivative at the end, which
-    // closed arcs give as -5/22, does not depend on the unit of length.
+    // A mass on a belt, x' = v, v' = -x - 0.8 sign(v - 0.5), with the initial velocity v0 = 0. The derivative at the
+    // end, -5/22 from closed-form arcs, does not depend on the unit of length.
     let derivative = |unit: f64| {
         let problem = json!({"dvi": {"parameters": {"v0": 0}, "states": {"x": {"initial": 3.0 * unit, "rate": "v"},
                 "v": {"initial": "v0", "rate": format!("-x - {:e}*F", 0.8 * unit)}},
@@ -62,7 +62,8 @@ fn a_parameter_that_is_zero_is_moved_in_the_units_of_the_problem() {
 
 #[test]
 fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
-    // x decreases at the rate mu to zero, and slides there; y is its integral, finally x0^2/2mu.
+    // The state x decreases at the rate mu to zero and slides there; the state y is the integral of x, finally
+    // x0^2/2mu.
     let problem = json!({"filippov": {"parameters": {"mu": 2, "x0": 3}, "surface": "x",
         "states": {"x": {"initial": "x0", "plus": "-mu", "minus": "mu"}, "y": {"initial": 0, "plus": "x", "minus": "x"}}}});
     let solution = derived(problem, 4.0, &["mu", "x0"]);
@@ -75,15 +76,15 @@ fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
 
 #[test]
 fn friction_that_sticks_and_lets_go_again() {
-    // v' = 4 - 3t - z with z in mu Sgn(v), mu = 1: sliding with v = 3t - 3t^2/2 to t = 2, then sticking while |4 - 3t|
-    // <= mu, which ends at once; then backwards with v' = 4 - 3t + mu.
+    // For v' = 4 - 3t - z with z in mu Sgn(v) and mu = 1, the block slides with v = 3t - 3t^2/2 until t = 2. It could
+    // stick only while |4 - 3t| <= mu, so that it slides backwards at once with v' = 4 - 3t + mu.
     let problem = json!({"dvi": {"parameters": {"a": 4, "b": 3, "mu": 1},
         "states": {"v": {"initial": 0, "rate": "a - b*t - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     let solution = derived(problem, 4.0, &["a", "b", "mu"]);
     let stop = 2.0;
-    // v(stop) = 0 with rate -3: d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with the rate -1 at
-    // the stop.
+    // From v(stop) = 0 with the rate -3 follows d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with
+    // the rate -1 at the stop.
     let before = |t: f64, [a, b, mu]: [f64; 3]| a * t - 0.5 * b * t * t - mu * t;
     let after = |t: f64, direction: [f64; 3]| {
         let [a, b, mu] = direction;
@@ -97,12 +98,13 @@ fn friction_that_sticks_and_lets_go_again() {
 
 #[test]
 fn a_body_that_is_torn_off_and_pulled_ever_harder() {
-    // v' = a t - z with z in mu Sgn(v): sticking up to t = mu/a, where z reaches its bound, followed by a smooth start.
+    // For v' = a t - z with z in mu Sgn(v), the body sticks until z reaches its bound at t = mu/a, where v starts
+    // smoothly.
     let problem = json!({"dvi": {"parameters": {"a": 2, "mu": 3},
         "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
         "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     let solution = derived(problem, 4.0, &["a", "mu"]);
-    // v = a (t - s)^2/2, x = a (t - s)^3/6, s = mu/a = 3/2, ds/dmu = 1/a, ds/da = -s/a.
+    // After the start at s = mu/a = 3/2, v = a (t - s)^2/2 and x = a (t - s)^3/6, with ds/dmu = 1/a and ds/da = -s/a.
     let s = 1.5;
     let since = |t: f64| f64::max(t - s, 0.0);
     assert_column(&solution, "dv/dmu", |t| -since(t));
@@ -113,34 +115,35 @@ fn a_body_that_is_torn_off_and_pulled_ever_harder() {
 
 #[test]
 fn breaks_and_bounds_that_follow_a_parameter() {
-    // x' = b from t = p on.
+    // The rate is x' = 0 before the breakpoint t = p, and x' = b after it.
     let problem = json!({"dvi": {"parameters": {"p": 1.25, "b": 3},
         "states": {"x": {"initial": 0, "rate": "b*heaviside(t - p)"}}}});
     let solution = derived(problem, 4.0, &["p", "b"]);
     assert_column(&solution, "dx/dp", |t| if t > 1.25 { -3.0 } else { 0.0 });
     assert_column(&solution, "dx/db", |t| f64::max(t - 1.25, 0.0));
-    // z = min(c t, t^2) from above, c = 2: x = t^3/3 to t = c, c t^2/2 - c^3/6 beyond.
+    // The variable is z = min(c t, t^2) with c = 2: x = t^3/3 up to t = c, and c t^2/2 - c^3/6 from then on.
     let problem = json!({"dvi": {"parameters": {"c": 2}, "states": {"x": {"initial": 0, "rate": "z"}},
         "variables": {"z": {"inequality": "z - t^2"}}, "set": [{"box": {"of": ["z"], "upper": "c*t"}}]}});
     let solution = derived(problem, 4.0, &["c"]);
     assert_column(&solution, "dx/dc", |t| if t > 2.0 { 0.5 * t * t - 2.0 } else { 0.0 });
 }
 
-/// The times at which functions of time jump move with their arguments: `x' = r(t, p)` to `T = 2.05`, integrated piece by piece.
+/// The times at which periodic functions jump depend on their arguments. Closed forms integrate `x' = r(t, p)` to
+/// `T = 2.05` piece by piece; each case gives the rate, `p` and `dx(T)/dp`.
 #[test]
 fn jumps_of_periodic_functions_follow_their_arguments() {
     let end = 2.05_f64;
     let cases = [
-        // Four pulses of p/2.
+        // Four complete pulses of the width p/2 each, and the beginning of a fifth.
         ("pwm(t, 0.5, p)", 0.37, 2.0),
-        // Steps at p + 1/2 and p + 3/2.
+        // Steps at t = p + 1/2 and t = p + 3/2.
         ("round(t - p)", 0.3, -2.0),
-        // Steps at k/p, k = 1, .., 4.
+        // Steps at t = k/p for k = 1, .., 4.
         ("floor(p*t)", 2.0, 2.5),
-        // t - p at p, and again at 2 p.
+        // The remainder of t falls from p to 0 at t = p and at t = 2 p.
         ("mod(t, p)", 0.75, -(2.0 * end - 2.25) + 2.25),
         ("sawtooth(t, p)", 0.75, 3.0 - end * end / (2.0 * 0.75 * 0.75)),
-        // On to p - 0.2, from p to p + 0.8, and from p + 1 on.
+        // The rate is nonzero up to p - 0.2, from p to p + 0.8, and from p + 1 on.
         ("t*if(mod(t - p, 1) < 0.8, 1, 0)", 0.3, -0.4),
     ];
     for (rate, p, exact) in cases {
@@ -152,8 +155,9 @@ fn jumps_of_periodic_functions_follow_their_arguments() {
     }
 }
 
-/// A queue that time alone lets grow again, and a state that follows it and changes nothing: `dq/dc = -(T - t)` after the time `t`
-/// of the second release, `sin wt = c/A` a period after the first one.
+/// A queue that begins to grow again at a time given by its inflow alone, and a state `total` that nothing depends
+/// on: `dq/dc = -(T - t)` after the time `t` of the second release, where `sin wt = c/A` a period after the first
+/// one.
 #[test]
 fn a_state_that_nothing_depends_on_changes_no_derivative() {
     let (amplitude, w, c) = (1.06_f64, 1.48, 0.51_f64);
@@ -168,7 +172,7 @@ fn a_state_that_nothing_depends_on_changes_no_derivative() {
     assert!((found + 6.25 - release).abs() <= 1e-8, "{found} for {}", release - 6.25);
 }
 
-/// Where the value jumps with the parameter there is no derivative: a ball that is asked for its velocity when it lands.
+/// A value that jumps with the parameter has no derivative: the velocity of a ball at the time of its impact.
 #[test]
 fn the_derivative_of_a_jump_is_doubted() {
     let solution = solve(&json!({"problem": {"mechanical": {"parameters": {"h": 4.905},
@@ -180,8 +184,8 @@ fn the_derivative_of_a_jump_is_doubted() {
 
 #[test]
 fn a_rectifier_that_conducts_until_its_current_dies() {
-    // A diode charges a capacitor from rest through an inductor: half a period of i = sqrt(C/L) sin wt, after which v =
-    // 2 remains.
+    // A diode charges a capacitor from rest through an inductor: the current is half a period of i = sqrt(C/L) sin
+    // wt, after which v = 2 remains.
     let problem = json!({"dvi": {"parameters": {"l": 1, "c": 1, "e": 1},
         "states": {"i": {"initial": 0, "rate": "(e - v + u)/l"}, "v": {"initial": 0, "rate": "i/c"}},
         "variables": {"u": {"inequality": "i"}}, "set": [{"nonnegative": ["u"]}]}});
@@ -192,8 +196,8 @@ fn a_rectifier_that_conducts_until_its_current_dies() {
     assert!(t("di/de").abs() < 1e-8 && t("di/dl").abs() < 1e-8);
 }
 
-/// All quantities of a converter with ideal switches are proportional to its source; edges of the switch depend on
-/// period and duty.
+/// All quantities of a converter with ideal switches are proportional to its source; the edges of the switch depend
+/// on the period and the duty ratio.
 #[test]
 fn a_converter_whose_switch_follows_parameters() {
     let problem = json!({"circuit": {"parameters": {"period": 2e-5, "duty": 0.4, "E": 12}, "components": [
@@ -221,7 +225,7 @@ fn a_converter_whose_switch_follows_parameters() {
             };
             let difference = (moved(change) - moved(-change)) / (2.0 * change);
             let slope = last(&derived, &format!("d{name}/d{parameter}"));
-            // Of the two errors of the difference quotient, rounding of the times is the larger.
+            // The error of the difference quotient is mainly due to the rounding of times.
             assert!((slope / difference - 1.0).abs() < 1e-4, "{name} by {parameter}: {slope} for {difference}");
         }
     }
@@ -240,7 +244,7 @@ fn failure(document: &Value) -> String {
 
 #[test]
 fn where_there_is_no_derivative_the_run_says_so() {
-    // Two relays reach their surfaces at the same time, and one drives the other.
+    // Two relays reach their switching surfaces at the same time, and one drives the other.
     let relays = |b: f64| {
         json!({"problem": {"dvi": {"parameters": {"a": 1, "b": b},
             "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "0.5*z - w"},
@@ -275,7 +279,7 @@ fn what_cannot_be_differentiated_is_refused_with_its_place() {
     assert_eq!((errors[0].pointer.as_str(), errors[0].code), ("/sensitivities", "conflict"));
 }
 
-/// Whether a column is that of a closed form, at all output times.
+/// Whether a column agrees with a closed form at all output times, to 1 %.
 fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool {
     let pairs = solution.trajectory.t.iter().zip(column(solution, name));
     pairs.into_iter().all(|(&t, &found)| (found - exact(t)).abs() <= 1e-2 * exact(t).abs().max(1e-2))
@@ -283,7 +287,7 @@ fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool 
 
 #[test]
 fn steps_resolve_derivatives_where_the_states_rest() {
-    // At rest any step is exact, but what is near decays: dx/dx0 = exp(-40 t).
+    // The state rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 = exp(-40 t).
     for x in [1, 2] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "-40*(x-1)"}}}},
             "time": {"end": 0.5}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 0.1, 0.25, 0.5]}}));
@@ -292,7 +296,7 @@ fn steps_resolve_derivatives_where_the_states_rest() {
         let error = pairs.fold(0.0_f64, |most, (t, found)| most.max((found - (-40.0 * t).exp()).abs()));
         assert!(solution.verdict.trusted && error < 1e-5, "{error:e} {:?}", solution.verdict);
     }
-    // A charge at rest, whose source is moved: dv/dE = 1 - exp(-t/RC).
+    // A charged capacitor at rest, with the derivative by its source voltage: dv/dE = 1 - exp(-t/RC).
     let solution = solve(&json!({"problem": {"circuit": {"parameters": {"E": 10}, "components": [
             {"voltage_source": {"name": "V", "nodes": ["a", "0"], "volts": "E"}},
             {"resistor": {"name": "R", "nodes": ["a", "b"], "ohms": 1000}},
@@ -302,7 +306,7 @@ fn steps_resolve_derivatives_where_the_states_rest() {
     let pairs = solution.trajectory.t.iter().zip(found);
     let error = pairs.fold(0.0_f64, |most, (t, found)| most.max((found - 1.0 + (-1e3 * t).exp()).abs()));
     assert!(solution.verdict.trusted && error < 1e-5, "{error:e} {:?}", solution.verdict);
-    // What grows from rest: exp(10).
+    // An unstable equilibrium, from which perturbations grow by exp(10).
     let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "x"}}}},
         "time": {"end": 10}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 5, 10]}}));
     let last = column(&solution, "dx/dx.initial")[2];
@@ -311,8 +315,8 @@ fn steps_resolve_derivatives_where_the_states_rest() {
 
 #[test]
 fn parameters_whose_jumps_coincide_are_told_apart() {
-    // x' = 1 until a, y' = 2 until c, less d y: dy/dc = 2 exp(-d (t - c)) behind c, and dy/da = 0. At c = a the two jumps
-    // move apart.
+    // The rates are x' = 1 until t = a, and y' = 2 - d y until t = c: dy/dc = 2 exp(-d (t - c)) after c, and
+    // dy/da = 0. At c = a the two jumps coincide, and separate under a perturbation.
     let jumps = |c: f64| {
         json!({"problem": {"dvi": {"parameters": {"a": 1, "d": 0.3, "c": c}, "states": {
                 "x": {"initial": 0, "rate": "if(t<a,1,0)"}, "y": {"initial": 0, "rate": "if(t<c,2,0)-d*y"}}}},

@@ -1,4 +1,4 @@
-//! Sets that couple several variables.
+//! Sets that couple several variables: balls, cones, simplices and polyhedra.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
@@ -33,14 +33,15 @@ fn a_block_in_the_plane_slides_straight_and_stops() {
 
 #[test]
 fn a_radius_that_varies_with_time_and_state_is_followed() {
-    // The normal force grows with time: |v|' = -mu g (1 + t).
+    // The normal force grows with time, so that the speed decreases with |v|' = -mu g (1 + t).
     let mut specification = example("friction_disk");
     specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("mu*m*g*(1 + t)");
     let solution = solve(&specification);
     let speed = |t: f64| (5.0 - 0.4 * 9.81 * (t + 0.5 * t * t)).max(0.0);
     let error = distance(&solution, "vy", |t| 0.8 * speed(t));
     assert!(error < 1e-6, "off by {error:e}");
-    // The bound grows with the path: r = m (1 + x/0.6), hence s'' = -(1 + s) and s = 5 sin t - 1 + cos t.
+    // The friction bound grows with the distance s: r = m (1 + x/0.6), hence s'' = -(1 + s) and s = 5 sin t - 1 + cos
+    // t.
     specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("m*(1 + x/0.6)");
     specification["time"]["end"] = json!(1);
     let solution = solve(&specification);
@@ -51,7 +52,8 @@ fn a_radius_that_varies_with_time_and_state_is_followed() {
 #[test]
 fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     let solution = solve(&example("three_regions"));
-    // Along -d1 to the line between the first two regions, then along it at half speed to the origin.
+    // The solution moves along -d1 to the line between the first two regions, then slides along it at half speed to
+    // the origin.
     let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
     let x = |t: f64| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 };
     let y = |t: f64| if t < line { 1.0 } else { (origin - t).max(0.0) * 3.0_f64.sqrt() / 4.0 };
@@ -73,7 +75,7 @@ fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     assert!((events(&solution, "z3")[0] - origin).abs() < 1e-5);
 }
 
-/// A problem with the same square, written as two kinds of block.
+/// A problem whose set is a square, written as a box and as a polyhedron.
 #[test]
 fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
     let system = |block: Value| {
@@ -95,7 +97,8 @@ fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
 
 #[test]
 fn forces_from_a_polyhedron_are_those_of_a_vertex_however_short_the_steps_are() {
-    // max v . (u, w) over the triangle at v = (1, 1/2), as long as v hardly changes.
+    // The variables (u, w) are the vertex of the triangle with the largest v . (u, w) at v = (1, 1/2), as long as v
+    // hardly changes.
     for step in [1e-2, 1e-5, 1e-8, 1e-11, 1e-14] {
         for solver in ["auto", "semismooth_newton"] {
             let solution = solve(&json!({"problem": {"dvi": {
@@ -112,15 +115,16 @@ fn forces_from_a_polyhedron_are_those_of_a_vertex_however_short_the_steps_are() 
 
 #[test]
 fn a_point_held_in_a_cone_slides_down_its_side() {
-    // Gravity along -s, with the cone s >= |v| as a unilateral constraint: in its interior the fall is free, on the
-    // boundary the multiplier of the cone balances half of gravity.
+    // Gravity acts along -s, with the cone s >= |v| as a unilateral constraint: in its interior the point falls
+    // freely, and on its boundary the multiplier balances half of gravity.
     let specification = json!({"problem": {"dvi": {
         "states": {"s": {"initial": 2, "rate": "-1 + p"}, "v": {"initial": 1, "rate": "q"}},
         "variables": {"p": {"inequality": "s"}, "q": {"inequality": "v"}},
         "set": [{"second_order_cone": ["p", "q"]}]}},
         "time": {"end": 2.5}, "method": {"rtol": 1e-9}, "output": {"times": {"count": 26}}});
     let solution = solve(&specification);
-    // (s, v) stays in the dual cone; at t = 1 it reaches s = v, then (s, v)' = (-1, 0) + l (1, -1) along s = v.
+    // The point (s, v) stays in the dual cone; at t = 1 it reaches s = v, and then moves along s = v with (s, v)' =
+    // (-1, 0) + l (1, -1).
     let s = |t: f64| if t < 1.0 { 2.0 - t } else { (1.0 - 0.5 * (t - 1.0)).max(0.0) };
     let error = distance(&solution, "s", s);
     assert!(error < 1e-6, "off by {error:e}");
@@ -133,7 +137,8 @@ fn every_solver_that_can_gives_the_same_motion() {
         ("auto", 3, 1e-6_f64),
         ("semismooth_newton", 5, 1e-6),
         ("conic", 3, 1e-6),
-        // With several stages the inequality is far from symmetric, which block Gauss-Seidel sweeps do not tolerate.
+        // With several stages the matrix of the stage inequality is far from symmetric, for which block Gauss-Seidel
+        // does not converge.
         ("block_gauss_seidel", 1, 1e-2),
     ] {
         let mut specification = example("friction_disk");
@@ -147,7 +152,7 @@ fn every_solver_that_can_gives_the_same_motion() {
 
 #[test]
 fn a_block_and_an_interval_that_switch_at_once_are_both_located() {
-    // Two bodies with speed 2 and friction 1, one on a line and one in the plane: both stop at t = 2.
+    // Two bodies with the speed 2 and the friction bound 1, one on a line and one in the plane: both stop at t = 2.
     let specification = json!({"problem": {"dvi": {
         "states": {
             "u": {"initial": 2, "rate": "-F"},
@@ -181,7 +186,8 @@ fn a_force_that_only_just_reaches_the_friction_moves_nothing() {
 
 #[test]
 fn a_point_that_leaves_the_apex_of_a_cone_is_its_projection_there() {
-    // (s, v) is the projection of (sin t, cos t, 1/2): it leaves the apex where sin t > -|(cos t, 1/2)|.
+    // The variables (s, v, w) are the projection of (sin t, cos t, 1/2) onto the cone: it leaves the apex where sin
+    // t > -|(cos t, 1/2)|.
     let specification = json!({"problem": {"dvi": {
         "states": {"q": {"initial": 0, "rate": "s + v + w"}},
         "variables": {
@@ -201,8 +207,8 @@ fn a_point_that_leaves_the_apex_of_a_cone_is_its_projection_there() {
 
 #[test]
 fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
-    // A point pressed against the cone can move along its ray and around the cone: of the three variables one is
-    // determined by |(q, r)| = p, one by G through the curvature, one by the derivative of G.
+    // A point on the boundary of the cone can move along its ray and around the cone: of the three variables one is
+    // determined by |(q, r)| = p, one by G through the curvature, and one by the derivative of G.
     let specification = json!({"problem": {"dvi": {
         "states": {
             "s": {"initial": 1.5, "rate": "-1 + p"},
@@ -219,13 +225,13 @@ fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
     assert_eq!(faces[0].analysis.uniqueness, Uniqueness::Unique, "{}", faces[0].analysis.because);
 }
 
-/// `x' = a(t) e + z` with `G = x` and `a = 1.001 sin(40 t)` along a direction `e`: `z` balances the drive until `a`
-/// exceeds the range of the set, and again once the excess has been returned. In between the states are constant, so
-/// that steps may be arbitrarily long.
+/// For `x' = a(t) e + z` with `G = x` and `a = 1.001 sin(40 t)` along a direction `e`, `z` balances the drive until
+/// `a` exceeds the range of the set, and again once the excess has been returned. While it balances, the states are
+/// constant, so that steps may be arbitrarily long.
 #[test]
 fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let (omega, periods) = (40.0, 12);
-    // Within half a period: the start of a motion, and its end, where 1.001 (cos p - cos q) = q - p.
+    // Phases within half a period: the start p of a motion, and its end q, where 1.001 (cos p - cos q) = q - p.
     let leaves = (1.0 / 1.001_f64).asin();
     let (mut low, mut high) = (std::f64::consts::PI - leaves, std::f64::consts::PI);
     for _ in 0..60 {
@@ -237,7 +243,7 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let expected: Vec<f64> = phases.map(|phase| phase / omega).collect();
     let square = json!({"A": [[1, 0], [-1, 0], [0, 1], [0, -1]], "b": [1, 1, 1, 1], "of": ["z1", "z2"]});
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": 1}});
-    // On the edge of the square z2 stays constant, and x2 moves.
+    // On an edge of the square z2 stays constant, and x2 moves.
     for (name, set, drives) in [
         ("ball", ball, ["0.6006*sin(40*t)", "0.8008*sin(40*t)"]),
         ("square", json!({"polyhedron": square}), ["1.001*sin(40*t)", "0.3*sin(40*t)"]),
@@ -261,8 +267,8 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     }
 }
 
-/// The equations `R i + v = x`, `-i + v/R = y/R` of two free variables have the solution `R i = (x - y)/2`, `v = (x + y)/2`
-/// whatever `R` is; their entries differ by up to `1e18`.
+/// The equations `R i + v = x`, `-i + v/R = y/R` of two free variables have the solution `R i = (x - y)/2`, `v = (x +
+/// y)/2` whatever `R` is, while their coefficients differ by up to `1e18`.
 #[test]
 fn free_variables_are_determined_whatever_their_units() {
     for r in [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e8, 1e9] {

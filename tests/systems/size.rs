@@ -12,7 +12,7 @@ fn sparse(rows: usize, columns: usize, entries: &[(usize, usize, f64)]) -> Value
     json!({"shape": [rows, columns], "entries": entries})
 }
 
-/// The nonzeros of `c (x_{i-1} - 2 x_i + x_{i+1})`.
+/// Returns the nonzeros of the matrix of `c (x_{i-1} - 2 x_i + x_{i+1})`.
 fn chain(n: usize, c: f64) -> Vec<(usize, usize, f64)> {
     let row = |i: usize| [(i, i.wrapping_sub(1), c), (i, i, -2.0 * c), (i, i + 1, c)];
     (0..n).flat_map(row).filter(|&(_, j, _)| j < n).collect()
@@ -20,7 +20,7 @@ fn chain(n: usize, c: f64) -> Vec<(usize, usize, f64)> {
 
 #[test]
 fn a_chain_too_long_for_dense_matrices_decays_as_its_slowest_wave() {
-    // One dense matrix would take 3.2 GB. The sine wave is an eigenvector.
+    // A dense matrix of this size would take 3.2 GB. The sine wave is an eigenvector.
     let n = 20_000;
     let h = 1.0 / (n + 1) as f64;
     let wave: Vec<f64> = (1..=n).map(|i| (PI * i as f64 * h).sin()).collect();
@@ -46,7 +46,7 @@ fn a_chain_too_long_for_dense_matrices_decays_as_its_slowest_wave() {
 
 #[test]
 fn a_full_matrix_of_middling_size_decays_along_its_eigenvectors() {
-    // -I - (1/n) 1 1^T has the eigenvalue -2 along the vector of ones, and -1 on its complement.
+    // The matrix -I - (1/n) 1 1^T has the eigenvalue -2 along the vector of ones, and -1 on its complement.
     let n = 80;
     let full: Vec<Vec<f64>> =
         (0..n).map(|i| (0..n).map(|j| -1.0 / n as f64 - if i == j { 1.0 } else { 0.0 }).collect()).collect();
@@ -62,7 +62,7 @@ fn a_full_matrix_of_middling_size_decays_along_its_eigenvectors() {
     assert!((last(&solution, "x80") - ones + across).abs() < 1e-9);
 }
 
-/// `copies` independent relays with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]`, `G = -x`, in one system.
+/// A system of `copies` independent relays with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]`, `G = -x`.
 fn relays(copies: usize) -> Value {
     let diagonal = |value: f64| sparse(copies, copies, &(0..copies).map(|i| (i, i, value)).collect::<Vec<_>>());
     let names: Vec<String> = (1..=copies).map(|k| format!("z{k}")).collect();
@@ -95,7 +95,8 @@ fn many_copies_of_a_switching_system_run_as_the_one_does() {
 
 #[test]
 fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_plain_one() {
-    // x_i' = z_i + (x_{i-1} - 2 x_i + x_{i+1}). Even rows require x_i = sin t, odd rows z_i = x_i + cos t.
+    // The chain x_i' = z_i + (x_{i-1} - 2 x_i + x_{i+1}). Even rows of G require x_i = sin t, odd rows z_i = x_i +
+    // cos t.
     let n = 120;
     let even = |i: &usize| i.is_multiple_of(2);
     let c: Vec<_> = (0..n).map(|i| (i, i, if even(&i) { 1.0 } else { -1.0 })).collect();
@@ -112,14 +113,16 @@ fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_pla
         "method": {"rtol": 1e-9, "atol": 1e-11},
         "output": {"times": [0.37, 1]},
     }));
-    // An odd state between two even ones: x' = cos t - x + 2 sin t, x(0) = 0, so x = (3 sin t - cos t + e^-t) / 2.
+    // An odd state between two even ones obeys x' = cos t - x + 2 sin t, x(0) = 0, so that x = (3 sin t - cos t +
+    // e^-t) / 2.
     let exact = |t: f64| 0.5 * (3.0 * t.sin() - t.cos() + (-t).exp());
     for (place, &t) in solution.trajectory.t.iter().enumerate() {
         let value = |name: &str| solution.trajectory.field(name).expect("a field")[place];
         assert!((value("x61") - t.sin()).abs() < 1e-7, "{} at {t}", value("x61") - t.sin());
         assert!((value("x62") - exact(t)).abs() < 1e-7, "{} at {t}", value("x62") - exact(t));
         assert!((value("z62") - exact(t) - t.cos()).abs() < 1e-7);
-        // The variable from the hidden constraint, at the order of the states: cos t = z - 2 sin t + both neighbours.
+        // The hidden constraint determines the variable with the order of the states: cos t = z - 2 sin t + the sum
+        // of both neighbours.
         let z = t.cos() + 2.0 * t.sin() - 2.0 * exact(t);
         assert!((value("z61") - z).abs() < 1e-7, "{} instead of {z} at {t}", value("z61"));
     }

@@ -1,4 +1,4 @@
-//! Switching by the sign of a function: a relay, and a sliding mode.
+//! Discontinuous rates that depend on the sign of a function: a relay, sliding modes and sliding-mode controllers.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
@@ -12,7 +12,8 @@ fn the_relay_reaches_zero_and_stays_without_chatter() {
     assert!(error < 1e-10, "off by {error:e}");
     assert_eq!(events(&solution, "s").len(), 1);
     assert!((events(&solution, "s")[0] - reach).abs() < 1e-10);
-    // The selection of the sign function that keeps x at zero.
+    // The multiplier s is 1 until x reaches zero; from then on it is the selection of the sign function that keeps x
+    // at zero.
     for (&t, &s) in solution.trajectory.t.iter().zip(column(&solution, "s")) {
         let exact = if t < reach { 1.0 } else { 0.3 };
         assert!((s - exact).abs() < 1e-9, "s = {s} at t = {t}");
@@ -43,22 +44,22 @@ struct Twisting {
 }
 
 impl Twisting {
-    /// The ratio of `|x'|` at consecutive zeros of `x`.
+    /// Returns the ratio of `|x'|` at consecutive zeros of `x`.
     fn ratio(&self) -> f64 {
         ((self.a - self.b) / (self.a + self.b)).sqrt()
     }
 
-    /// The time from one zero of `x` to the next, from the speed `v`.
+    /// Returns the time from one zero of `x`, with the speed `v`, to the next zero.
     fn swing(&self, v: f64) -> f64 {
         v / (self.a + self.b) + self.ratio() * v / (self.a - self.b)
     }
 
-    /// The time at which it comes to rest, after infinitely many switches.
+    /// Returns the time at which the state comes to rest, after infinitely many switches.
     fn rest(&self) -> f64 {
         self.swing(self.v) / (1.0 - self.ratio())
     }
 
-    /// `x'` at `t`, one arc after another.
+    /// Returns `x'` at the time `t`, from one arc after another.
     fn velocity(&self, t: f64) -> f64 {
         let (mut begin, mut v, mut sign) = (0.0, self.v, 1.0);
         while begin + self.swing(v) <= t && v > 1e-300 {
@@ -111,7 +112,7 @@ fn twisting_comes_to_rest_where_its_switches_accumulate() {
 
 #[test]
 fn super_twisting_comes_to_rest_at_a_root() {
-    // At rest B(x) = -k sqrt|x| vanishes, and with it the effect of the multiplier on x: x = 0, w = 0 and u = 0 have
+    // At rest B(x) = -k sqrt|x| vanishes, so that the multiplier has no effect on x: x = 0, w = 0 and u = 0 have
     // codimension three.
     for (k, l, start) in [(2.1, 1.7, 0.4), (1.5, 1.1, 1.0), (3.0, 4.0, 2.0)] {
         let solution = solve(&json!({
@@ -154,8 +155,8 @@ fn terminal_sliding_ends_at_the_root() {
 
 #[test]
 fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() {
-    // v' = max(a sin t - v, 0) from 1: it begins at arcsin(1/a); the small excess is a parabola about its maximum, over which
-    // v follows the linear equation.
+    // For v' = max(a sin t - v, 0) from v = 1, the current begins at arcsin(1/a); the small excess is a parabola
+    // about its maximum, during which v follows the linear equation.
     for excess in [1e-4, 3e-5_f64] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 1, "rate": "i"}},
                 "variables": {"i": {"inequality": format!("i - ({}*sin(t) - v)", 1.0 + excess)}},
@@ -163,7 +164,7 @@ fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() 
         let found = events(&solution, "i");
         assert_eq!(found.len(), 2, "{excess:e}: {found:?}");
         assert!((found[0] - (1.0 / (1.0 + excess)).asin()).abs() < 1e-6, "{excess:e}: {found:?}");
-        // To leading order it ends as long after the maximum as it began before it.
+        // To leading order the current ends as long after the maximum as it began before it.
         let width = 2.0 * (2.0 * excess).sqrt();
         assert!(((found[1] - found[0]) / width - 1.0).abs() < 0.02, "{excess:e}: {found:?}");
         assert!(solution.verdict.trusted, "{excess:e}: {:?}", solution.verdict);
@@ -172,11 +173,12 @@ fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() 
 
 #[test]
 fn what_follows_switches_that_are_too_close_is_not_stepped_over() {
-    // The second peak, of 1.10001, charges v; the first exceeds it by 1e-5.
+    // The capacitor voltage v is charged by the second peak, of 1.10001, and only by 1e-5 by the first.
     let solution = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 1, "rate": "i"}},
             "variables": {"i": {"inequality": "i - ((1.00001 + 0.1*heaviside(t - 4))*sin(t) - v)"}},
             "set": [{"nonnegative": ["i"]}]}}, "time": {"end": 10}, "method": {"rtol": 1e-8}}));
-    // v' = b sin t - v from v_0 = 1 at t_0, b sin t_0 = v_0; it ends where v = b sin t.
+    // During the second peak v' = b sin t - v from v_0 = 1 at t_0, where b sin t_0 = v_0; the current ends where v =
+    // b sin t.
     let (b, t0) = (1.10001_f64, std::f64::consts::TAU + (1.0_f64 / 1.10001).asin());
     let v = |t: f64| {
         let forced = |t: f64| 0.5 * b * (t.sin() - t.cos());

@@ -1,5 +1,6 @@
-//! Derivatives of problems whose variables are in balls, cones, simplices and polyhedra, held to closed forms: on every
-//! face, across switches between faces, and in both modes; and of switches at one time that have nothing to do with each other.
+//! Derivatives of problems whose variables are in balls, cones, simplices and polyhedra, compared with closed forms:
+//! on every face, across switches between faces, in forward and adjoint mode, and for independent switches at the
+//! same time.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -14,7 +15,7 @@ fn derived(problem: &Value, end: f64, asked: &Value) -> Solution {
     solution
 }
 
-/// Holds derivatives at the end to their values, forward and, of `objective`, backward.
+/// Asserts that the derivatives of the final `of` have the values `exact`, in forward and in adjoint mode.
 #[track_caller]
 fn assert_slopes(problem: &Value, end: f64, of: &str, exact: &[(&str, f64)]) {
     let to: Vec<&str> = exact.iter().map(|(name, _)| *name).collect();
@@ -29,7 +30,7 @@ fn assert_slopes(problem: &Value, end: f64, of: &str, exact: &[(&str, f64)]) {
     }
 }
 
-/// `x' = z` with `z` the point of a set that is nearest to `a`.
+/// The problem `x' = z`, where `z` is the projection of `a` onto a set.
 fn projection(set: &Value, count: usize, parameters: &Value) -> Value {
     let mut problem = json!({"parameters": parameters, "states": {}, "variables": {}, "set": [set]});
     for k in 1..=count {
@@ -42,7 +43,7 @@ fn projection(set: &Value, count: usize, parameters: &Value) -> Value {
 #[test]
 fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest_to() {
     let end = 2.0;
-    // z = r a/|a|
+    // The projection onto a ball is z = r a/|a|.
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": "r"}});
     let problem = projection(&ball, 2, &json!({"a1": 3, "a2": 4, "r": 2}));
     assert_slopes(
@@ -51,7 +52,7 @@ fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest
         "x1",
         &[("a1", end * 2.0 * 16.0 / 125.0), ("a2", -end * 2.0 * 12.0 / 125.0), ("r", end * 0.6)],
     );
-    // z = (1 + s/|v|)/2 (|v|, v)
+    // The projection of (s, v) onto the second-order cone is z = (1 + s/|v|)/2 (|v|, v).
     let cone = json!({"second_order_cone": ["z1", "z2", "z3"]});
     let problem = projection(&cone, 3, &json!({"a1": 1, "a2": 3, "a3": 4}));
     assert_slopes(&problem, end, "x1", &[("a1", end * 0.5), ("a2", end * 0.3), ("a3", end * 0.4)]);
@@ -61,11 +62,12 @@ fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest
         "x2",
         &[("a1", end * 0.3), ("a2", end * 0.5 * (1.2 - 9.0 / 125.0)), ("a3", -end * 0.5 * 12.0 / 125.0)],
     );
-    // The third is zero; the others share what is missing to a sum of one.
+    // In the projection onto the simplex the third component is zero; the other two are shifted equally to the sum
+    // one.
     let simplex = json!({"simplex": ["z1", "z2", "z3"]});
     let problem = projection(&simplex, 3, &json!({"a1": 0.9, "a2": 0.6, "a3": -0.5}));
     assert_slopes(&problem, end, "x1", &[("a1", end * 0.5), ("a2", -end * 0.5), ("a3", 0.0)]);
-    // z1 + 2 z2 = 1
+    // The projection onto the half plane lies on its boundary z1 + 2 z2 = 1.
     let half_plane = json!({"polyhedron": {"A": [[1, 2]], "b": [1], "of": ["z1", "z2"]}});
     let problem = projection(&half_plane, 2, &json!({"a1": 1, "a2": 3}));
     assert_slopes(&problem, end, "x1", &[("a1", end * 0.8), ("a2", -end * 0.4)]);
@@ -73,7 +75,8 @@ fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest
 
 #[test]
 fn derivatives_go_on_where_a_point_comes_to_the_boundary_and_leaves_it() {
-    // z = a sin t up to |z| = r, at t1 = arcsin(r/a), and back at pi - t1: x = 2 a (1 - cos t1) + r (pi - 2 t1) at pi.
+    // The variable is z = a sin t up to |z| = r at t1 = arcsin(r/a), then has |z| = r until pi - t1: x = 2 a (1 - cos
+    // t1) + r (pi - 2 t1) at t = pi.
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": "r"}});
     let problem = json!({"parameters": {"a": 5, "r": 3}, "set": [ball],
         "states": {"x1": {"initial": 0, "rate": "z1"}, "x2": {"initial": 0, "rate": "z2"}},
@@ -85,7 +88,7 @@ fn derivatives_go_on_where_a_point_comes_to_the_boundary_and_leaves_it() {
 
 #[test]
 fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
-    // v' = -mu v/|v| from v0: at rest after |v0|/mu, on the way x = v0 |v0|/(2 mu).
+    // For v' = -mu v/|v| from v0, the point rests after |v0|/mu, and has moved by x = v0 |v0|/(2 mu).
     let problem = json!({"parameters": {"mu": 2, "u": 3, "w": 4},
         "set": [{"ball": {"of": ["f1", "f2"], "radius": "mu"}}],
         "states": {"x1": {"initial": 0, "rate": "v1"}, "x2": {"initial": 0, "rate": "v2"},
@@ -97,15 +100,16 @@ fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
     for name in ["dv1/du", "dv2/du", "dv1/dmu"] {
         assert!(column(&solution, name).last().is_some_and(|slope| slope.abs() < 1e-9), "{name}");
     }
-    // Before it stops: v = v0 (1 - mu t/|v0|).
+    // Before the point stops, its velocity is v = v0 (1 - mu t/|v0|).
     assert_slopes(&problem, 1.0, "v1", &[("mu", -0.6), ("u", 1.0 - 2.0 / 5.0 + 2.0 * 9.0 / 125.0)]);
 }
 
 #[test]
 fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
-    // v' = F e - R v/|v|, with F < R, turns into the direction e of the force: with the speed s and the part u of v along e,
-    // (2 R s u + F (u^2 + s^2))' = -4 (R^2 - F^2) u, which integrates to the way along e. The direction of v has a rate without
-    // bound at the stop, a broken power of the time left.
+    // The velocity of v' = F e - R v/|v|, with F < R, turns towards the direction e of the force. With the speed s
+    // and the component u of v along e, (2 R s u + F (u^2 + s^2))' = -4 (R^2 - F^2) u, whose integral gives the
+    // distance along e. At the stop the direction of v has an unbounded rate, a fractional power of the remaining
+    // time.
     for force in [0.5_f64, 1.0, 2.5, 4.0] {
         let (r, u, w) = (5.0_f64, 4.0_f64, 3.0_f64);
         let s = u.hypot(w);
@@ -120,7 +124,8 @@ fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
         let solution =
             solve(&json!({"problem": {"dvi": problem}, "time": {"end": 9}, "method": {"rtol": 1e-8, "atol": 1e-10},
             "output": {"times": {"count": 9}}, "sensitivities": {"to": ["F", "R", "u"]}}));
-        // Where the power is small, the direction turns faster than any step shows, and the law may be doubted there.
+        // If the exponent of that power is small, the direction turns too fast to be resolved by steps, and the
+        // verdict may doubt the solution.
         assert!(solution.verdict.trusted || force < 2.0, "{force}: {:?}", solution.verdict);
         assert!((last(&solution, "y") - top / below).abs() < 1e-8, "{force}");
         for (name, exact) in [("dy/dF", of_force), ("dy/dR", of_friction), ("dy/du", of_speed)] {
@@ -132,7 +137,7 @@ fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
 
 #[test]
 fn switches_at_one_time_that_commute_have_their_own_derivatives() {
-    // Two blocks stop at t = 2, each after v^2/(2 mu); and the sum of two signs that change at t = 1.
+    // Two blocks stop at t = 2, each after the distance v^2/(2 mu), and two signs in one sum change at t = 1.
     let problem = json!({"parameters": {"mu1": 1, "mu2": 2, "v1": 2, "v2": 4, "a1": -1, "a2": -2},
         "set": [{"box": {"of": ["p1", "p2", "s1", "s2"], "lower": -1, "upper": 1}}],
         "states": {"w1": {"initial": "v1", "rate": "-mu1*p1"}, "w2": {"initial": "v2", "rate": "-mu2*p2"},
@@ -146,7 +151,8 @@ fn switches_at_one_time_that_commute_have_their_own_derivatives() {
 
 #[test]
 fn switches_at_one_time_that_do_not_commute_have_no_derivative() {
-    // y' = 2 + s1, and s2 is the sign of y: the second begins to move otherwise behind the first.
+    // For y' = 2 + s1 and the sign s2 of y, the rate of y changes at the switch of s1, which coincides with that of
+    // s2: the two do not commute.
     let problem = json!({"dvi": {"parameters": {"a": -1, "b": -1},
         "set": [{"box": {"of": ["s1", "s2"], "lower": -1, "upper": 1}}],
         "states": {"x": {"initial": "a", "rate": 1}, "y": {"initial": "b", "rate": "2 + s1"}, "s": {"initial": 0, "rate": "s2"}},

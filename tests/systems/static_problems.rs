@@ -1,5 +1,5 @@
-//! Static variational inequalities, compared with published solutions and closed forms; certificates of uniqueness, and
-//! reports of many solutions or none.
+//! Static variational inequalities, compared with published solutions and closed forms; certificates of uniqueness;
+//! and problems with many solutions or none.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -15,7 +15,8 @@ fn problem(variables: &[(&str, &str, f64)], set: Value) -> Value {
     json!({"problem": {"vi": {"variables": variables, "set": set}}})
 }
 
-/// A problem with nonnegative variables `x1`, `x2`, ..
+/// A complementarity problem with nonnegative variables `x1`, `x2`, .., given the rows of its function and a starting
+/// point.
 fn complementarity(rows: &[&str], start: &[f64]) -> Value {
     let names: Vec<String> = (1..=rows.len()).map(|i| format!("x{i}")).collect();
     let variables: Vec<(&str, &str, f64)> =
@@ -50,7 +51,8 @@ fn assert_point(found: &StaticSolution, exact: &[f64], tolerance: f64) {
     }
 }
 
-/// Firms that sell at the price `p(Q) = (5000/Q)^(1/g)`, with marginal costs `c + (q/L)^(1/b)`.
+/// Cournot-Nash equilibrium of firms that sell at the price `p(Q) = (5000/Q)^(1/g)`, with the marginal costs `c +
+/// (q/L)^(1/b)`.
 fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, start: f64) -> Value {
     let firms = costs.len();
     let total = (1..=firms).map(|i| format!("x{i}")).collect::<Vec<_>>().join(" + ");
@@ -70,8 +72,8 @@ fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, star
 
 #[test]
 fn firms_in_a_market_come_to_their_published_equilibrium() {
-    // Murphy, Sherali and Soyster 1982, with the figures of Harker 1984; further digits by Newton's method in another
-    // program.
+    // Reference: Murphy, Sherali and Soyster 1982, with the figures of Harker 1984; further digits by Newton's method
+    // in an independent program.
     let specification = cournot(&[10.0, 8.0, 6.0, 4.0, 2.0], 5.0, &[1.2, 1.1, 1.0, 0.9, 0.8], 1.1, 10.0);
     let (solution, found) = solved(&specification);
     let exact = [
@@ -85,7 +87,7 @@ fn firms_in_a_market_come_to_their_published_equilibrium() {
     assert!(found.certificate.starts_with("locally unique"), "{}", found.certificate);
     assert!((solution.trajectory.field("total").unwrap()[0] - exact.iter().sum::<f64>()).abs() < 1e-8);
     assert_eq!(solution.trajectory.t, [0.0]);
-    // The ten firms of the collection MCPLIB (Dirkse and Ferris 1995).
+    // The market of ten firms in the collection MCPLIB (Dirkse and Ferris 1995).
     let elasticities = [1.2, 1.0, 0.9, 0.6, 1.5, 1.0, 0.7, 1.1, 0.95, 0.75];
     let costs = [5.0, 3.0, 8.0, 5.0, 1.0, 3.0, 7.0, 4.0, 6.0, 3.0];
     let (_, found) = solved(&cournot(&costs, 10.0, &elasticities, 1.2, 1.0));
@@ -106,7 +108,7 @@ fn the_problems_of_josephy_and_of_kojima_and_shindoh_are_solved_from_their_start
         let (_, found) = solved(&complementarity(&josephy, &start));
         assert_point(&found, &[root, 0.0, 0.0, 0.5], 1e-9);
     }
-    // Two solutions, one of them degenerate (Facchinei and Pang 2003, page 42).
+    // The problem of Kojima and Shindoh has two solutions, one of them degenerate (Facchinei and Pang 2003, page 42).
     let kojima = [first, "2*x1^2 + x1 + x2^2 + 10*x3 + 2*x4 - 2", "3*x1^2 + x1*x2 + 2*x2^2 + 2*x3 + 9*x4 - 9", last];
     let mut met = [false; 2];
     for start in [[0.0; 4], [1.0, 1.0, 1.0, 1.0], [100.0; 4], [1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]] {
@@ -122,15 +124,15 @@ fn the_problems_of_josephy_and_of_kojima_and_shindoh_are_solved_from_their_start
 
 #[test]
 fn billups_problem_is_solved_past_its_local_minimum() {
-    // Billups 1995: merit functions have a minimum near zero that is not a solution.
+    // Billups' problem (1995): merit functions have a local minimum near zero that is not a solution.
     let (_, found) = solved(&complementarity(&["(x1 - 1)^2 - 1.01"], &[0.0]));
     assert_point(&found, &[1.0 + 1.01_f64.sqrt()], 1e-9);
 }
 
 #[test]
 fn murtys_exponential_problem_is_solved() {
-    // Murty 1978: some pivoting methods visit exponentially many bases; w = M z - e, with ones on the diagonal and twos
-    // left of it.
+    // Murty's problem (1978), on which some pivoting methods visit exponentially many bases: w = M z - e, where M has
+    // ones on the diagonal and twos left of it.
     let m = 16;
     let rows: Vec<String> = (1..=m)
         .map(|i| {
@@ -147,7 +149,7 @@ fn murtys_exponential_problem_is_solved() {
 
 #[test]
 fn mathiesens_market_has_prices_up_to_a_factor() {
-    // Mathiesen 1987, with endowments 1 and 1/2: (1/2, 3 s, s, 2 s) for every s.
+    // Mathiesen's market (1987) with endowments 1 and 1/2 has the solutions (1/2, 3 s, s, 2 s) for every s.
     let rows = ["-x2 + x3 + x4", "x1 - 0.75*(x3 + 0.5*x4)/x2", "1 - x1 - 0.25*(x3 + 0.5*x4)/x3", "0.5 - x1"];
     let (_, found) = solved(&complementarity(&rows, &[1.0, 1.0, 1.0, 1.0]));
     let s = found.z["x3"];
@@ -159,8 +161,8 @@ fn mathiesens_market_has_prices_up_to_a_factor() {
 
 #[test]
 fn colvilles_first_problem_has_its_published_prices_and_quantities() {
-    // Problems 86 and 117 of Hock and Schittkowski 1981, as joint optimality conditions: `y` of one and `u` of the
-    // other.
+    // Problems 86 and 117 of Hock and Schittkowski 1981 as joint optimality conditions: `y` are the variables of one,
+    // and `u` those of the other.
     let e = [-15.0, -27.0, -36.0, -18.0, -12.0];
     let c = [
         [30.0, -20.0, -10.0, 32.0, -10.0],
@@ -206,7 +208,7 @@ fn colvilles_first_problem_has_its_published_prices_and_quantities() {
 
 #[test]
 fn dantzigs_transport_has_its_published_cost_and_several_plans() {
-    // Dantzig 1963, section 3.3: two plants, three markets, 153.675 thousand dollars.
+    // Dantzig 1963, section 3.3: two plants, three markets, and a least cost of 153.675 thousand dollars.
     let cost = [[0.225, 0.153, 0.162], [0.225, 0.162, 0.126]];
     let mut variables = Vec::new();
     for (i, row) in cost.iter().enumerate() {
@@ -232,7 +234,7 @@ fn dantzigs_transport_has_its_published_cost_and_several_plans() {
     assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
 }
 
-/// Three routes and their total demand; `u` is the common travel time.
+/// Braess' network: three routes with the travel demand 6; `u` is the common travel time.
 fn braess(bridge: bool) -> Value {
     let mut variables = vec![("h1", "10*(h1 + h3) + 50 + h1 - u", 0.0), ("h2", "50 + h2 + 10*(h2 + h3) - u", 0.0)];
     variables.push(("h3", if bridge { "10*(h1 + h3) + 10 + h3 + 10*(h2 + h3) - u" } else { "h3 + 1000" }, 0.0));
@@ -253,7 +255,7 @@ fn braess_bridge_makes_everyone_slower() {
 
 #[test]
 fn a_simplex_a_ball_and_a_cone_hold_their_solutions() {
-    // The point of the simplex nearest to (0.9, 0.4, -1) is (0.75, 0.25, 0).
+    // The projection of (0.9, 0.4, -1) onto the unit simplex is (0.75, 0.25, 0).
     let rows = [("a", "a - 0.9", 0.0), ("b", "b - 0.4", 0.0), ("c", "c + 1", 0.0)];
     let (_, found) = solved(&problem(&rows, json!([{"simplex": ["a", "b", "c"]}])));
     for (name, exact) in [("a", 0.75), ("b", 0.25), ("c", 0.0)] {
@@ -267,8 +269,8 @@ fn a_simplex_a_ball_and_a_cone_hold_their_solutions() {
 
 #[test]
 fn a_string_on_a_floor_is_solved_at_its_nodes() {
-    // -u'' + 1 >= 0 with u >= 0 on [-1, 1] and u(+-1) = 1/8: u = (|x| - 1/2)^2/2 off the obstacle, which central
-    // differences reproduce.
+    // An obstacle problem, -u'' + 1 >= 0 with u >= 0 on [-1, 1] and u(+-1) = 1/8: u = (|x| - 1/2)^2/2 where there is
+    // no contact, which central differences reproduce.
     let n = 399;
     let h = 2.0 / f64::from(n + 1);
     let specification = json!({"problem": {"vi": {"parameters": {"n": n, "h": h},
@@ -294,7 +296,8 @@ fn a_continuum_of_solutions_is_told() {
 
 #[test]
 fn a_problem_without_solution_says_why_there_is_none() {
-    // A row that is negative everywhere; one that is negative within the bounds of the others; contradictory rows.
+    // Infeasible problems: a row that is negative everywhere, a row that is negative within the bounds of the other
+    // variables, and rows that contradict each other.
     for (rows, part) in [
         (vec!["-1 - exp(x1)"], "the inequality of `x1` is negative"),
         (vec!["x1 + x2", "-x1 - 1"], "the inequality of `x2`"),
@@ -304,7 +307,7 @@ fn a_problem_without_solution_says_why_there_is_none() {
         assert_eq!(code, "no_solution", "{message}");
         assert!(message.contains(part), "{message}");
     }
-    // x^2 + 1 = 0 for a free x is infeasible, which interval arithmetic proves; (x - 1)^2 + 0.01 = 0 is infeasible
+    // For a free x, x^2 + 1 = 0 is infeasible, which interval arithmetic proves; (x - 1)^2 + 0.01 = 0 is infeasible
     // without a proof.
     let free = |row: &str| problem(&[("x1", row, 0.3)], json!([{"free": ["x1"]}]));
     assert_eq!(failed(&free("x1^2 + 1")).0, "no_solution");
@@ -315,7 +318,8 @@ fn a_problem_without_solution_says_why_there_is_none() {
 
 #[test]
 fn the_traffic_of_sioux_falls_comes_to_its_published_flows() {
-    // In thousands of vehicles, by link and destination, with the travel time from each node to each destination.
+    // Flows are in thousands of vehicles, by link and destination; the unknowns also include the travel time from
+    // each node to each destination.
     let data: Value = serde_json::from_str(include_str!("../reference/sioux_falls.json")).unwrap();
     let number = |value: &Value| value.as_f64().unwrap();
     let links: Vec<Vec<f64>> = data["links"]
@@ -385,7 +389,7 @@ fn what_vanishes_at_infinity_only_is_no_solution() {
         json!([{"nonnegative": ["x1", "x2"]}]),
     ));
     assert_eq!(code, "vi_unsolved");
-    // Multiple roots, and what is flat all around, are solutions.
+    // Multiple roots, also of functions that are flat around them, are solutions.
     for (row, start, exact, tolerance) in [
         ("1 - cos(x1)", 0.0, 0.0, 1e-12),
         ("1 - cos(x1)", 1.0, 0.0, 1e-4),
@@ -401,7 +405,8 @@ fn what_vanishes_at_infinity_only_is_no_solution() {
 
 #[test]
 fn a_membrane_of_many_nodes_over_an_obstacle_is_solved_by_active_sets() {
-    // -u'' = -8 over [0, 1] above -1/2, a string whose free ends are known: u = 4 (x - a)^2 - 1/2 with a = 1/sqrt 8 from the left.
+    // A string with -u'' = -8 on [0, 1] above the obstacle -1/2: its free parts are known, u = 4 (x - a)^2 - 1/2 with
+    // a = 1/sqrt 8 on the left.
     let n = 1999;
     let h = 1.0 / f64::from(n + 1);
     let specification = json!({"problem": {"vi": {"parameters": {"n": n, "h": h},
@@ -419,7 +424,7 @@ fn a_membrane_of_many_nodes_over_an_obstacle_is_solved_by_active_sets() {
 
 #[test]
 fn a_membrane_on_a_grid_is_solved_from_coarse_to_fine() {
-    // Under an even load over a flat obstacle: the solution has the symmetries of the square.
+    // A membrane under a uniform load over a flat obstacle: the solution has the symmetries of the square.
     let specification = json!({"problem": {"vi": {"parameters": {"n": 40, "h": 0.1},
         "variables": {"z[i in 1..n, j in 1..n]": {"inequality": "4*z[i,j] - z[i-1,j] - z[i+1,j] - z[i,j-1] - z[i,j+1] + h^2"}},
         "definitions": {"z[0, 1..n]": 0, "z[n+1, 1..n]": 0, "z[1..n, 0]": 0, "z[1..n, n+1]": 0},
@@ -439,8 +444,8 @@ fn a_membrane_on_a_grid_is_solved_from_coarse_to_fine() {
 
 #[test]
 fn what_is_a_solution_does_not_depend_on_units() {
-    // G = g (z/u - c) over sets of the size u: the solution is c, or the nearest point of the set, times u; the cubic
-    // part is monotone. Units of z and of G are ten decades apart and more.
+    // For G = g (z/u - c) over sets of the size u, the solution is u times c, or u times the point of the set nearest
+    // to c; an added cubic part is monotone. The units of z and of G differ by ten decades and more.
     let of = |u: f64, g: f64, [a, b]: [f64; 2], cubic: f64| {
         let row = |name: &str, c: f64| format!("{g:e}*(({name}/{u:e} - {c}) + {cubic}*(({name}/{u:e})^3 - {c}^3))");
         let (first, second) = (row("x1", a), row("x2", b));
@@ -468,7 +473,8 @@ fn what_is_a_solution_does_not_depend_on_units() {
                 assert!(!is_told(&solution, "many_solutions"), "{u:e} {g:e} {set}");
             }
         }
-        // Outside of the ball and of the triangle: on the boundary, (0.6, 0.8) and (0, 1).
+        // The point c is outside the ball and the triangle; the solutions (0.6, 0.8) and (0, 1) are on their
+        // boundaries.
         let (first, second) = of(u, g, [3.0, 4.0], 0.0);
         for (set, exact) in sets(u).into_iter().zip([[0.6, 0.8], [0.0, 1.0], [1.0, 1.0]]) {
             let (_, found) = solved(&problem(&[("x1", &first, 0.0), ("x2", &second, 0.0)], set.clone()));
@@ -478,7 +484,7 @@ fn what_is_a_solution_does_not_depend_on_units() {
             }
         }
     }
-    // Two routes whose costs are in nanoseconds: a^2 + a = 1.5.
+    // Two routes whose costs are in nanoseconds: the flow a on the first satisfies a^2 + a = 1.5.
     let routes =
         problem(&[("x1", "1e10*(1 + x1^2)", 0.0), ("x2", "1e10*(1.5 + x2)", 0.0)], json!([{"simplex": ["x1", "x2"]}]));
     let (_, found) = solved(&routes);
@@ -487,14 +493,14 @@ fn what_is_a_solution_does_not_depend_on_units() {
 
 #[test]
 fn rows_of_any_size_are_solved_alike() {
-    // Routes with the costs c (1 + a_i f_i/N) share N vehicles at one price, c times the lambda of
-    // sum (lambda - 1)/a_i = 1.
+    // Routes with the costs c (1 + a_i f_i/N) share N vehicles at a common cost, c times the lambda with sum
+    // (lambda - 1)/a_i = 1.
     let slopes = [1.0, 2.0, 4.0];
     let lambda = 1.0 + 1.0 / slopes.iter().map(|a| 1.0 / a).sum::<f64>();
     for (vehicles, cost) in [(1.0, 1.0), (1.0, 1e-9), (1e6, 1e-9), (1e9, 1e-3), (1e-6, 1e6), (1e6, 1e6), (1e-3, 1e-9)] {
         for power in ["", "^4"] {
             let root = |x: f64| if power.is_empty() { x } else { x.powf(0.25) };
-            // With fourth powers, sum ((lambda - 1)/a_i)^(1/4) = 1.
+            // If the costs depend on fourth powers of the flows, lambda satisfies sum ((lambda - 1)/a_i)^(1/4) = 1.
             let of_powers = slopes.iter().map(|a: &f64| a.powf(-0.25)).sum::<f64>().powi(-4);
             let lambda = if power.is_empty() { lambda } else { 1.0 + of_powers };
             let row = |i: usize, a: f64| format!("{cost:e}*(1 + {a}*(f{i}/{vehicles:e}){power}) - p");

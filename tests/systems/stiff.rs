@@ -1,11 +1,12 @@
-//! Stiff problems without variables, over six decades of tolerance, against references in quadruple precision.
+//! Stiff problems without complementarity variables, over six decades of tolerance, compared with references in
+//! quadruple precision.
 
 use crate::systems::harness::{last, solve};
 use crate::systems::reference::{digits, example, read, smooth};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// A problem of `tests/reference/smooth.json` with a tolerance.
+/// Returns a problem of `tests/reference/smooth.json` as a specification with the relative tolerance `rtol`.
 fn specification(problem: &Value, rtol: f64) -> Value {
     let mut specification = smooth(problem);
     let atol = rtol * problem["atol_factor"].as_f64().expect("a factor");
@@ -13,19 +14,20 @@ fn specification(problem: &Value, rtol: f64) -> Value {
     specification
 }
 
-/// The problem of the given name in `tests/reference/smooth.json`.
+/// Returns the problem of the given name in `tests/reference/smooth.json`.
 fn problem(name: &str) -> Value {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     let found = problems.as_array().and_then(|problems| problems.iter().find(|problem| problem["name"] == name));
     found.unwrap_or_else(|| panic!("no problem `{name}`")).clone()
 }
 
-/// The error at the end, `max_i |y_i - reference_i| / max(|reference_i|, floor_i)`, divided by `rtol`.
+/// Solves a problem, and returns its error at the end, `max_i |y_i - reference_i| / max(|reference_i|, floor_i)`,
+/// divided by `rtol`.
 fn error(problem: &Value, rtol: f64) -> f64 {
     distance(problem, &solve(&specification(problem, rtol))) / rtol
 }
 
-/// The error at the end of a trajectory.
+/// Returns the largest relative error of the final states of a trajectory.
 fn distance(problem: &Value, solution: &Solution) -> f64 {
     let reference = problem["reference"].as_array().expect("a reference");
     let errors = reference.iter().enumerate().map(|(i, exact)| {
@@ -44,7 +46,7 @@ fn errors_are_a_few_tolerances_at_any_tolerance() {
         // The pendulum with its constraint differentiated twice drifts from its circle quadratically in time: by the
         // variational equations, a change of `y3` by `rtol` at the start changes the end by 152 `rtol`.
         let bound = if name == "pend_i1" { 152.0 } else { 30.0 };
-        // Other codes have ended with NaN on the ring modulator and reported success.
+        // The ring modulator is solved at larger tolerances only; other codes end it with NaN and report success.
         let exponents = if name == "ring" { 3..=9 } else { 3..=11 };
         for exponent in exponents {
             let rtol = 10.0_f64.powi(-exponent);

@@ -1,6 +1,6 @@
-//! Sweeps compared with closed forms: accumulation times of a bouncing ball, the map of modes of a belt, means over
-//! random and low-discrepancy points, reducers along the dense output; and identical bytes for any distribution of the
-//! work.
+//! Sweeps compared with closed forms: accumulation times of a bouncing ball, the mode map of a belt, means over
+//! random and low-discrepancy points, and reducers along the dense output. The output bytes are identical for any
+//! distribution of the work.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -47,14 +47,15 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     let g = 9.81_f64;
     for row in 0..table.rows() {
         let fall = (2.0 * h[row] / g).sqrt();
-        // Each bounce lasts e times as long as the previous one: t = fall (1 + 2 e + 2 e^2 + ..).
+        // Each bounce lasts e times as long as the previous one: the ball rests at t = fall (1 + 2 e + 2 e^2 + ..).
         let exact = fall * (1.0 + e[row]) / (1.0 - e[row]);
         assert!((first[row] - fall).abs() <= 1e-9 * fall, "row {row}: {} for {fall}", first[row]);
         assert!((rest[row] - exact).abs() <= 1e-5 * exact, "row {row}: {} for {exact}", rest[row]);
         // The largest speed is that before the first impact, where the velocity jumps.
         let impact = (2.0 * g * h[row]).sqrt();
         assert!((speed[row] - impact).abs() <= 1e-7 * impact, "row {row}: {} for {impact}", speed[row]);
-        // The integral of the height over the fall is 2/3 h T, and over bounce k it is 4/3 e^2k h e^k T.
+        // The integral of the height over the first fall, of the duration T from the height h, is 2/3 h T, and over
+        // the k-th bounce it is 4/3 e^2k h e^k T.
         let (e, h) = (e[row], h[row]);
         let area = h * fall * (2.0 / 3.0 + 4.0 / 3.0 * e.powi(3) / (1.0 - e.powi(3)));
         let mean = numbers(&table, "mean")[row];
@@ -62,7 +63,7 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     }
 }
 
-/// A mass released on a belt: it slides back as `x = f + (x_0 - f) cos t`, and reaches the belt's speed at `x = f -
+/// A mass released on a belt slides back as `x = f + (x_0 - f) cos t`, and reaches the belt's speed at `x = f -
 /// sqrt((x_0 - f)^2 - v^2)` unless it stays slower; there it sticks if `|x| <= f`.
 #[test]
 fn the_map_of_modes_of_a_belt_has_the_known_borders() {
@@ -100,7 +101,7 @@ fn the_map_of_modes_of_a_belt_has_the_known_borders() {
 
 #[test]
 fn reducers_are_those_of_the_solution_and_not_of_output_times() {
-    // x = cos t, v = -sin t, to t = 5 pi/2.
+    // The solution is x = cos t, v = -sin t, up to t = 5 pi/2.
     let end = 5.0 * FRAC_PI_2;
     let row = table(&json!({
         "problem": {"dvi": {"parameters": {"w": 1}, "definitions": {"energy": "(x^2 + v^2)/2"}, "integrals": {"E": "x^2"},
@@ -114,7 +115,7 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
             "E": {"final": "E"}, "at": {"at": {"t": 1.25, "of": "x - v"}}, "energy": {"max": "energy"},
             "zeros": {"count": {"kind": "crossed", "of": "zero"}}, "second": {"time_of_last": "crossed"},
             "slope": {"final": "dx/dw"}}}}));
-    // dx/dw of cos(sqrt(w) t) at w = 1 is -t/2 sin t.
+    // The derivative dx/dw of cos(sqrt(w) t) at w = 1 is -t/2 sin t.
     let told = [
         ("initial", 2.0),
         ("final", -1.0),
@@ -133,13 +134,13 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
         let found = numbers(&row, name)[0];
         assert!((found - exact).abs() < 2e-9, "{name}: {found} for {exact}");
     }
-    // The third zero is at the end: it may be detected or not.
+    // The third zero is at the end of the run, and may be detected or not.
     assert!([2.0, 3.0].contains(&numbers(&row, "zeros")[0]));
     let third = numbers(&row, "second")[0] / FRAC_PI_2;
     assert!((third - third.round()).abs() < 1e-9, "{third}");
 }
 
-/// A step passes over the peak and the pulse.
+/// Means of integrands with a peak or a pulse that is narrow compared with a step.
 #[test]
 fn means_of_narrow_features_are_exact() {
     for (name, over, expression, exact) in [
@@ -158,7 +159,8 @@ fn means_of_narrow_features_are_exact() {
 
 #[test]
 fn integrals_and_means_take_the_impulses_of_jumps() {
-    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1 of z/2; then z = 2 holds it, until t = 3.
+    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of z/2 of size 1; from then on z = 2 holds x
+    // until t = 3.
     let swept = |collect: Value| {
         table(
             &json!({"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 0, "rate": "-x + k*z/2"}},
@@ -178,7 +180,7 @@ fn integrals_and_means_take_the_impulses_of_jumps() {
 
 #[test]
 fn extremes_between_the_times_that_are_examined_are_found() {
-    // The state is t, and every peak has the height 1.
+    // The state is x = t, and every peak has the height 1.
     for peak in
         ["pulse(t, 0.6, 0.01)", "pulse(t, 0.6, 1e-7)", "max(0, 1 - abs(t - 0.618)/0.01)", "exp(-((x - 0.618)/1e-4)^2)"]
     {
@@ -196,7 +198,7 @@ fn extremes_between_the_times_that_are_examined_are_found() {
 
 #[test]
 fn extremes_are_found_where_a_run_begins_at_a_jump() {
-    // Each period the sawtooth comes to 1, where the state is 1 to 1.15 and back.
+    // The sawtooth comes to 1 in each of its periods, while the state rises from 1 to 1.15 and returns.
     for (expression, exact) in
         [("sawtooth(t, 0.1)^4*p", 1.0), ("sawtooth(t, 0.1)^2/x", 1.0), ("mod(t, 0.05)/0.05/x", 1.0)]
     {
@@ -264,7 +266,7 @@ fn means_have_the_order_of_their_points() {
     }
 }
 
-/// A sweep with members of another structure (`k = 0`, an exponent), and failing members.
+/// A sweep with members of another structure (`k = 0`, an exponent `p`), and with members that fail.
 fn mixed() -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1, "f": 1, "p": 1},
@@ -294,7 +296,7 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     let part = |cut: &[usize]| dvi::study::sweep(&specification, cut[0]..cut[1], NonZeroUsize::MIN, &control);
     let mut parts: Vec<Solution> = cuts.windows(2).map(part).collect();
     parts.reverse();
-    // Parts as written, and read back by the program that merges them.
+    // Parts of the sweep as JSON, and as the program that merges them reads them back.
     let read_back = |part: &Solution| encodings::read_json(json_of(part).as_bytes()).unwrap().table.unwrap();
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();
@@ -344,7 +346,8 @@ fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
     assert_eq!(json["table"]["times"], json!([0.0, 0.5, 1.0, 3.0]));
     let swept = specification.clone();
     specification.as_object_mut().unwrap().remove("sweep");
-    // The names of the document are in the order of the alphabet.
+    // Names in a JSON object are sorted alphabetically, so that the parameter `f` varies more slowly than `k` from
+    // row to row.
     for (row, (f, k)) in [-1.0, 0.1, 0.5].iter().flat_map(|f| [1, 2, 3].map(|k| (*f, k))).enumerate() {
         if f < 0.0 {
             assert!(columns["trajectory.v"][row].is_null() && columns["status"][row] == "failed");
@@ -373,7 +376,7 @@ fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
     assert_eq!(json_of(&dvi::study::merge(parts).unwrap()), whole);
 }
 
-/// The state at the end, whatever fields are asked for.
+/// Solves a specification with the field `x` alone, and returns its final value.
 fn x_at_the_end(specification: &Value) -> f64 {
     let mut specification = specification.clone();
     specification["output"]["fields"] = json!(["x"]);
@@ -427,7 +430,7 @@ fn ripple_over_duty_is_that_of_the_orbits() {
 
 #[test]
 fn components_and_elements_of_vectors_are_swept_by_name() {
-    // An RC circuit: v = 1 - e^(-t/(R C)).
+    // An RC circuit with the voltage v = 1 - e^(-t/(R C)).
     let circuit = table(&json!({
         "problem": {"circuit": {"components": [
             {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 1}},
@@ -460,7 +463,7 @@ fn components_and_elements_of_vectors_are_swept_by_name() {
 
 #[test]
 fn states_of_rest_are_swept() {
-    // x' = a - x - z with 0 <= z and x <= 1: the steady state is x = min(a, 1).
+    // For x' = a - x - z with 0 <= z and x <= 1, the steady state is x = min(a, 1).
     let table = table(&json!({
         "problem": {"dvi": {"parameters": {"a": 0.5}, "states": {"x": {"initial": 0, "rate": "a - x"}}}},
         "steady_state": {}, "sweep": {"over": {"a": [0.5, 2]}}}));
@@ -470,7 +473,7 @@ fn states_of_rest_are_swept() {
 
 #[test]
 fn a_period_that_depends_on_what_is_varied_is_that_of_each_member() {
-    // x' = cos(wt) - x: the integral of x^2 over the period is pi/(w (1 + w^2)).
+    // For x' = cos(wt) - x, the integral of x^2 over the period is pi/(w (1 + w^2)).
     let speeds = [0.5, 1.0, 2.0, 4.0];
     let table = table(
         &json!({"problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "cos(w*t) - x"}}}},
@@ -485,7 +488,7 @@ fn a_period_that_depends_on_what_is_varied_is_that_of_each_member() {
 
 #[test]
 fn a_member_without_an_orbit_collects_nothing() {
-    // x' = 1 + cos t - b x drifts without b, and has the mean 1/b with it.
+    // For x' = 1 + cos t - b x, the state drifts if b = 0; otherwise its orbit has the mean 1/b.
     let table = table(
         &json!({"problem": {"dvi": {"parameters": {"b": 1}, "states": {"x": {"initial": 0, "rate": "1 + cos(t) - b*x"}}}},
         "periodic": {"period": "2*pi"}, "method": {"rtol": 1e-9},

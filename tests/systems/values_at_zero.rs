@@ -1,5 +1,5 @@
-//! Parameters that are zero where an analysis begins: derivatives, fits and branches compared with closed solutions, of
-//! equations in which the terms of these parameters are absent at the start.
+//! Parameters whose initial value is zero: derivatives, fits and branches of equations in which the terms of these
+//! parameters are absent at the start, compared with closed-form solutions.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -19,7 +19,7 @@ fn derived(problem: &Value, to: &[&str]) -> dvi::solution::Solution {
     solution
 }
 
-/// `x' = a x^2 - b x` from 1, at `a = 0`.
+/// Bernoulli's equation `x' = a x^2 - b x` from 1, at `a = 0`.
 fn bernoulli() -> Value {
     json!({"dvi": {"parameters": {"a": 0, "b": 1}, "states": {"x": {"initial": 1, "rate": "a*x^2 - b*x"}}}})
 }
@@ -34,7 +34,7 @@ fn the_derivative_by_the_coefficient_of_an_absent_term() {
 
 #[test]
 fn the_derivative_of_a_motion_by_a_damping_that_is_absent() {
-    // x = exp(-c t/2) (cos wt + c/2w sin wt), w^2 = k - c^2/4.
+    // A damped oscillator: x = exp(-c t/2) (cos wt + c/2w sin wt), w^2 = k - c^2/4.
     let problem = json!({"mechanical": {"parameters": {"c": 0, "k": 4}, "mass": [[1]],
         "coordinates": {"x": {"initial": 1, "velocity": 0}}, "forces": {"x": "-k*x - c*x_dot"}}});
     let solution = solve(&json!({"problem": problem, "time": {"end": 1}, "sensitivities": {"to": ["c"]},
@@ -46,7 +46,7 @@ fn the_derivative_of_a_motion_by_a_damping_that_is_absent() {
 
 #[test]
 fn the_derivative_by_an_entry_of_a_matrix_that_is_zero() {
-    // x' = -x + a y, y = exp(-2t): dx/da = exp(-t) - exp(-2t), while z = 0.
+    // For x' = -x + a y with y = exp(-2t), dx/da = exp(-t) - exp(-2t), while z = 0.
     let problem = json!({"lcs": {"parameters": {"a": 0}, "A": [[-1, "a"], [0, -2]], "B": [[1], [0]], "C": [[1, 0]],
         "D": [[1]], "initial": [1, 1], "set": [{"nonnegative": ["z1"]}]}});
     let solution = derived(&problem, &["a"]);
@@ -56,7 +56,7 @@ fn the_derivative_by_an_entry_of_a_matrix_that_is_zero() {
 
 #[test]
 fn a_fit_that_begins_at_zero_finds_values_that_are_not() {
-    // 1/x = a/b + (1 - a/b) exp(b t).
+    // Bernoulli's equation has the solution 1/x = a/b + (1 - a/b) exp(b t).
     let (a, b) = (0.3, 1.2_f64);
     let t: Vec<f64> = (1..=8).map(|i| f64::from(i) / 8.0).collect();
     let x: Vec<f64> = t.iter().map(|t| (a / b + (1.0 - a / b) * (b * t).exp()).recip()).collect();
@@ -70,7 +70,7 @@ fn a_fit_that_begins_at_zero_finds_values_that_are_not() {
 
 #[test]
 fn a_fit_of_an_exponent_that_begins_at_a_whole_number() {
-    // x' = -x^p: x = (1 + (p - 1) t)^(-1/(p - 1)).
+    // The equation x' = -x^p has the solution x = (1 + (p - 1) t)^(-1/(p - 1)).
     let p = 2.5;
     let t: Vec<f64> = (1..=6).map(|i| f64::from(i) / 6.0).collect();
     let x: Vec<f64> = t.iter().map(|t| (1.0 + (p - 1.0) * t).powf(-1.0 / (p - 1.0))).collect();
@@ -83,7 +83,7 @@ fn a_fit_of_an_exponent_that_begins_at_a_whole_number() {
 
 #[test]
 fn a_branch_over_a_parameter_that_is_zero_in_the_problem() {
-    // 0 = a x - x^3 + 1/10, from a = -1 to 1.
+    // Equilibria 0 = a x - x^3 + 1/10, from a = -1 to 1.
     let problem =
         json!({"dvi": {"parameters": {"a": 0}, "states": {"x": {"initial": 0.1, "rate": "a*x - x^3 + 0.1"}}}});
     let solution = solve(&json!({"problem": problem, "method": {"rtol": 1e-10, "atol": 1e-12},
@@ -110,7 +110,7 @@ fn a_steady_state_at_zero_is_zero() {
 
 #[test]
 fn a_parameter_that_decides_the_structure_is_refused_with_what_to_write() {
-    // A mass of zero makes its row algebraic; friction of zero has no law.
+    // A mass of zero makes its row algebraic, and a friction coefficient of zero removes the friction law.
     let of_mass =
         json!({"dvi": {"parameters": {"m": 0}, "mass": [["m"]], "states": {"x": {"initial": 0, "rate": "1 - x"}}}});
     let of_friction = json!({"mechanical": {"parameters": {"m": 0}, "mass": [[1]],
@@ -143,7 +143,7 @@ fn a_parameter_that_decides_the_structure_is_refused_with_what_to_write() {
 
 #[test]
 fn the_derivative_by_the_amplitude_of_a_fast_force_that_is_not_there() {
-    // s = dx/dA solves s' = -s/10 + sin 40 t from 0, while x hardly moves.
+    // The derivative s = dx/dA solves s' = -s/10 + sin 40 t from 0, while x hardly moves.
     let exact = |t: f64| (0.1 * (40.0 * t).sin() - 40.0 * (40.0 * t).cos() + 40.0 * (-0.1 * t).exp()) / 1600.01;
     for amplitude in [0.0, 1e-8, 1e-6, 1e-4] {
         let problem = json!({"dvi": {"parameters": {"A": amplitude},
@@ -163,7 +163,7 @@ fn the_derivative_by_the_amplitude_of_a_fast_force_that_is_not_there() {
 
 #[test]
 fn the_derivative_of_the_impulse_of_friction_that_holds_a_force_that_is_not_there() {
-    // The body sticks, F = A sin wt: d/dA of its integral is (1 - cos wt)/w.
+    // The body sticks with F = A sin wt: the derivative of the integral of F by A is (1 - cos wt)/w.
     let problem = json!({"dvi": {"parameters": {"A": 0, "w": 3}, "states": {"v": {"initial": 0, "rate": "A*sin(w*t) - F"},
         "J": {"initial": 0, "rate": "F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]}});

@@ -1,4 +1,5 @@
-//! An answer: its columns in place, its evidence as JSON, and the other forms that the library writes.
+//! The result of a solve: its columns without a copy, its other members as JSON, and the file formats that the
+//! library writes.
 
 use super::columns;
 use numpy::PyArray1;
@@ -11,12 +12,13 @@ use solution::{Solution, Table};
 use std::io;
 use std::sync::Arc;
 
-/// An answer, which never changes: arrays and tables that others hold are views of it.
+/// The result of a solve. It never changes, since arrays and tables of Python are views of its memory.
 #[pyclass(frozen, module = "dvi._dvi")]
 pub struct Answer {
     solution: Arc<Solution>,
     label: Option<String>,
-    /// The answer of a service as it came: its diagnostics are not read.
+    /// A result received from a service, as its bytes and its parsed members other than the columns; the diagnostics
+    /// in it are not interpreted.
     came: Option<(Skeleton, Vec<u8>)>,
 }
 
@@ -28,7 +30,7 @@ impl Answer {
 
 #[pymethods]
 impl Answer {
-    /// Reads the answer of a service.
+    /// Reads a result that a service has sent as JSON.
     #[staticmethod]
     #[pyo3(signature = (json, label = None))]
     fn from_json(py: Python<'_>, json: &[u8], label: Option<String>) -> PyResult<Self> {
@@ -41,7 +43,7 @@ impl Answer {
         Ok(Self { solution: Arc::new(solution), label, came: Some((skeleton, json.to_vec())) })
     }
 
-    /// What it is the answer of: a `run`, or a `sweep`, `fit`, `orbit`, `steady_state` or `sensitivities`.
+    /// The kind of the result: a `run`, `sweep`, `fit`, `orbit`, `steady_state` or `sensitivities`.
     #[getter]
     fn kind(&self) -> &'static str {
         match &*self.solution {
@@ -54,7 +56,7 @@ impl Answer {
         }
     }
 
-    /// The names of the columns in order: beside the time, or of the table of a sweep.
+    /// The names of the columns of the trajectory without the time, or of the table of a sweep, in their order.
     #[getter]
     fn names(&self) -> Vec<&str> {
         match &self.solution.table {
@@ -63,13 +65,13 @@ impl Answer {
         }
     }
 
-    /// The times.
+    /// The times of the trajectory.
     #[getter]
     fn t<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         columns::view(&slf.get().solution.trajectory.t, slf.clone().into_any())
     }
 
-    /// The column of that name, if there is one.
+    /// The column with this name, or None.
     fn column<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
         let (solution, owner) = (&slf.get().solution, slf.clone().into_any());
         match &solution.table {
@@ -78,15 +80,15 @@ impl Answer {
         }
     }
 
-    /// By how much the fields as functions of time differ from the run at most, in parts of their largest values; none where they are
-    /// not kept.
+    /// The largest difference between the fields as functions of time and the run, relative to the largest values of
+    /// the fields; None if the solve has not kept these functions.
     #[getter]
     fn deviation(&self) -> Option<f64> {
         self.solution.dense.as_ref().map(|dense| dense.deviation)
     }
 
-    /// The fields at times, one after the other and in the order of `names`; none where they are not kept as functions of time, or a
-    /// time is outside of the run.
+    /// The fields at the given times, one array per field in the order of `names`; None if the solve has not kept the
+    /// fields as functions of time, or if a time lies outside the run.
     fn at<'py>(&self, py: Python<'py>, times: Vec<f64>) -> Option<Vec<Bound<'py, PyArray1<f64>>>> {
         let dense = self.solution.dense.as_ref()?;
         let evaluate = || {
@@ -104,7 +106,7 @@ impl Answer {
         Some(columns.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
     }
 
-    /// All but the columns, as JSON.
+    /// All members of the result except the columns, as JSON.
     fn evidence(&self, py: Python<'_>) -> PyResult<String> {
         match &self.came {
             Some((skeleton, _)) => Ok(skeleton.text().to_owned()),
@@ -112,7 +114,7 @@ impl Answer {
         }
     }
 
-    /// The whole answer in a form, by the extension of files that have it: to the byte as the program writes it.
+    /// The whole result in the file format with this extension, identical to the bytes that the program writes.
     fn written<'py>(&self, py: Python<'py>, extension: &str) -> PyResult<Bound<'py, PyBytes>> {
         let form = Form::of_extension(extension).ok_or_else(|| {
             let known = ".json, .csv, .ndjson, .arrow and .svg";
@@ -126,8 +128,9 @@ impl Answer {
         Ok(PyBytes::new(py, &text))
     }
 
-    /// The trajectory, or the table of a sweep, as an Arrow stream of one batch, its columns in place (the PyCapsule interface of
-    /// Arrow). A consumer that would have other types is given those that there are: it may cast them.
+    /// The trajectory, or the table of a sweep, as an Arrow stream of one batch that refers to the columns without a
+    /// copy (the PyCapsule interface of Arrow). A consumer that requests other types gets the existing ones, which it
+    /// may cast.
     #[pyo3(signature = (requested_schema = None))]
     fn __arrow_c_stream__<'py>(
         &self,
@@ -139,7 +142,8 @@ impl Answer {
     }
 }
 
-/// The evidence of a sweep, whose rows would be written as text only to be dropped; of all else the answer itself.
+/// Returns a copy of the result of a sweep without the rows of its table, so that they are not written as text only
+/// to be discarded; any other result is returned unchanged.
 fn without_rows(solution: &Arc<Solution>) -> Arc<Solution> {
     let Some(table) = &solution.table else { return Arc::clone(solution) };
     Arc::new(Solution {

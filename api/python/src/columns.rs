@@ -1,7 +1,8 @@
-//! Columns of an answer in the hands of others, without a copy: numpy arrays and Arrow tables that keep the answer alive.
+//! Views of the columns of a result without a copy: numpy arrays and Arrow tables that keep the result alive.
 //!
-//! The only unsafe code of the project but for foreign interfaces stands here. Its one assumption: an [`Answer`] is frozen and
-//! its solution behind an [`Arc`], so that a column neither moves nor changes while someone holds either.
+//! Apart from foreign interfaces, this module has the only unsafe code of the project. The code relies on one
+//! property: an [`Answer`] is frozen and its solution is behind an [`Arc`], so that a column neither moves nor
+//! changes while a view of the column exists.
 //!
 //! [`Answer`]: super::answer::Answer
 
@@ -19,12 +20,13 @@ use solution::{Solution, Table, Values};
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-/// A numpy array over `values`, which belong to `owner` for as long as it lives. It cannot be written to.
+/// Returns a read-only numpy array over `values`, which `owner` holds for as long as `owner` lives.
 pub fn view<'py, T: Element>(values: &[T], owner: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     over(&ArrayView1::from(values), owner)
 }
 
-/// A numpy array over `values`, of any number of axes, which belong to `owner` for as long as it lives. It cannot be written to.
+/// Returns a read-only numpy array, with any number of axes, over `values`, which `owner` holds for as long as
+/// `owner` lives.
 fn over<'py, T: Element, D: Dimension>(
     values: &ArrayView<'_, T, D>,
     owner: Bound<'py, PyAny>,
@@ -33,14 +35,15 @@ fn over<'py, T: Element, D: Dimension>(
     frozen(unsafe { PyArray::borrow_from_array(values, owner) })
 }
 
-/// An array that cannot be written to.
+/// Makes an array read-only.
 fn frozen<T: Element, D: Dimension>(array: Bound<'_, PyArray<T, D>>) -> PyResult<Bound<'_, PyAny>> {
     let writer = array.try_readwrite().map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(writer.make_nonwriteable().as_any().clone())
 }
 
-/// A column of the table of a sweep. Views of numbers (NaN where one is missing), of truths, and of lists of numbers, a row each;
-/// counts, which are packed, as an array of their own (`0xFFFFFFFF` where one is missing); words as a list (None).
+/// Returns a column of the table of a sweep. Numbers (NaN for missing ones), flags, and lists of numbers (one list
+/// per row) are views; counts, which the table stores packed, are copied into an array (`0xFFFFFFFF` for missing
+/// ones); words are a Python list (None for missing ones).
 pub fn view_of_table<'py>(values: &Values, owner: Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     match values {
         Values::Numbers(numbers) => view(numbers, owner),
@@ -57,7 +60,7 @@ pub fn view_of_table<'py>(values: &Values, owner: Bound<'py, PyAny>) -> PyResult
     }
 }
 
-/// The trajectory, or the table of a sweep, as a capsule that holds an Arrow stream.
+/// Returns the trajectory, or the table of a sweep, as a capsule that holds an Arrow stream.
 pub fn stream<'py>(py: Python<'py>, solution: &Arc<Solution>) -> PyResult<Bound<'py, PyCapsule>> {
     let (schema, columns) = match &solution.table {
         Some(table) => (schema_of_members(table, &solution.verdict), members(table, solution)),
@@ -84,8 +87,8 @@ fn trajectory(solution: &Arc<Solution>) -> (Schema, Vec<ArrayRef>) {
     (Schema::new_with_metadata(fields, metadata.metadata().clone()), columns)
 }
 
-/// The columns of a sweep: numbers in place, with a bit a row where any is missing; all others are copied, as Arrow keeps them
-/// in another way than a table does.
+/// Returns the columns of a sweep: those of numbers without a copy, with a validity bit per row if any number is
+/// missing; all others are copied, since Arrow stores them in another layout than the table.
 fn members(table: &Table, solution: &Arc<Solution>) -> Vec<ArrayRef> {
     let of = |values: &Values| match values {
         Values::Numbers(numbers) => {
@@ -100,11 +103,12 @@ fn members(table: &Table, solution: &Arc<Solution>) -> Vec<ArrayRef> {
     table.columns.iter().map(|column| of(&column.values)).collect()
 }
 
-/// A column of Arrow over `values`, which belong to `solution`.
+/// Returns an Arrow column over `values`, which `solution` holds.
 fn column(values: &[f64], missing: Option<NullBuffer>, solution: &Arc<Solution>) -> Float64Array {
     let start = NonNull::from(values).cast::<u8>();
     let owner = Arc::new(Arc::clone(solution));
-    // SAFETY: `start` points to `size_of_val(values)` bytes that `solution` holds, which `owner` keeps alive and unchanged.
+    // SAFETY: `start` points to `size_of_val(values)` bytes that `solution` holds, and `owner` keeps `solution` alive and
+    // unchanged.
     let buffer = unsafe { Buffer::from_custom_allocation(start, size_of_val(values), owner) };
     Float64Array::new(ScalarBuffer::new(buffer, 0, values.len()), missing)
 }

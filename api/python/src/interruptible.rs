@@ -1,5 +1,5 @@
-//! Work on a thread of its own, so that Python's lock is free and Ctrl-C is heard: the thread that asked looks for signals
-//! while it waits.
+//! Runs work on a thread of its own without Python's lock; the calling thread checks for signals while it waits, so
+//! that Ctrl-C interrupts the work.
 
 use problem::Control;
 use pyo3::exceptions::PyRuntimeError;
@@ -8,22 +8,23 @@ use std::sync::{Condvar, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// Time between two looks for a signal: a tenth of what a person takes for at once.
+/// Time between two checks for a signal: a tenth of the delay that a person perceives as immediate.
 const GLANCE: Duration = Duration::from_millis(10);
 
-/// Room for the deepest expression that a specification may hold, as in the workers of the service.
+/// Stack size that the deepest expression permitted in a specification needs; the workers of the service have the
+/// same.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Work that was interrupted, as far as it came.
+/// The outcome of interrupted work: the exception, and what the work had computed.
 pub struct Interrupted<T> {
-    /// What Python raises: `KeyboardInterrupt`, or what a report of progress raised.
+    /// The Python exception: `KeyboardInterrupt`, or an exception of the progress function.
     pub error: PyErr,
-    /// What the work gave when it was stopped.
+    /// The value that the work returned after it was cancelled.
     pub so_far: Option<T>,
 }
 
-/// Runs `work`, which stops soon after `control` is cancelled. A signal of Python cancels it. `progress` is called with the
-/// fraction done and the steps.
+/// Runs `work`, which must stop soon after `control` is cancelled; a signal that Python raises as an exception
+/// cancels `control`. Calls `progress` with the completed fraction and the number of steps.
 pub fn run<T: Send>(
     py: Python<'_>,
     control: &Control,
@@ -33,7 +34,7 @@ pub fn run<T: Send>(
     let ended = Ended::default();
     thread::scope(|scope| {
         let working = || {
-            // Ended also where the work panics.
+            // The mark is dropped, and the end thereby signalled, also if the work panics.
             let _mark = Mark(&ended);
             work()
         };
@@ -63,7 +64,7 @@ pub fn run<T: Send>(
     })
 }
 
-/// Lets Python handle its signals, and reports how far the work is.
+/// Lets Python handle its signals, and reports the progress of the work.
 fn look(py: Python<'_>, control: &Control, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
     py.check_signals()?;
     if let Some(progress) = progress {
@@ -72,7 +73,7 @@ fn look(py: Python<'_>, control: &Control, progress: Option<&Bound<'_, PyAny>>) 
     Ok(())
 }
 
-/// Whether the work has ended, to be waited for.
+/// A flag, set when the work has ended, for which a thread can wait.
 #[derive(Default)]
 struct Ended {
     is: Mutex<bool>,
@@ -80,7 +81,7 @@ struct Ended {
 }
 
 impl Ended {
-    /// Waits for the end for a moment; whether it came.
+    /// Waits briefly for the end of the work; returns whether the work has ended.
     fn wait(&self) -> bool {
         let is = self.is.lock().unwrap_or_else(PoisonError::into_inner);
         let waited = self.changed.wait_timeout_while(is, GLANCE, |is| !*is);
@@ -88,7 +89,7 @@ impl Ended {
     }
 }
 
-/// Marks the end when it is dropped.
+/// Signals the end of the work when it is dropped.
 struct Mark<'a>(&'a Ended);
 
 impl Drop for Mark<'_> {

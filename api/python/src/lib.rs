@@ -1,5 +1,5 @@
-//! The module `dvi._dvi`: the front door of the library for Python. Whatever it does, the library does; what is written here
-//! hands texts in and columns out, releases Python's lock meanwhile, and hears Ctrl-C. The package around it is in `python/dvi`.
+//! The Python module `dvi._dvi`, a thin layer over the library: it converts specifications and results, releases
+//! Python's lock during a solve, and handles Ctrl-C. The Python package around it is in `python/dvi`.
 
 mod answer;
 mod columns;
@@ -9,7 +9,7 @@ mod specification;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-/// The solver in this process.
+/// The solver, running in the process of Python.
 #[pymodule]
 mod _dvi {
     #[pymodule_export]
@@ -35,25 +35,25 @@ fn schema() -> PyResult<String> {
     text(&::specification::json_schema())
 }
 
-/// What there is to choose from, with its conditions, as JSON.
+/// The available methods and options with their conditions, as JSON.
 #[pyfunction]
 fn catalogue() -> PyResult<String> {
     text(&::specification::catalogue())
 }
 
-/// The examples, each its name and its text.
+/// The name and the text of each example.
 #[pyfunction]
 fn examples() -> Vec<(&'static str, &'static str)> {
     ::specification::EXAMPLES.iter().map(|example| (example.name, example.text)).collect()
 }
 
-/// The document that a text is: a deck of SPICE becomes a specification, all else stays as it is.
+/// Converts a SPICE netlist to a specification; any other text is returned unchanged.
 #[pyfunction]
 fn document_of<'py>(py: Python<'py>, text: &[u8]) -> Bound<'py, PyBytes> {
     PyBytes::new(py, &::specification::document_of(text))
 }
 
-/// The JSON of a value.
+/// Serializes a value as JSON.
 fn text(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(|error| pyo3::exceptions::PyRuntimeError::new_err(error.to_string()))
 }

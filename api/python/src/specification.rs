@@ -1,4 +1,4 @@
-//! A specification, read and checked: to be described, and solved any number of times.
+//! A specification that has been read and checked: it can be described, and solved any number of times.
 
 use super::answer::Answer;
 use super::interruptible::{self, Interrupted};
@@ -25,7 +25,7 @@ pub struct Specification(Arc<specification::Specification>);
 
 #[pymethods]
 impl Specification {
-    /// Reads and checks a JSON document; raises `Malformed` with all that is wrong with it.
+    /// Reads and checks a JSON document; raises `Malformed` with all faults of the document.
     #[new]
     fn new(py: Python<'_>, document: &[u8]) -> PyResult<Self> {
         let control = Control::new();
@@ -34,20 +34,22 @@ impl Specification {
         read.map(|specification| Self(Arc::new(specification))).map_err(|errors| malformed(&errors))
     }
 
-    /// The user's own words for it.
+    /// The label that the user has given to the specification.
     #[getter]
     fn label(&self) -> Option<&str> {
         self.0.label()
     }
 
-    /// What it comes to, without a solve: sizes, what the theory says, what would be built, as JSON.
+    /// A summary of the problem without a solve: its sizes, statements of the theory about it, and the sizes that an
+    /// expansion would have, as JSON.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         text(&py.detach(|| self.0.summary()))
     }
 
-    /// Solves it, and reports at `times` in place of what it asks for, where they are given. `threads` share the members of a
-    /// sweep, as many as there are cores where no number is given. With `dense` the answer keeps its fields as functions of time, where
-    /// that can be. On Ctrl-C the exception has the answer so far as `answer`.
+    /// Solves the problem, with output at `times`, if given, in place of the output times of the specification. A
+    /// sweep runs on `threads` threads, by default one per core. With `dense`, the result also keeps its fields as
+    /// functions of time, where the problem permits it. After Ctrl-C, the attribute `answer` of the exception holds
+    /// the result so far.
     #[pyo3(signature = (progress = None, times = None, threads = None, dense = false))]
     fn solve(
         &self,
@@ -70,7 +72,7 @@ impl Specification {
             if let Some(solution) = so_far
                 && let Ok(answer) = Py::new(py, Answer::new(solution, label))
             {
-                // An exception that takes no attributes is raised without the answer.
+                // An exception type that does not accept attributes is raised without the result.
                 let _ = error.value(py).setattr("answer", answer);
             }
             error

@@ -1,6 +1,6 @@
-//! Memory estimate of the contact law for one island, known before assembly. `W` has a block for every pair of contacts
-//! on one body, so that it grows with the square of the number of contacts of that body; its factors grow with the number
-//! of contacts.
+//! Memory estimate of the contact law for one island, available before assembly. The Delassus operator `W` has a
+//! block for every pair of contacts on one body, so that its size grows with the square of the number of contacts of
+//! that body; the size of its factors grows with the number of contacts.
 
 use super::{Cone, MOST_FACTORISED, is_factored};
 use nalgebra::{Matrix3, Vector3};
@@ -9,32 +9,35 @@ use vi::coulomb::Grip;
 /// The size of the contact problem of one island.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Size {
-    /// The number of contacts; a contact on a patch counts twice, by its force and its torque.
+    /// The number of contacts; a contact patch counts twice, by its force and its torque.
     pub contacts: usize,
-    /// The number of blocks of `W`, if they are assembled.
+    /// The number of 3 x 3 blocks of `W`, if `W` is assembled.
     pub blocks: usize,
-    /// Whether contacts are at points and coupled through bodies alone, so that many contacts need the factors of `W` only.
+    /// Whether all contacts are point contacts coupled through bodies alone, so that a large island needs only the
+    /// factors of `W`.
     pub has_factors: bool,
     /// The admissible set of friction; `None` without friction.
     pub friction: Option<Cone>,
 }
 
-/// Bytes of a block with its column index; and the copies of `W`: as assembled, in the problem, in the scaled problem,
-/// and in the layout of the sweeps.
+/// Bytes of a block of `W` with its column index; and the number of copies of `W`: as assembled, in the problem, in
+/// the scaled problem, and in the layout of the Gauss-Seidel sweeps.
 const BLOCK: usize = size_of::<Matrix3<f64>>() + size_of::<usize>();
 const COPIES: usize = 4;
-/// Bytes of a block during assembly.
+/// Bytes of a block of `W` during assembly.
 const ENTRY: usize = size_of::<(usize, usize, Matrix3<f64>)>();
-/// Bytes of the factors of a contact, as given and as scaled, with its diagonal block.
+/// Bytes of the factors of a contact, both as given and as scaled, with its diagonal block of `W`.
 const FACTORS: usize = 2 * size_of::<(Grip, [u32; 2])>() + 2 * size_of::<Matrix3<f64>>();
-/// Vectors of impulses and velocities: data, iterates, and the history of the acceleration of sweeps.
+/// Number of vectors of impulses and velocities: data, iterates, and the history of the Anderson acceleration of
+/// sweeps.
 const VECTORS: usize = 40;
-/// Dense matrices of Newton's method and of ADMM, each with its factors; and those of complementary pivoting.
+/// Number of dense matrices of Newton's method and of ADMM, each with its factors (`DENSE`); and of complementary
+/// pivoting (`PIVOTED`).
 const DENSE: usize = 4;
 const PIVOTED: usize = 2;
 
 impl Size {
-    /// Bytes needed to solve for the impulses.
+    /// Returns the bytes needed to solve for the impulses.
     pub fn bytes(&self) -> usize {
         let in_factors = self.has_factors && is_factored(self.contacts, self.friction);
         let operator = if in_factors {

@@ -6,7 +6,7 @@
 //! u+ = W r + u_free,    0 <= r_n  _|_  u_n+ - w >= 0,    r_t in mu r_n B,    -u_t+ normal to mu r_n B at r_t
 //! ```
 //!
-//! where `B` is the unit disk or a polygon in it. A contact on a patch has a second row, of its torque. The target `w` of
+//! where `B` is the unit disk or a polygon in it. A contact patch has a second row, for its torque. The target `w` of
 //! the normal velocity is
 //!
 //! - `-e u_n-` for a contact that closes within the step and had approached with `u_n- < 0` (Moreau 1988, on Newton's
@@ -16,8 +16,9 @@
 //!   negative gap is not pushed out: that would add energy.
 //!
 //! With different `e`, or with friction, Newton's law may add energy (Kane and Levinson 1985). The contacts dissipate
-//! `-<r, u+ + u->/2`; if that is negative, impulses are moved on a straight line towards those of `e = 0`, which never
-//! add energy (Stewart 2000, section 3), until they add none. The line lies in the friction cones, which are convex.
+//! `-<r, u+ + u->/2`; if that is negative, impulses are moved on a straight line towards those of `e = 0`, which
+//! never add energy (Stewart 2000, section 3), until they add none. The line lies in the friction cones, which are
+//! convex.
 
 mod memory;
 mod polyhedral;
@@ -46,17 +47,17 @@ pub enum Cone {
     Polyhedral(usize),
 }
 
-/// The Delassus operator.
+/// The Delassus operator `W`.
 #[derive(Clone, Copy, Debug)]
 pub enum Delassus<'a> {
-    /// By its blocks.
+    /// `W` by its 3 x 3 blocks.
     Blocks(&'a BlockMatrix),
-    /// By its factors, for many contacts; see [`is_factored`].
+    /// `W` by its factors, for many contacts; see [`is_factored`].
     Factors(&'a Factored),
 }
 
 impl Delassus<'_> {
-    /// `W r`.
+    /// Returns the product `W r` with the contact impulses `r`.
     pub fn product(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         match self {
             Self::Blocks(blocks) => (0..r.len()).map(|k| blocks.row_product(k, r)).collect(),
@@ -64,7 +65,7 @@ impl Delassus<'_> {
         }
     }
 
-    /// The block `W_kk`.
+    /// Returns the diagonal block `W_kk` of contact `k`.
     fn diagonal(&self, k: usize) -> Matrix3<f64> {
         match self {
             Self::Blocks(blocks) => *blocks.diagonal(k),
@@ -73,51 +74,53 @@ impl Delassus<'_> {
     }
 }
 
-/// The contacts of one step.
+/// The contacts of one step: input of the contact law.
 #[derive(Clone, Copy, Debug)]
 pub struct Contacts<'a> {
-    /// `W`, in 3 x 3 blocks; a direction in which a contact cannot slip has any positive diagonal entry and zeros in
-    /// its row and column.
+    /// The Delassus operator `W` in 3 x 3 blocks. A direction in which a contact cannot slip has any positive
+    /// diagonal entry, and zeros in the remainder of its row and column.
     pub delassus: Delassus<'a>,
-    /// `u_free`, the velocities at the end of the step without impulses.
+    /// `u_free`, the contact velocities at the end of the step without impulses.
     pub free: &'a [Vector3<f64>],
-    /// `u-`, the velocities at the beginning of the step.
+    /// `u-`, the contact velocities at the beginning of the step.
     pub before: &'a [Vector3<f64>],
-    /// The gaps at the beginning of the step.
+    /// The gap of each contact at the beginning of the step.
     pub gap: &'a [f64],
-    /// The coefficients of friction.
+    /// The coefficient of friction of each contact.
     pub mu: &'a [f64],
-    /// The coefficients of restitution, from 0 to 1.
+    /// The coefficient of restitution of each contact, from 0 to 1.
     pub restitution: &'a [f64],
-    /// The admissible sets of friction.
+    /// The admissible set of friction of each contact.
     pub cone: &'a [Cone],
-    /// The roles of the rows; empty if all are contacts at points. The torque of a patch has no gap and no restitution.
+    /// The role of each row, force or torque; empty if all contacts are point contacts. The torque of a patch has no
+    /// gap and no restitution.
     pub roles: &'a [Role],
-    /// The step size.
+    /// The step size `h`.
     pub h: f64,
 }
 
-/// Result and cost of solving the law.
+/// Result and cost of solving the contact law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// The outcome of the last problem.
+    /// The outcome of the last contact problem.
     pub outcome: Outcome,
-    /// The solver that found the solution.
+    /// The name of the solver that found the solution.
     pub solver: &'static str,
-    /// The number of problems solved.
+    /// The number of contact problems solved.
     pub solves: u64,
     /// The total number of pivots or iterations.
     pub iterations: u64,
-    /// The residual of the law, relative to the larger of velocities and impulses.
+    /// The residual of the contact law, relative to the larger of velocities and impulses.
     pub residual: f64,
-    /// The residual of the law with a proximal term, which is solved if the contacts are too many for the law itself.
+    /// The residual of the contact law with a proximal term, which is solved instead of the law itself for many
+    /// contacts.
     pub proximal_residual: Option<f64>,
-    /// The fraction of the restitution that was applied: below one if the whole would have added energy.
+    /// The fraction of the restitution that was applied: below one if full restitution would have added energy.
     pub restitution: f64,
 }
 
 impl Report {
-    /// The report of no problem.
+    /// Returns the report of a step without contacts.
     pub fn none() -> Self {
         Self {
             outcome: Outcome::Solved,
@@ -130,7 +133,7 @@ impl Report {
         }
     }
 
-    /// Takes the result of a solve of Coulomb's law, with its residual with a proximal term, if it has one.
+    /// Records the result of a solve of Coulomb's law, and its residual with a proximal term, if any.
     fn take(&mut self, solved: vi::coulomb::Report, proximal: Option<f64>) {
         self.solver = solved.attempts.last().map_or("start", |attempt| attempt.method.name());
         self.iterations += solved.attempts.iter().map(|attempt| attempt.iterations as u64).sum::<u64>();
@@ -142,13 +145,14 @@ impl Report {
         };
     }
 
-    /// Adds the work of an earlier solve to the report.
+    /// Adds the solves and iterations of an earlier solve to the report.
     #[must_use]
     pub fn after(self, earlier: &Self) -> Self {
         Self { solves: self.solves + earlier.solves, iterations: self.iterations + earlier.iterations, ..self }
     }
 
-    /// Combines the reports of two laws that a step needs: outcome, residual and restitution are those of the worse.
+    /// Combines the reports of two contact problems of one step: outcome, residual and restitution are those of the
+    /// worse.
     #[must_use]
     pub fn beside(self, other: &Self) -> Self {
         let worse = if other.outcome != Outcome::Solved { other } else { &self };
@@ -162,12 +166,12 @@ impl Report {
     }
 }
 
-/// The larger of two residuals; one of them, or both, may be missing.
+/// Returns the larger of two residuals, either of which may be missing.
 pub fn worse_of(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     a.into_iter().chain(b).reduce(f64::max)
 }
 
-/// The solvers of the law, with their workspace.
+/// The solvers of the contact law, with their workspace.
 #[derive(Debug)]
 pub struct Law {
     coulomb: Coulomb,
@@ -179,33 +183,33 @@ pub struct Law {
     inelastic: Vec<Vector3<f64>>,
 }
 
-/// Largest relative residual of a solution.
+/// Relative residual up to which an iterate is accepted as a solution.
 pub const UNSOLVED: f64 = 1e-6;
 
-/// Iteration limit of the slowest solver: a step that needs more is reported as unsolved. Of 379 hard problems of heaps ten times as
-/// many solved none of those that were left.
+/// Iteration limit of the slowest solver; a step that reaches it is reported as unsolved. Of 379 hard problems of
+/// heaps, a tenfold limit solved no more.
 const MOST_ITERATIONS: usize = 300;
 
-/// Largest number of contacts in one island for a dense factorisation; larger ones take seconds.
+/// Largest number of contacts of one island for which a dense matrix is factorised; larger ones take seconds.
 const MOST_FACTORISED: usize = 600;
 
-/// Largest number of frictionless contacts for dense pivoting; above it sweeps and sparse factors cost less.
+/// Largest number of frictionless contacts for dense pivoting; for more contacts sweeps and sparse factors cost less.
 const MOST_PIVOTED: usize = 100;
 
-/// Whether the contacts of an island are so many that the law needs the factors of their Delassus operator, and not its
-/// blocks.
+/// Whether an island has so many contacts that the contact law uses the factors of the Delassus operator instead of
+/// its blocks.
 pub fn is_factored(contacts: usize, friction: Option<Cone>) -> bool {
     contacts > MOST_FACTORISED && friction.is_none_or(|cone| cone == Cone::Quadratic)
 }
 
-/// The admissible set of a contact that can slip in one direction only.
+/// The admissible set of a contact that can slip in one direction only: a segment.
 const SEGMENT: Cone = Cone::Polyhedral(2);
 
-/// Energy below this fraction of `sum |r| |u|` is rounding.
+/// An energy below this fraction of `sum |r| |u|` is rounding.
 const ROUNDING: f64 = 1e-13;
 
 impl Law {
-    /// Allocates solvers for this relative residual.
+    /// Allocates solvers for the given tolerance on the relative residual.
     pub fn new(tolerance: f64) -> Self {
         Self {
             coulomb: Coulomb::new(Limits {
@@ -223,12 +227,14 @@ impl Law {
         }
     }
 
-    /// Computes the impulses, starting from those in `r`. Only a report with [`Outcome::Solved`] is a solution.
+    /// Computes the contact impulses, starting from those in `r`. Only a report with [`Outcome::Solved`] is a
+    /// solution.
     pub fn impulses(&mut self, contacts: &Contacts<'_>, r: &mut [Vector3<f64>], control: &Control) -> Report {
         let mut report = Report::none();
         self.closing.clear();
         self.closing.extend((0..r.len()).map(|k| contacts.approaches(k) && contacts.closes(k, contacts.free[k].x)));
-        // A contact that closes only because others push it is found in the solution.
+        // Repeat until no further contact closes: a contact that closes only because others push it shows in the
+        // solution.
         for _ in 0..=r.len() {
             self.set_targets(contacts, 1.0);
             self.solve(contacts, r, &mut report, control);
@@ -280,8 +286,8 @@ impl Law {
             if over || (0..r.len()).any(|k| faceted(k) && contacts.cone[k] != SEGMENT) {
                 return;
             }
-            // Contacts with dependent slip directions have bases that are singular up to rounding. In one direction a
-            // disk is a segment, so the solver for disks takes over.
+            // Contacts with dependent slip directions have bases that are singular up to rounding. For a single slip
+            // direction a disk is a segment, so the solver for disks takes over.
             r.fill(Vector3::zeros());
             report.solves += 1;
         }
@@ -295,7 +301,7 @@ impl Law {
         }
     }
 
-    /// Moves impulses that add energy towards the inelastic ones, until they add none.
+    /// Moves impulses that add energy towards those without restitution, until they add none.
     fn spend_no_more_than_there_is(
         &mut self,
         contacts: &Contacts<'_>,
@@ -312,7 +318,7 @@ impl Law {
         inelastic.clear();
         inelastic.extend_from_slice(r);
         self.solve(contacts, &mut inelastic, report, control);
-        // Along the line the dissipation is a concave parabola, determined by three points.
+        // Along the line of impulses the dissipation is a concave parabola, determined by three points.
         let (start, _) = contacts.dissipation(&inelastic);
         let least = start.min(0.0);
         let middle: Vec<Vector3<f64>> = inelastic.iter().zip(&*r).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -336,12 +342,12 @@ impl Law {
 }
 
 impl Contacts<'_> {
-    /// `u+` of every contact.
+    /// Returns the velocity `u+` of every contact after the impulses `r`.
     pub fn after(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         self.delassus.product(r).iter().zip(self.free).map(|(change, free)| change + free).collect()
     }
 
-    /// Whether the contact can rebound.
+    /// Whether contact `k` can rebound: it approaches and has restitution.
     fn approaches(&self, k: usize) -> bool {
         self.restitution[k] > 0.0 && self.before[k].x < 0.0
     }
@@ -356,7 +362,7 @@ impl Contacts<'_> {
         self.gap[k] <= 0.0 || self.gap[k] + self.h * u_n < 0.0
     }
 
-    /// The dissipation `-<r, u+ + u->/2`, and the size of its terms.
+    /// Returns the dissipation `-<r, u+ + u->/2`, and the size of its terms.
     fn dissipation(&self, r: &[Vector3<f64>]) -> (f64, f64) {
         self.after(r).iter().zip(self.before).zip(r).fold((0.0, 0.0), |(sum, size), ((after, before), r)| {
             (sum - 0.5 * r.dot(&(after + before)), size + r.norm() * (after.norm() + before.norm()))

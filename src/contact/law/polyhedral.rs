@@ -1,5 +1,5 @@
-//! The law with polygonal friction, as a linear complementarity problem (Stewart and Trinkle 1996; Anitescu and Potra
-//! 1997, who show that its matrix is copositive and that Lemke's method solves it):
+//! The contact law with polygonal friction, as a linear complementarity problem (Stewart and Trinkle 1996; Anitescu
+//! and Potra 1997, who show that its matrix is copositive and that Lemke's method solves it):
 //!
 //! ```text
 //! 0 <= c_n     _|_  n^T v+ - w              >= 0
@@ -7,9 +7,9 @@
 //! 0 <= lambda  _|_  mu c_n - 1^T beta       >= 0
 //! ```
 //!
-//! A contact without friction has `c_n` alone. Each contact is scaled by its own unit, `D W D` and `D q` with impulses
-//! `D^-1 r`: `W` has the size of an inverse mass, whereas `mu` and the ones are pure numbers. `D` holds powers of two,
-//! so that scaling is exact.
+//! A contact without friction has `c_n` alone. Each contact is scaled by its own unit in the diagonal matrix `D`: the
+//! solver gets `D W D` and `D q`, with impulses `D^-1 r`, since `W` has the size of an inverse mass, whereas `mu` and
+//! the entries one are pure numbers. The entries of `D` are powers of two, so that scaling is exact.
 
 use super::{Cone, Contacts, Report};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -17,13 +17,13 @@ use problem::{Control, ConvexSet};
 use vi::coulomb::BlockMatrix;
 use vi::{AffineVi, Lemke, Outcome, ViSolver};
 
-/// The complementarity problem and its solver.
+/// The linear complementarity problem of the contacts and its solver.
 #[derive(Debug)]
 pub struct Polyhedral {
     solver: Lemke,
-    /// The contact and the kind of each unknown.
+    /// The contact and the kind of each unknown of the complementarity problem.
     unknowns: Vec<(usize, Unknown)>,
-    /// `D`, one entry for each contact.
+    /// The diagonal of the scaling matrix `D`, one entry for each contact.
     units: Vec<f64>,
     /// The solution of the last problem, the starting point of the next.
     z: Vec<f64>,
@@ -31,9 +31,9 @@ pub struct Polyhedral {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Unknown {
-    /// `c_n` or a component of `beta`, with the direction of its impulse.
+    /// The normal impulse `c_n` or a component of `beta`, with the direction of the impulse.
     Impulse(Vector3<f64>),
-    /// `lambda`.
+    /// The slip speed `lambda`.
     Slip,
 }
 
@@ -44,7 +44,7 @@ impl Default for Polyhedral {
 }
 
 impl Polyhedral {
-    /// Solves for the impulses `r` with `u = W r + q`, `w = 0`.
+    /// Solves for the impulses `r` of the contact law with `u = W r + q` and target `w = 0`.
     pub fn solve(
         &mut self,
         contacts: &Contacts<'_>,
@@ -91,7 +91,7 @@ impl Polyhedral {
                 r[k] += direction * (*z * self.units[k]);
             }
         }
-        // Include the velocities before the step: where they cancel, their rounding remains.
+        // Include the velocities before the step: if they cancel in `q`, their rounding errors remain.
         let before = contacts.before.iter().zip(&self.units).map(|(u, unit)| u.amax() * unit);
         let terms = q.iter().chain(&self.z).map(|x| x.abs()).chain(before);
         let size = terms.fold(f64::MIN_POSITIVE, f64::max);
@@ -124,13 +124,14 @@ impl Polyhedral {
     }
 }
 
-/// The power of two next below `(tr W_kk / 3)^(-1/2)`.
+/// Returns the largest power of two below `(tr W_kk / 3)^(-1/2)`, the unit of a contact with the diagonal block
+/// `W_kk`.
 fn unit(diagonal: &Matrix3<f64>) -> f64 {
     let exponent = (-0.5 * (diagonal.trace() / 3.0).log2()).floor();
     if exponent.is_finite() { exponent.exp2() } else { 1.0 }
 }
 
-/// Corner `i` of a regular polygon; corners on the axes are exact, so that opposite ones cancel.
+/// Returns corner `i` of a regular polygon; corners on the axes are exact, so that opposite ones cancel.
 fn corner(i: usize, corners: usize) -> Vector3<f64> {
     let (quarters, rest) = (4 * i / corners, 4 * i % corners);
     let angle = std::f64::consts::FRAC_PI_2 * rest as f64 / corners as f64;

@@ -1,20 +1,21 @@
-//! Sequential impacts: of the closed contacts that approach, the fastest is struck by Newton's law with the others left
-//! alone, until none approaches. It is the behaviour of a row of balls through which shocks run one by one (Newton's
-//! cradle), where the simultaneous law gives every ball a share at once. Between two contacts with `e < 1` strikes may
-//! follow each other without end; beyond a limit the remaining approach is left to the simultaneous law.
+//! Sequential impacts: of the closed contacts that approach, the fastest is struck by Newton's law while the others
+//! carry no impulse, until none approaches. The law reproduces a row of balls through which shocks run one by one
+//! (Newton's cradle), where the simultaneous law sets every ball in motion at once. Between two contacts with `e < 1`
+//! strikes may follow each other without end; beyond a limit the remaining approach is left to the simultaneous law.
 
 use super::{Contacts, Delassus};
 use nalgebra::Vector3;
 use vi::coulomb::{Role, solve_contact, solve_patch};
 
-/// Largest number of strikes per contact; the simultaneous law takes over from there.
+/// Largest number of strikes per contact; beyond it the simultaneous impact law takes over.
 const STRIKES: usize = 1000;
 
 /// Approach velocities below this fraction of the largest velocity before the impacts are treated as zero.
 const ROUNDING: f64 = 1e-13;
 
-/// The strikes in their order, each with its contact and its impulse, from the velocities before the step. Friction in
-/// each strike is that of a single contact with a disk, or on a patch with its torque.
+/// Returns the strikes in their order, each with its contact and its impulse, starting from the velocities before the
+/// step. Friction in each strike is that of a single contact with a disk as its friction set, or of a single patch
+/// with its torque.
 pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
     let n = contacts.gap.len();
     let mut u = contacts.before.to_vec();
@@ -40,7 +41,7 @@ pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
             }
         }
         match contacts.delassus {
-            // W is symmetric up to rounding: rows equal columns.
+            // `W` is symmetric up to rounding: its columns are its transposed rows.
             Delassus::Blocks(blocks) => {
                 for &(row, strike) in &strikes[first..] {
                     blocks.row(row).for_each(|(l, block)| u[l] += block.transpose() * strike);

@@ -1,7 +1,8 @@
 use super::*;
 use nalgebra::{DMatrix, Matrix3};
 
-/// `W` of contacts on a line of balls, each contact between two neighbours, normal direction alone.
+/// Returns the Delassus operator of the contacts of a row of balls, each contact between two neighbours, in the
+/// normal direction alone.
 fn line(masses: &[f64]) -> BlockMatrix {
     let n = masses.len() - 1;
     let mut blocks = Vec::new();
@@ -51,7 +52,7 @@ fn velocities(masses: &[f64], v: &[f64], r: &[Vector3<f64>]) -> Vec<f64> {
 
 #[test]
 fn a_row_of_balls_struck_at_once_shares_the_blow() {
-    // Moreau's law with e = 1: v_1 = -(n - 2)/n, the others 2/n.
+    // By Moreau's law with e = 1, v_1 = -(n - 2)/n, and the other velocities are 2/n.
     for n in [3, 5, 8] {
         let masses = vec![1.0; n];
         let mut before = vec![Vector3::zeros(); n - 1];
@@ -100,7 +101,8 @@ fn no_energy_is_added_where_newtons_law_would_add_some() {
         for spin in [-6.0, -2.0, 0.0, 3.0, 8.0] {
             let angle = 0.1 + 0.035 * f64::from(i);
             let (sine, cosine) = angle.sin_cos();
-            // Unit mass, half length 1, inertia 1/3: rows of the lower end by (x, y, angle).
+            // A rod of unit mass, half length 1 and inertia 1/3: rows of the constraint Jacobian of its lower end by
+            // (x, y, angle).
             let (n, t) = ([0.0, 1.0, -cosine], [1.0, 0.0, sine]);
             let inverse = [1.0, 1.0, 3.0];
             let dot = |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|i| a[i] * inverse[i] * b[i]).sum::<f64>();
@@ -147,7 +149,7 @@ fn an_open_gap_may_close_and_no_more() {
     let mut r = [Vector3::zeros()];
     Law::new(1e-12).impulses(&contacts, &mut r, &Control::new());
     assert!((contacts.gap[0] + contacts.h * contacts.after(&r)[0].x).abs() < 1e-15);
-    // With restitution the velocity of approach is reversed.
+    // With restitution 0.5 the contact leaves with half of its approach velocity.
     let contacts = Contacts { restitution: &[0.5], ..contacts };
     Law::new(1e-12).impulses(&contacts, &mut r, &Control::new());
     assert!((contacts.after(&r)[0].x - 1.5).abs() < 1e-15);
@@ -155,7 +157,7 @@ fn an_open_gap_may_close_and_no_more() {
 
 #[test]
 fn polygons_with_more_corners_come_to_the_disk() {
-    // A random symmetric positive definite W for three contacts.
+    // A random symmetric positive definite Delassus operator `W` of three contacts.
     let a = DMatrix::from_fn(9, 9, |i, j| ((i * 7 + j * 13) % 11) as f64 / 11.0 - 0.4);
     let w = &a * a.transpose() + DMatrix::identity(9, 9);
     let blocks = (0..9).map(|b| (b / 3, b % 3, w.fixed_view::<3, 3>(3 * (b / 3), 3 * (b % 3)).into_owned()));
@@ -196,7 +198,7 @@ fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() 
         for (upright, spin) in [(1.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0)] {
             let tilt = 10.0_f64.powi(-digits);
             let (sine, cosine) = (upright * tilt, upright * (1.0 - 0.5 * tilt * tilt));
-            // Rows of J by angle, x and y: a normal and a slip of each corner.
+            // Rows of the constraint Jacobian `J` by angle, x and y: a normal and a slip of each corner.
             let corner = |side: f64| {
                 [[-side * b * cosine + h * sine, 0.0, 1.0], [side * b * sine + h * cosine, 1.0, 0.0], [0.0; 3]]
             };

@@ -1,43 +1,47 @@
-//! Coefficients of friction that vary: with the impulses `r(mu)` of the law and the state that they lead to,
+//! Varying coefficients of friction. With the impulses `r(mu)` of the contact law and the resulting state at the end
+//! of the step, the coefficients satisfy
 //!
 //! ```text
 //! mu_k = mu_k(t+, q+, v+, |u_t,k+|)
 //! ```
 //!
-//! is solved by a secant iteration from the coefficients at the beginning. Where friction falls steeply with the speed of
-//! the slip there may be several solutions: iterations without the secant lead away from an unstable one, to the next.
+//! The equation is solved by a secant iteration that starts from the coefficients at the beginning of the step. Where
+//! friction falls steeply with the slip speed, several solutions may exist: iterations without the secant leave an
+//! unstable solution for the next one.
 
 use nalgebra::Vector3;
 
-/// Largest number of solutions of the law for one step.
+/// Largest number of solves of the contact law for one step.
 const ROUNDS: usize = 60;
 
-/// Change of a coefficient, which has no unit, at which iterations end: the law is solved no more accurately.
+/// Tolerance on the error of a coefficient of friction, which has no unit, at which iterations end: the contact law
+/// is solved no more accurately.
 const SETTLED: f64 = 1e-11;
 
-/// Coefficients down to minus this are rounding of zero.
+/// Coefficients of friction down to minus this value are rounding errors of zero.
 const ROUNDING: f64 = 1e-12;
 
-/// A coefficient of friction that can be: not negative, but for rounding.
+/// Returns the coefficient of friction with rounding errors of zero removed; `None` if it is negative or not finite.
 pub fn admissible(mu: f64) -> Option<f64> {
     (mu.is_finite() && mu >= -ROUNDING).then_some(mu.max(0.0))
 }
 
-/// The iteration for the coefficients of one step.
+/// Secant iteration for the coefficients of friction of one step.
 #[derive(Clone, Debug, Default)]
 pub struct Coefficients {
     rounds: usize,
-    /// The coefficients of the last round, and by how much they were off.
+    /// The coefficients of friction of the last round and their errors.
     last: Option<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Coefficients {
-    /// Takes the coefficients `due` in the state that the impulses `r` lead to, which those in `mu` gave. Returns by how
-    /// much `mu` is off if iterations are over, else sets `mu` to the next ones to try.
+    /// Makes one iteration. The impulses `r` were computed with the coefficients `mu` and lead to a state with the
+    /// coefficients `due`. Returns the largest error of `mu` if iterations are over; otherwise returns `None` and
+    /// sets `mu` to the next coefficients to try.
     pub fn settle(&mut self, mu: &mut Vec<f64>, due: Vec<f64>, r: &[Vector3<f64>]) -> Option<f64> {
         self.rounds += 1;
         let off: Vec<f64> = due.iter().zip(&*mu).map(|(due, used)| due - used).collect();
-        // Coefficients of contacts without an impulse do not act.
+        // Coefficients of contacts without an impulse have no effect.
         let acting = |&i: &usize| r[i].x > 0.0;
         let farthest = (0..off.len()).filter(acting).map(|i| off[i].abs()).fold(0.0, f64::max);
         if farthest <= SETTLED {

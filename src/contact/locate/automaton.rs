@@ -1,5 +1,5 @@
-//! One step of the automaton whose modes are contact modes. The one-step method proposes and judges the step; here it is
-//! cut where the mode ends.
+//! One step of the hybrid automaton whose modes are contact modes: the one-step method proposes a step, and the step
+//! is cut at the end of the mode.
 
 use super::hidden::{Enclosed, Hidden};
 use super::integrals::Integrals;
@@ -10,25 +10,26 @@ use crate::ContactError;
 use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
 use numerics::Interval;
 
-/// Largest number of cuts of a step for hidden violations that its enclosure finds.
+/// Largest number of cuts of a step for hidden violations found by its enclosure.
 const ROUNDS: usize = 2;
 
-/// Largest number of cuts of a step for a violation that seems to begin with it: a gap that opens with its third derivative
-/// is below the error of the polynomials of a long step, and above that of one a hundred times as short.
+/// Largest number of cuts of a step for a violation at its beginning: the initial opening of a gap that opens with
+/// its third derivative lies below the error of the polynomials of a long step, and above that of a step a hundred
+/// times as short.
 const RECUTS: usize = 6;
 
-/// The attempts at one step.
+/// Counters of the attempts at one step.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The number of cuts for hidden violations.
+    /// The number of cuts of the step for hidden violations.
     rounds: usize,
-    /// The number of cuts where a violation was seen.
+    /// The number of cuts of the step at monitors seen violated.
     recuts: usize,
-    /// Whether the step was cut where a violation was seen, and has not been searched since.
+    /// Whether the step was cut at a monitor seen violated, and has not been searched for events since.
     is_recut: bool,
 }
 
-/// A step of the method, or the part of it before a cut.
+/// A step of the one-step method, or its part before a cut.
 #[derive(Clone, Copy, Debug)]
 pub struct Part {
     begin: f64,
@@ -39,14 +40,14 @@ pub struct Part {
 
 /// The first violation within a step.
 pub enum Found {
-    /// A monitor is violated in a step whose stages have the accuracy of its tolerance: whether a gap closes must be
-    /// decided more accurately.
+    /// A monitor is violated in a step whose stages are only as accurate as the monitor's tolerance: whether a gap
+    /// closes must be decided with a tighter tolerance.
     Seen(Violation),
-    /// A monitor is violated.
+    /// A monitor is violated in an accurate step.
     Monitor(Violation),
     /// A gap or a joint is violated between the points at which the step was evaluated.
     Hidden(Hidden),
-    /// The step was searched up to this time.
+    /// The step was searched for violations up to this time only.
     Unsearched(f64),
 }
 
@@ -81,7 +82,8 @@ impl Automaton for SmoothPhase<'_, '_> {
         if let Some(burst) = self.burst(begin, step.end) {
             (self.over, self.located.h) = (true, Some(burst.next));
             if burst.until <= begin {
-                // The burst begins with the step: repeat the step, shorter.
+                // A burst (dependence on time that the step missed) begins with the step: repeat the step with a
+                // smaller size.
                 self.located.mode = Some(self.mode.clone());
                 return Ok(Solved::Passed);
             }
@@ -104,7 +106,7 @@ impl Automaton for SmoothPhase<'_, '_> {
             Search::Ends(Violation { t, .. }) | Search::Until(t) => t,
         };
         if std::mem::take(&mut attempts.is_recut) && matches!(found, Search::Clear) {
-            // The violation was an error of the step; a shorter step does not have it.
+            // The violation was an error of the longer step: the cut step does not have it.
             self.located.h = Some(GROWTH * (end - begin));
         }
         let enclosed = self.hidden(begin, until);
@@ -153,7 +155,8 @@ impl Automaton for SmoothPhase<'_, '_> {
         })
     }
 
-    /// Makes a step of time stepping: where smooth motion has no continuation, one with impulses may exist.
+    /// Makes one step of time stepping: where the smooth motion has no continuation, a motion with impulses may
+    /// exist.
     fn leave_mode(&mut self, _: f64, _: &mut Attempts) -> Result<Solved<Part>, ContactError> {
         (self.over, self.method) = (true, None);
         self.located.step_over(self.control)?;
@@ -200,14 +203,14 @@ impl Automaton for SmoothPhase<'_, '_> {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the closing of a gap that was at rest at the beginning of a step may be an error of the step.
+    /// Whether the closing of a gap that is at rest at the beginning of the step may be an error of the step.
     fn may_be_error(&mut self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
         let Ending::Impact(k) = violation.ending else { return false };
         let begins = violation.t - step.begin <= SMALLEST * (step.end - step.begin);
         if !begins || violation.seen >= step.end || attempts.recuts >= RECUTS {
             return false;
         }
-        // The state is that at the beginning until the step is accepted.
+        // Until the step is accepted, `state` is the state at its beginning.
         self.located.evaluate_constraints();
         let v = &self.located.state.v;
         self.located.normal(k, v).abs() <= self.located.rounding(k, v)

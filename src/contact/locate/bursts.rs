@@ -1,11 +1,12 @@
-//! Bursts: explicit dependence on time that a step has missed, such as a force, a belt or a floor that acts for a
-//! moment between all points at which the step was evaluated.
+//! Bursts: explicit dependence on time that a step has missed, such as a force, a belt or a floor that acts briefly
+//! between all points at which the step was evaluated.
 //!
-//! Forces, drift and bias are enclosed over the times of a step, with coordinates and velocities frozen at the middle
-//! of each of its parts. A part is halved where an enclosure is much wider than the values at its ends and its middle,
-//! or where these are not nearly on a line. Forces are then compared in the resulting parts: where the slopes of the
-//! collocation polynomial differ from the accelerations, the step went over a burst and is repeated up to its
-//! beginning.
+//! Forces, the drift `b` of the velocities `u = J v + b` of contacts and joints, and the bias of their rates are
+//! enclosed over the times of a step, with coordinates and velocities frozen at the middle of each part of the step.
+//! A part is halved if an enclosure is much wider than the values at the ends and the middle of the part, or if these
+//! three values are far from a straight line. In each resulting part the slopes of the collocation polynomial are
+//! then compared with the accelerations: where they differ, the step went over a burst and is repeated up to the
+//! beginning of the burst.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
 use super::mode::Status;
@@ -15,25 +16,25 @@ use numerics::{Interval, is_seen};
 /// Largest number of parts of one step; beyond it undecided parts are not halved further.
 const MOST_PARTS: usize = 400;
 
-/// The shortest part, relative to the step.
+/// The shortest part of a step, relative to the step.
 const SMALLEST: f64 = 1e-9;
 
-/// A burst was missed if slopes of velocities in the middle of a part differ from the accelerations by more than this
-/// many tolerances, over the length of the part: the derivative of the polynomial is one order less accurate than its
-/// end values.
+/// A burst of time-dependent forces was missed if slopes of velocities in the middle of a part differ from the
+/// accelerations by more than `OFF` tolerances, over the length of the part: the derivative of the collocation
+/// polynomial is one order less accurate than its end values.
 const OFF: f64 = 10.0;
 
-/// A partition of a step.
+/// A partition of a step in time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Parts {
-    /// The times at which parts end, except for the last.
+    /// The times at which the parts end, except for the last part.
     pub ends: Vec<f64>,
     /// Whether the points of every part represent the dependence on time within it.
     pub are_decided: bool,
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Partitions a step so that the dependence on time shows at the points of each part.
+    /// Partitions a step so that the points of each part represent the explicit dependence on time.
     pub(super) fn parts_in_time(&mut self, begin: f64, end: f64) -> Parts {
         let mut parts = Parts { ends: Vec::new(), are_decided: true };
         if !self.located.structure.depends_on_time {
@@ -61,8 +62,8 @@ impl SmoothPhase<'_, '_> {
         parts
     }
 
-    /// Tolerances of forces, drift and bias over a step: that of a force is the one that changes velocities by their
-    /// tolerance, that of drift the tolerance of velocities.
+    /// Returns the tolerances of forces, drift and bias over a step: that of a force changes velocities by their
+    /// tolerance, that of drift is the tolerance of velocities.
     fn tolerances_in_time(&mut self, begin: f64, end: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -77,7 +78,7 @@ impl SmoothPhase<'_, '_> {
         let drift = rows.clone().map(|row| constraints.size(row, &of_v));
         let bias = rows.map(|row| constraints.size(row, &of_v) / h);
         let forces: Vec<f64> = forces.collect();
-        // A coefficient of friction may be off by what its normal force makes of that.
+        // The tolerance of a coefficient of friction follows from those of the forces, divided by its normal force.
         let structure = &self.located.structure;
         let varying = (0..self.mode.len()).filter(|&k| structure.contacts[k].varies);
         let coefficient = |k: usize| {
@@ -92,7 +93,8 @@ impl SmoothPhase<'_, '_> {
         forces.into_iter().chain(drift).chain(bias).chain(coefficients).collect()
     }
 
-    /// Encloses forces, drift, bias and coefficients of friction that vary, with coordinates and velocities frozen.
+    /// Encloses forces, drift, bias and varying coefficients of friction over times `t`, with coordinates and
+    /// velocities frozen.
     fn enclose_in_time(&mut self, t: Interval, x: &[f64], values: &mut [Interval]) {
         let (q, v) = x.split_at(x.len() / 2);
         let structure = &self.located.structure;
@@ -109,7 +111,7 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// Whether the values at the ends and the middle of a part represent the dependence on time within it.
+    /// Whether the values at the ends and the middle of a part represent the explicit dependence on time within it.
     fn shows(&mut self, (a, b): (f64, f64), x: &[f64], allowed: &[f64]) -> bool {
         let mut enclosed = vec![Interval::LINE; allowed.len()];
         self.enclose_in_time(Interval::new(a, b), x, &mut enclosed);
@@ -125,7 +127,7 @@ impl SmoothPhase<'_, '_> {
         (0..allowed.len()).all(|i| is_seen(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i]))
     }
 
-    /// Finds a burst that the last step missed, in one of its parts.
+    /// Finds a burst of time-dependent forces that the last step missed, in one of the parts of the step.
     pub(super) fn burst(&mut self, begin: f64, end: f64) -> Option<Hidden> {
         let mut from = begin;
         let ends = self.parts.ends.clone();
@@ -140,8 +142,8 @@ impl SmoothPhase<'_, '_> {
         None
     }
 
-    /// Whether the slopes of velocities at `t` differ from the accelerations by more than `multiple` tolerances over
-    /// `length`.
+    /// Whether the slopes of velocities at the time `t` differ from the accelerations by more than `multiple`
+    /// tolerances over `length`.
     fn is_off(&mut self, t: f64, length: f64, multiple: f64) -> bool {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -152,7 +154,8 @@ impl SmoothPhase<'_, '_> {
         (0..n).any(|i| (slopes[n + i] - self.watch.a[i]).abs() * length > multiple * tolerances[i])
     }
 
-    /// The cut of a step whose slopes were found to be off at the time `seen`.
+    /// Returns the cut of a step whose velocity slopes were found to differ from the accelerations at the time
+    /// `seen`.
     fn before(&mut self, begin: f64, seen: f64, length: f64) -> Hidden {
         let (mut clear, mut off) = (begin, seen);
         for _ in 0..HALVINGS {
@@ -163,7 +166,7 @@ impl SmoothPhase<'_, '_> {
             let side = if self.is_off(middle, length, 1.0) { &mut off } else { &mut clear };
             *side = middle;
         }
-        // The burst may begin before the slopes show it.
+        // A burst of forces may begin earlier than the slopes of velocities show.
         let until = (clear - (seen - clear)).max(begin);
         Hidden { until, next: NEXT * (seen - until) }
     }

@@ -16,15 +16,15 @@ use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the monitors of closed contacts are proven to stay positive over the step; otherwise a time at which one
-    /// is violated, if one was found.
+    /// Whether the monitors of closed contacts are proven to stay positive over the step; if not, also a time at
+    /// which one of them is violated, if one was found.
     pub(super) fn forces_within(&mut self, begin: f64, end: f64) -> (bool, Option<f64>) {
         if !self.mode.iter().any(|status| status.is_closed()) {
             return (true, None);
         }
         let levels = self.levels(begin);
-        // In parts of the step shorter than this no violation is looked for: it would belong to the event that ends the step, or
-        // lie below the resolution of time.
+        // No violation is looked for in parts of the step shorter than `smallest`: it would belong to the event that
+        // ends the step, or lie below the resolution of time.
         let smallest = (SMALLEST * (end - begin)).max(ROUNDING_OF_TIME * end.abs());
         let mut parts = vec![(begin, end)];
         let mut enclosed = 0;
@@ -45,15 +45,15 @@ impl SmoothPhase<'_, '_> {
         (true, None)
     }
 
-    /// The lowest admissible values of the monitors: zero, or the value at the beginning of the step if that is
-    /// negative, less a multiple of their noise.
+    /// Returns the lowest admissible value of each monitor: zero, or the monitor's value at the beginning of the step
+    /// if that is negative, less a multiple of the monitor's noise.
     fn levels(&mut self, begin: f64) -> Vec<f64> {
         let mut monitors = Vec::new();
         self.monitors_at(begin, &mut monitors);
         monitors.iter().map(|monitor| monitor.value.min(0.0) - NOISE * monitor.noise).collect()
     }
 
-    /// Whether a monitor of a closed contact is below its level at `t`.
+    /// Whether a monitor of a closed contact is below its lowest admissible value at the time `t`.
     fn is_mode_violated(&mut self, t: f64, levels: &[f64]) -> bool {
         let mut monitors = Vec::new();
         self.monitors_at(t, &mut monitors);
@@ -61,16 +61,17 @@ impl SmoothPhase<'_, '_> {
         closed.into_iter().any(|(monitor, level)| monitor.value < *level)
     }
 
-    /// Whether no monitor of a closed contact falls to its level between two times.
+    /// Whether every monitor of a closed contact provably stays above its lowest admissible value between the times
+    /// `a` and `b`.
     fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
         let slips = self.mode.iter().any(|status| matches!(status, Status::Slip(_)));
         let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
-        // Slips need values at the ends; the other monitors are decided by enclosures alone.
+        // Slip monitors need values at the ends of the interval; the other monitors are decided by enclosures alone.
         if slips {
             self.monitors_at(a, &mut first);
             self.monitors_at(b, &mut last);
         }
-        // Evaluate the middle last: the enclosure is about the point of the last evaluation.
+        // Evaluate the middle last: enclosures are taken about the point of the last evaluation.
         self.monitors_at(0.5 * (a + b), &mut middle);
         let x = self.ranges(a, b);
         let mut m = vec![0.0; x.len()];

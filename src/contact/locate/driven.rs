@@ -1,33 +1,35 @@
-//! Contacts that slip however little the force on them exceeds their friction.
+//! Contacts that slip although the force on them exceeds their friction only slightly.
 //!
-//! Their slip in a probe may be far below its changes of velocity by normal forces, which is where a contact counts as
-//! sticking. What tells it from rounding is the law itself: friction is at its bound and opposes the slip. Contacts that
-//! stick with slack are held as by a joint, and may share the load of others that they determine: feet of one table. The
-//! slip of a contact that they leave free, as that of a body on top of another, nothing holds back.
+//! The slip of such a contact in a probe step may be far below its velocity change by normal forces, below which a
+//! contact counts as sticking. The contact law itself tells the slip from rounding: friction is at its bound and
+//! opposes the slip. Contacts that stick with slack act as joints, and may take over the load of contacts whose
+//! motion they determine: the feet of one table. The slip of a contact whose motion they do not determine, such as
+//! that of a body on top of another, is held back by nothing.
 
 use super::EventDriven;
 use super::mode::{Status, held};
 use crate::velocity_step::Probed;
 use nalgebra::Vector2;
 
-/// The rounding of velocities and impulses of a probe, relative to the largest.
+/// Rounding error of velocities and impulses of a probe, relative to the largest.
 const ROUNDING: f64 = 1e-13;
 
-/// The part of its bound by which friction at the bound may miss it.
+/// Relative tolerance within which a friction impulse counts as at its bound.
 const AT_BOUND: f64 = 1e-9;
 
-/// The part of a slip, squared and in the metric of `M`, that is left to it where rows that hold determine it: ranks are
-/// known to `1e-11`.
+/// A slip is free if this share of it (squared, in the metric of `M`) remains after projection onto the rows held by
+/// the other contacts: ranks are determined to `1e-11`.
 const DETERMINED: f64 = 1e-9;
 
 impl EventDriven<'_> {
-    /// Lets those contacts slip that stick in `mode`, but are driven past their friction in a direction that no other
-    /// contact holds.
+    /// Sets contacts that stick in `mode` to slipping if they are driven past their friction in a direction that no
+    /// other contact holds.
     pub(super) fn release_driven(&mut self, probed: &[Probed], mode: &mut [Status]) {
         let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.change));
-        // In a plane, a sign is known from the residual on. Directions of several contacts that err differently push each other
-        // aside by their errors, which must be less than the excess of the force: both in units of the force, error and excess are
-        // the residual divided by the slip, and the slip.
+        // In a plane, the sign of a slip is known once the slip exceeds the residual. In 3D, the direction errors of
+        // several contacts act on one another and must be smaller than the excess of the force over the friction
+        // bound. In units of the force, the direction error is the residual divided by the slip, and the excess is
+        // the slip: hence the slip must exceed the square root of the residual.
         let residual = |probed: &Probed| match self.structure.contacts[probed.contact].slips {
             2 if mode.iter().filter(|status| status.is_closed()).count() > 1 => probed.residual.sqrt(),
             _ => probed.residual,
@@ -50,8 +52,8 @@ impl EventDriven<'_> {
     }
 }
 
-/// Whether a slip is more than rounding and than what the solver of the law leaves, `unsolved`, and opposed by friction at its
-/// bound.
+/// Whether a slip exceeds both rounding and the error `unsolved` of the solver of the contact law, and is opposed by
+/// friction at its bound.
 fn is_driven(probed: &Probed, unsolved: f64) -> bool {
     let (friction, slip) = (Vector2::new(probed.r.y, probed.r.z), slip(probed));
     let most = probed.mu * probed.r.x;
@@ -59,7 +61,7 @@ fn is_driven(probed: &Probed, unsolved: f64) -> bool {
     is_bound && slip.norm() > (ROUNDING * probed.change).max(unsolved) && friction.dot(&slip) <= 0.0
 }
 
-/// The slip at the end of the probe.
+/// Returns the slip of a contact at the end of the probe step.
 fn slip(probed: &Probed) -> Vector2<f64> {
     Vector2::new(probed.after.y, probed.after.z)
 }

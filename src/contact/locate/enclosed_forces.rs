@@ -1,11 +1,11 @@
-//! Enclosures of the forces of closed contacts and of accelerations between the points of a step. Let `a` and `lambda`
-//! be those of a point `m` in a box of times and states. Elsewhere in the box
+//! Enclosures of the forces of closed contacts and of accelerations between the points of a step. Let `a` and
+//! `lambda` be the accelerations and multipliers at a point `m` in a box of times and states. Elsewhere in the box
 //!
 //! ```text
 //! M da - G dlambda = r = f + G lambda - M a,    C da = w = -gamma - C a,
 //! ```
 //!
-//! With the matrix `K` of this system, and `K_m` that of the point `m`, `(da, dlambda)` is `K_m^-1 (r, w)`, linear in
+//! With the matrix `K` of these equations, and `K_m` at the point `m`, `(da, dlambda)` is `K_m^-1 (r, w)`, linear in
 //! the enclosed quantities, up to the remainder `K_m^-1 (K - K_m) (da, dlambda)`. The remainder is of second order in
 //! the width of the box, and zero if masses and directions are constant in the box.
 
@@ -16,42 +16,43 @@ use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
 use std::ops::Range;
 
-/// Largest factor by which changes of the matrix `K` may feed back on accelerations and multipliers. The sum of all
-/// further terms is at most `1/(1 - factor)` times the first of them, finite for any factor below one; for one half it
-/// is twice the first term. Close to one the bound would be too wide to prove anything; for a small limit parts of a
-/// step would be halved, which halves the factor, although their forces are known well enough.
+/// Largest factor by which changes of the matrix `K` may feed back on accelerations and multipliers. The sum of the
+/// Neumann series of the remainder is at most `1/(1 - factor)` times its first term, finite for any factor below one;
+/// for one half it is twice the first term. Close to one the bound would be too wide to prove anything; for a small
+/// limit parts of a step would be halved, which halves the factor, although their forces are known well enough.
 const FEEDBACK: f64 = 0.5;
 
-/// Enclosures over a box of times and states.
+/// Enclosures of accelerations and contact forces over a box of times and states.
 pub(super) struct Forces {
-    /// Accelerations.
+    /// Enclosures of the accelerations.
     pub a: Vec<Interval>,
-    /// Multipliers of all rows of `J`; those of sliding friction are not updated.
+    /// Enclosures of the multipliers of all rows of `J`; those of sliding friction are not updated.
     pub lambda: Vec<Interval>,
-    /// Masses, forces, bias, drift and directions.
+    /// Enclosures of masses, forces, directions (rows of `J`), drift of contact velocities and bias of contact
+    /// accelerations.
     pub dynamics: DynamicsRange,
 }
 
 impl Forces {
-    /// The slip of contact `k` in a direction, with velocities `v`.
+    /// Encloses the slip of contact `k` in a direction, with velocities `v`.
     pub fn slip(&self, equations: &ModeEquations, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.drift, v, equations.shape().tangents(k), direction)
     }
 
-    /// The rate of the slip of contact `k` in a constant direction.
+    /// Encloses the rate of the slip of contact `k` in a constant direction.
     pub fn slip_rate(&self, equations: &ModeEquations, k: usize, direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.bias, &self.a, equations.shape().tangents(k), direction)
     }
 
-    /// `d^T (free + J x)` for some rows of `J`: the slip with drift and velocities, the slip rate with bias and
-    /// accelerations.
+    /// Encloses `d^T (free + J x)` for some rows of `J`: the slip if `free` and `x` are drift and velocities, the
+    /// slip rate if they are bias and accelerations.
     fn along(&self, free: &[Interval], x: &[Interval], rows: Range<usize>, direction: Vector2<f64>) -> Interval {
         let terms = rows.zip(direction.iter());
         sum(terms.map(|(row, d)| Interval::point(*d) * (free[row] + product(self.dynamics.row(row), x))))
     }
 }
 
-/// `K_m^-1` in blocks: accelerations and multipliers by forces and by biases.
+/// The inverse `K_m^-1` in blocks: accelerations `a` and multipliers `l` by forces `r` and by biases `w`.
 pub(crate) struct Inverse {
     a_by_r: DMatrix<f64>,
     a_by_w: DMatrix<f64>,
@@ -68,7 +69,7 @@ impl Inverse {
         Self { a_by_r, a_by_w: &solved.y * &solved.inverse, l_by_r, l_by_w: solved.inverse.clone() }
     }
 
-    /// `(da, dlambda)` for interval right-hand sides.
+    /// Encloses `(da, dlambda) = K_m^-1 (r, w)` for interval right-hand sides.
     fn apply(&self, r: &[Interval], w: &[Interval]) -> (Vec<Interval>, Vec<Interval>) {
         let of = |by_r: &DMatrix<f64>, by_w: &DMatrix<f64>, i: usize| {
             let along_r = sum(r.iter().enumerate().map(|(j, r)| Interval::point(by_r[(i, j)]) * *r));
@@ -78,8 +79,8 @@ impl Inverse {
         (a, (0..w.len()).map(|i| of(&self.l_by_r, &self.l_by_w, i)).collect())
     }
 
-    /// The terms of `-da_i/dx_j`, as pairs of a factor and a derivative by `x_j`: derivatives of `M a - f - G lambda`
-    /// and, in the held `rows`, of `C a + gamma`. `x` has `count` components.
+    /// Returns the terms of `-da_i/dx_j`, as pairs of a factor and a derivative by `x_j`: derivatives of `M a - f - G
+    /// lambda` and, in the held `rows`, of `C a + gamma`. `x` has `count` components.
     fn terms_of_slope(
         &self,
         (i, j): (usize, usize),
@@ -94,7 +95,8 @@ impl Inverse {
     }
 }
 
-/// The friction of a sliding contact over a box, per unit of its normal force; without directions for other contacts.
+/// Enclosure of the friction of a sliding contact over a box, per unit of its normal force; contacts that do not
+/// slide have no directions.
 #[derive(Clone)]
 struct Friction {
     directions: Vec<Interval>,
@@ -109,7 +111,7 @@ impl Solved {
 
 impl ModeEquations {
     /// Encloses accelerations and multipliers over a box of times and states, about the point `m` of the last
-    /// evaluation; `None` if they are not bounded over the box, or multipliers are not unique.
+    /// evaluation; returns `None` if they are not bounded over the box, or multipliers are not unique.
     pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {
         let n = self.shape().coordinates;
         let (q, v) = x.split_at(n);
@@ -119,11 +121,12 @@ impl ModeEquations {
         let (r, w) = self.residuals(t, x, m, &dynamics, &friction);
         let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
         let rows = self.rows();
-        // `G`, column by column.
+        // The columns of `G`, one for each held row.
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &friction)).collect();
         let inverse = solved.whole_inverse();
         let (mut da, mut dl) = inverse.apply(&r, &w);
-        // The remainder `K_m^-1 (K - K_m) (da, dlambda)`; applied again, the terms of higher order.
+        // Applies the remainder `K_m^-1 (K - K_m)` to `(da, dlambda)`; a second application yields the terms of
+        // higher order.
         let feed = |da: &[Interval], dl: &[Interval]| {
             let of_mass = |i: usize, j: usize| dynamics.mass[i * n + j] - Interval::point(solved.matrix[(i, j)]);
             let r: Vec<Interval> = (0..n)
@@ -164,10 +167,10 @@ impl ModeEquations {
         Some(Forces { a, lambda, dynamics })
     }
 
-    /// Encloses the derivatives of accelerations by `x` over a box, row by row: `-K_m^-1` times those of
-    /// `M a - f - G lambda` and of `C a + gamma`, with the point `m` of the last evaluation in the box. Products of
-    /// changes of `M`, of directions and of slips with changes of `a` and `lambda` are neglected. False if the
-    /// equations have no unique solution.
+    /// Encloses the derivatives of accelerations by `x` over a box, row by row: `-K_m^-1` times the derivatives of `M
+    /// a - f - G lambda` and of `C a + gamma`, with the point `m` of the last evaluation in the box. Products of
+    /// changes of `M`, of directions and of slips with changes of `a` and `lambda` are neglected. Returns false if
+    /// the equations have no unique solution.
     pub(super) fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slopes: &mut [Interval]) -> bool {
         let (a, lambda) = (self.a.clone(), self.lambda.clone());
         let mut range = SensitivityRange::default();
@@ -182,8 +185,9 @@ impl ModeEquations {
         true
     }
 
-    /// For each derivative of accelerations by `x`, sums the [`variation`]s of its terms over three successive points,
-    /// with `K_m`, accelerations and multipliers of the middle point, at which the equations were evaluated last.
+    /// For each derivative of accelerations by `x`, sums the [`variation`]s of its terms over three successive
+    /// points, with `K_m`, accelerations and multipliers at the middle point, where the equations were evaluated
+    /// last.
     pub(super) fn vary_slopes(&mut self, times: [f64; 3], x: &[f64], variations: &mut [(f64, f64)]) {
         let (a, lambda, count) = (self.a.clone(), self.lambda.clone(), x.len() / 3);
         let mut at = 0;
@@ -208,8 +212,8 @@ impl ModeEquations {
         }
     }
 
-    /// Adds the slopes of coefficients of friction to those of `M a - f - G lambda`, with directions of slips and of
-    /// friction at the point of the last evaluation.
+    /// Adds the derivatives of friction coefficients to those of `M a - f - G lambda`, with slip and friction
+    /// directions at the point of the last evaluation.
     fn add_slopes_of_friction(&mut self, t: Interval, x: &[Interval], range: &mut SensitivityRange) {
         let n = self.shape().coordinates;
         for k in 0..self.shape().contacts.len() {
@@ -243,7 +247,8 @@ impl ModeEquations {
         }
     }
 
-    /// The speed of the slip of contact `k` that its coefficient depends on, with the rows of the slip over a box.
+    /// Encloses the slip speed on which the friction coefficient of contact `k` depends; `slips` encloses its slip
+    /// velocities.
     fn speed_over(&self, k: usize, slips: &[Interval]) -> Interval {
         let contact = &self.shape().contacts[k];
         match self.mode()[k] {
@@ -260,7 +265,7 @@ impl ModeEquations {
         }
     }
 
-    /// `r` and `w` over the box; if slip directions are constant, by the mean value theorem
+    /// Encloses the residuals `r` and `w` over the box; if slip directions are constant, by the mean value theorem
     ///
     /// ```text
     /// r = r(t, m) - (d(M a - f - J^T lambda)/dx) (x - m) - J_t^T d (mu - mu(m)) lambda_n,
@@ -306,7 +311,7 @@ impl ModeEquations {
         (r, w)
     }
 
-    /// `r` and `w` by interval evaluation.
+    /// Encloses the residuals `r` and `w` by interval evaluation of their definitions.
     fn residuals_of(&self, dynamics: &DynamicsRange, friction: &[Friction]) -> (Vec<Interval>, Vec<Interval>) {
         let n = self.shape().coordinates;
         let rows = self.rows();
@@ -324,8 +329,8 @@ impl ModeEquations {
         ((0..n).map(of_balance).collect(), rows.iter().map(of_row).collect())
     }
 
-    /// The generalised force of a unit multiplier of a held row: the row and, for the normal of a sliding contact, its
-    /// friction.
+    /// Encloses the generalised force of a unit multiplier of a held row: the row itself and, for the normal of a
+    /// sliding contact, its friction.
     fn push_of(&self, row: usize, dynamics: &DynamicsRange, friction: &[Friction]) -> Vec<Interval> {
         let shape = self.shape();
         let mut push = dynamics.row(row).to_vec();
@@ -339,8 +344,8 @@ impl ModeEquations {
         push
     }
 
-    /// The friction of sliding contacts over the box; `None` if a direction may turn by any angle, or a coefficient is not
-    /// defined all over the box.
+    /// Encloses the friction of sliding contacts over the box; returns `None` if a direction may turn by any angle,
+    /// or a coefficient is undefined somewhere in the box.
     fn friction_over(&mut self, t: Interval, x: &[Interval], dynamics: &DynamicsRange) -> Option<Vec<Friction>> {
         let v = &x[x.len() / 2..];
         let contacts = self.shape().contacts.len();

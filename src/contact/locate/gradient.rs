@@ -3,17 +3,17 @@
 use super::{EventDriven, State};
 use problem::Constraints;
 
-/// A gap has no gradient where it closes if its gradient grows by this factor at a small distance from there: the
-/// distance within the tolerances of the coordinates, extended by [`BEYOND`] times the first-order distance of the gap
-/// from its zero. With less growth the gradient keeps at least half its size, and a direction, wherever within the
-/// tolerances the gap closes. The gradient of a power `y^p` with `p >= 2` grows by `(1 + BEYOND/p)^(p - 1) >= 2`
-/// whatever its distance from the zero.
+/// Growth of the gradient of a gap that identifies a vanishing gradient where the gap closes. The gradient is
+/// compared with the gradient at a small distance: within the tolerances of the coordinates, extended by [`BEYOND`]
+/// times the first-order distance of the gap from its zero. With less growth the gradient keeps at least half its
+/// size, and a direction, wherever within the tolerances the gap closes. The gradient of a power `y^p` with `p >= 2`
+/// grows by `(1 + BEYOND/p)^(p - 1) >= 2` whatever its distance from the zero.
 const GRADIENT_GROWTH: f64 = 2.0;
 const BEYOND: f64 = 2.0;
 
 impl EventDriven<'_> {
-    /// Whether the gradient of the gap of contact `k`, which closes, vanishes within the tolerances of the coordinates.
-    /// The tolerances scale coordinates of different units, so that gaps with equal zeros, such as functions of a
+    /// Whether the gradient of the closing gap of contact `k` vanishes within the tolerances of the coordinates. The
+    /// tolerances scale coordinates of different units, so that gaps with equal zeros, such as functions of a
     /// distance, compare alike.
     pub(super) fn is_gradient_lost(&mut self, k: usize) -> bool {
         let State { t, q, .. } = &self.state;

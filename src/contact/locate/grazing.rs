@@ -1,8 +1,8 @@
-//! Grazing contacts: gaps that come down to zero with almost no normal velocity.
+//! Grazing contacts: gaps that reach zero with almost no normal velocity.
 //!
-//! A gap is known to within `eps`, a fraction of its largest opening since the last contact. If it turns back, or
-//! closes, within `eps` of zero, an impact with a velocity of up to `sqrt(2 a eps)` may have been missed or made in
-//! error, where `a` is the acceleration of the gap. The subsequent motion is accurate to the square root of the
+//! A gap is known to within `eps`, a fraction of its largest opening since the last contact. If the gap turns back,
+//! or closes, within `eps` of zero, an impact with a velocity of up to `sqrt(2 a eps)` may have been missed or made
+//! in error, where `a` is the acceleration of the gap. The subsequent motion is accurate to the square root of the
 //! tolerance only, and the sequence of impacts may change (Nordmark 1991, *Non-periodic motion caused by grazing
 //! incidence in an impact oscillator*).
 
@@ -11,28 +11,28 @@ use super::monitors::Ending;
 use super::smooth_phase::SmoothPhase;
 use radau::ALLOWED;
 
-/// Bisections for the time at which a gap turns back.
+/// Number of bisections for the time at which a gap turns back.
 const HALVINGS: usize = 40;
 
-/// A contact that grazed.
+/// A grazing contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grazed {
-    /// The time.
+    /// The time of grazing.
     pub t: f64,
     /// The index of the contact.
     pub contact: usize,
-    /// The possible error of its normal velocity, in units of the tolerance.
+    /// The possible error of the normal velocity of the contact, in units of the tolerance.
     pub change: f64,
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Records contacts that graze between two times of the last step; `ending` is the end of the mode at `end`, if
-    /// any.
+    /// Records the contacts that graze between the times `begin` and `end` of the last step; `ending` is the end of
+    /// the mode at `end`, if any.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
-            // The height from which the gap comes down.
+            // The height from which the gap closes.
             let mut highest = self.located.highest[k].or_wider(&first);
             let closes = ending == Some(Ending::Impact(k));
             let (t, nearest) = if closes {
@@ -59,7 +59,7 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// The time and the gap at which the gap of contact `k` turns back.
+    /// Returns the time and the gap at which the gap of contact `k` turns back.
     fn nearest(&mut self, k: usize, begin: f64, end: f64) -> (f64, Gap) {
         let (mut falls, mut rises) = (begin, end);
         for _ in 0..HALVINGS {
@@ -89,34 +89,34 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// A gap at one time, with its first two derivatives and the tolerance of the first.
+/// A gap at one time, with its first two time derivatives and the tolerance of the first.
 #[derive(Clone, Copy, Debug)]
 struct Gap {
     gap: f64,
     speed: f64,
     acceleration: f64,
     tolerance: f64,
-    /// The size of its gradient, in units of the absolute tolerances of the coordinates.
+    /// The size of the gradient of the gap, in units of the absolute tolerances of the coordinates.
     gradient: f64,
 }
 
-/// The largest opening of a gap.
+/// The largest opening of a gap since the last contact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Opening {
-    /// The largest gap.
+    /// The largest value of the gap.
     gap: f64,
-    /// The largest quotient of the gap and its gradient: a distance, independent of the function of it that the gap is.
+    /// The largest quotient of the gap and its gradient: a distance, whichever function of the distance the gap is.
     distance: f64,
 }
 
 impl Opening {
-    /// The larger of the opening and a gap.
+    /// Returns the larger of the opening and a gap.
     fn or_wider(self, gap: &Gap) -> Self {
         Self { gap: self.gap.max(gap.gap), distance: self.distance.max(gap.gap / gap.gradient) }
     }
 
-    /// The opening in units of the gap at a place with this gradient: the largest gap, or less if its gradient was many
-    /// times as large there.
+    /// Returns the opening in units of the gap at a place with the given gradient: the largest gap, or less if the
+    /// gradient was much larger where the gap was largest.
     fn height(self, gradient: f64) -> f64 {
         self.gap.min(self.distance * gradient)
     }

@@ -1,7 +1,7 @@
-//! Hidden violations: gaps and joints between the points at which a step was evaluated.
+//! Hidden violations: violations of gaps and joints between the points at which a step was evaluated.
 //!
-//! If a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor that
-//! rises for a moment, or a bump that is narrow compared with the path, may then lie between all points of the step.
+//! If a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor
+//! that rises briefly, or a bump that is narrow compared with the path, may then lie between all points of the step.
 //! Gaps and joints are therefore enclosed over the whole step, in interval arithmetic over the time and the ranges of
 //! the collocation polynomials, and undecided parts are halved. A violation cuts the step. Where a plain enclosure is
 //! too wide, an open gap has the lower bound
@@ -16,19 +16,20 @@
 use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
-/// Largest number of parts enclosed for held constraints: the equations keep them, but enclosures seldom prove it.
+/// Largest number of parts enclosed for held constraints: the mode equations keep them, but enclosures seldom prove
+/// it.
 const MOST_HELD: usize = 64;
 
 /// Largest number of parts of one step; a step with parts undecided by then is not proven free of violations.
 pub(super) const MOST_PARTS: usize = 200;
 
-/// Bisections for the time at which a violation begins.
+/// Number of bisections for the time at which a violation begins.
 pub(super) const HALVINGS: usize = 24;
 
 /// First step after a cut, as a fraction of the distance to the violation.
 pub(super) const NEXT: f64 = 0.25;
 
-/// Fraction of the tolerance at which a violation begins: the motion before it is smooth up to the end of the cut step.
+/// Fraction of the tolerance at which a violation begins: the motion of the cut step is smooth up to its end.
 const FAINT: f64 = 1e-3;
 
 /// The cut of a step with a violation between its points.
@@ -42,11 +43,11 @@ pub struct Hidden {
 
 /// Result of enclosing gaps and joints over a step.
 pub(super) enum Enclosed {
-    /// No open gap closes.
+    /// It is proven that no open gap closes.
     Proven,
     /// No violation was found, but none is excluded.
     Undecided,
-    /// A violation was found.
+    /// A violation was found, and the step is to be cut.
     Violated(Hidden),
     /// A violation was found that lasts from the beginning of the step.
     Missed,
@@ -82,7 +83,7 @@ impl SmoothPhase<'_, '_> {
             }
             let most = if open { MOST_PARTS } else { MOST_HELD };
             if enclosed + parts.len() < most && a < middle && middle < b {
-                // Take the widest part first, and the earliest among parts of one width.
+                // Take the widest part first, and the earliest among parts of equal width.
                 parts.insert(0, (middle, b));
                 parts.insert(0, (a, middle));
                 parts.sort_by(|x, y| (x.1 - x.0).total_cmp(&(y.1 - y.0)));
@@ -98,8 +99,8 @@ impl SmoothPhase<'_, '_> {
         row.checked_sub(self.located.structure.joints).is_none_or(|k| self.mode[k].is_closed())
     }
 
-    /// Tolerances of joints and gaps: their values at the beginning of the step, plus a fraction of the coordinates'
-    /// tolerances.
+    /// Returns the tolerances of joints and gaps: their values at the beginning of the step, plus the fraction `part`
+    /// of the tolerances that follow from the coordinates.
     fn tolerances_of_rows(&mut self, begin: f64, part: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -112,7 +113,8 @@ impl SmoothPhase<'_, '_> {
         rows.map(|(row, value)| held(row, *value) + part * constraints.size(row, &tolerances)).collect()
     }
 
-    /// Whether an open gap may be negative between two times, and whether a held joint or gap may be off zero.
+    /// Whether an open gap may be negative between the times `a` and `b`, and whether a held joint or gap may be
+    /// nonzero.
     fn undecided(&mut self, a: f64, b: f64, tolerances: &[f64]) -> (bool, bool) {
         let n = self.located.structure.coordinates;
         let (t, x) = (Interval::new(a, b), self.ranges(a, b));
@@ -121,7 +123,7 @@ impl SmoothPhase<'_, '_> {
         self.watch.problem().enclose_positions(t, q, &mut values);
         let off = |row: &usize| values[*row].lo < -tolerances[*row] || !values[*row].defined;
         let (held, open): (Vec<usize>, Vec<usize>) = (0..values.len()).partition(|&row| self.is_held(row));
-        // Affine constraints that hold at the ends hold on the whole polynomial.
+        // Affine constraints that hold at the ends of the step hold on the whole collocation polynomial.
         let is_affine = self.located.structure.affine_constraints;
         let held = !is_affine && held.iter().any(|row| off(row) || values[*row].hi > tolerances[*row]);
         let open: Vec<usize> = open.into_iter().filter(off).collect();
@@ -144,7 +146,7 @@ impl SmoothPhase<'_, '_> {
         values
     }
 
-    /// Finds a joint or a gap that is violated at `t`.
+    /// Finds a joint or a gap that is violated at the time `t`.
     fn violated(&mut self, t: f64, tolerances: &[f64]) -> Option<usize> {
         let values = self.positions_at(t, tolerances.len());
         (0..values.len()).find(|&row| {
@@ -153,8 +155,8 @@ impl SmoothPhase<'_, '_> {
         })
     }
 
-    /// The cut of a step with a violation of `row` at `t`: behind the closing of an open gap, which the search then
-    /// locates; ahead of the time at which a held row is lost.
+    /// Returns the cut of a step in which `row` is violated at the time `t`: after the closing of an open gap, which
+    /// the search then locates, or before the time at which a held row is lost.
     fn beginning(&mut self, begin: f64, t: f64, row: usize, tolerances: &[f64]) -> Option<Hidden> {
         let (mut clear, mut off) = (begin, t);
         for _ in 0..HALVINGS {
@@ -165,7 +167,8 @@ impl SmoothPhase<'_, '_> {
             let side = if self.violated(middle, tolerances).is_some() { &mut off } else { &mut clear };
             *side = middle;
         }
-        // Accelerations begin before the violation shows: cut as far ahead of its beginning as it was found behind.
+        // Accelerations begin before the violation shows: the cut lies as far before the beginning of the violation
+        // as the violation was found after it.
         let ahead = (clear - (t - clear)).max(0.5 * (begin + clear));
         let until = if self.is_held(row) { ahead } else { off };
         let next = NEXT * (t - clear);
@@ -173,8 +176,8 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// A lower bound of a quantity over an interval of time, from its values at the beginning, the middle and the end and
-/// an enclosure of its rate.
+/// Returns a lower bound of a quantity over a time interval, from its values at the beginning, the middle and the end
+/// and an enclosure of its rate.
 pub(super) fn lowest([begin, middle, end]: [f64; 3], rate: Interval, length: f64) -> f64 {
     match () {
         () if !rate.defined => f64::NEG_INFINITY,

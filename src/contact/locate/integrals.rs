@@ -1,8 +1,8 @@
 //! Impulses and work over a step, by quadrature along the collocation polynomial.
 //!
-//! Where nothing moves, steps are long and forces may vary within one arbitrarily. A part is therefore halved until the
-//! Gauss-Legendre rule with five nodes, of order ten, agrees with the rule on three of its nodes, of order four: if the
-//! latter has an error of `d`, the former has one of about `d^(10/4)`.
+//! Where nothing moves, steps are long and forces may vary arbitrarily within a step. A part of a step is therefore
+//! halved until the Gauss-Legendre rule with five nodes, of order ten, agrees with the rule on three of its nodes, of
+//! order four: if the rule of order four has an error of `d`, that of order ten has an error of about `d^(10/4)`.
 
 use super::EventDriven;
 use super::mode::Status;
@@ -22,7 +22,7 @@ const WEIGHTS: [f64; 5] = [
 ];
 const OF_THREE: [f64; 5] = [0.202_964_438_547_983_2, 0.0, 0.594_071_122_904_033_6, 0.0, 0.202_964_438_547_983_2];
 
-/// The inverse ratio of the orders of the two rules.
+/// The order of the three-node rule divided by that of the five-node rule.
 const ORDERS: f64 = 0.4;
 
 /// The share of the relative tolerance left to quadrature.
@@ -32,11 +32,13 @@ const SHARE: f64 = 0.1;
 const SMALLEST: f64 = 1e-9;
 const MOST_PARTS: usize = 4096;
 
-/// Impulses of contacts, dissipation by friction, and the work of forces and of drives; or the rates of these.
+/// Impulses of contacts, dissipation by friction, and the work of forces and of drives; or the time rates of all of
+/// these.
 #[derive(Clone, Debug)]
 pub(super) struct Integrals {
     pub impulses: Vec<Vector3<f64>>,
-    /// The parts of impulses that the law of contact excludes: by normal forces that pull, and by friction beyond its bound.
+    /// For each contact, the impulses that the contact law excludes: by normal forces that pull, and by friction
+    /// beyond its bound.
     unlawful: Vec<[f64; 2]>,
     pub friction: f64,
     pub forces: f64,
@@ -58,7 +60,7 @@ impl Integrals {
         self.drives += weight * other.drives;
     }
 
-    /// The sizes of impulses and of energies.
+    /// Returns the sizes of impulses and of energies.
     fn sizes(&self) -> [f64; 2] {
         let impulses = self.impulses.iter().map(Vector3::norm).sum();
         [impulses, self.friction.abs() + self.forces.abs() + self.drives.abs()]
@@ -66,7 +68,7 @@ impl Integrals {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Impulses and work between two times within the last step.
+    /// Returns the impulses and the work between two times within the last step.
     pub(super) fn integrals(&mut self, begin: f64, end: f64) -> Integrals {
         let contacts = self.located.structure.contacts.len();
         let mut sum = Integrals::none(contacts);
@@ -87,7 +89,8 @@ impl SmoothPhase<'_, '_> {
                 sizes.iter_mut().zip(rates.sizes()).for_each(|(sum, size)| *sum += weight * (b - a) * size);
             }
             let [impulses, energy] = error.sizes();
-            // An error of `atol` in velocities changes the energy by `atol` times the impulses; impulses have no absolute tolerance.
+            // An error of `atol` in velocities changes the energy by `atol` times the impulses; impulses have no
+            // absolute tolerance.
             let rough = impulses > tolerance * sizes[0] || energy > tolerance * sizes[1] + atol * sizes[0];
             let middle = 0.5 * (a + b);
             if rough && b - a > least && a < middle && middle < b && passed + parts.len() < MOST_PARTS {
@@ -99,8 +102,8 @@ impl SmoothPhase<'_, '_> {
         sum
     }
 
-    /// Whether impulses that the law of contact excludes change a velocity by more than the tolerances allow. The
-    /// equations of the mode were evaluated in the last step.
+    /// Whether impulses that the contact law excludes change a velocity by more than the tolerances allow. The mode
+    /// equations must have been evaluated within the last step.
     pub(super) fn is_unlawful(&self, integrals: &Integrals, v: &[f64]) -> bool {
         let EventDriven { structure, radau, .. } = &*self.located;
         let tolerances = radau.tolerances(v.len(), v);
@@ -113,7 +116,7 @@ impl SmoothPhase<'_, '_> {
         })
     }
 
-    /// The forces of contacts, and powers, at a time within the last step.
+    /// Returns the contact forces and the powers at the time `t` within the last step.
     fn rates(&mut self, t: f64) -> Integrals {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];

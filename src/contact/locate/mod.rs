@@ -4,11 +4,11 @@
 //! - A mode ends at an impact, a detachment, a stick-slip or a slip-stick transition. The time is found on the
 //!   collocation polynomial and refined by solving the step anew up to it, so that it has the order of the method.
 //! - Where contacts approach each other, the law of impact acts instantaneously.
-//! - The next mode is read off a probe: a step at the level of velocities, with the law of contact, so short that only
-//!   directions count. No mode is guessed, and where forces alone have no solution (Painleve 1895) or several, impulses
-//!   decide.
+//! - The next mode is determined by a probe: a step at the level of velocities, with the contact law, so short that
+//!   only directions count. No mode is guessed, and where forces alone have no solution (Painleve 1895) or several,
+//!   impulses decide.
 //! - Where impacts accumulate (Zeno), they are replaced by their limit, one impact without restitution.
-//! - Where no mode is found, time stepping goes on until one is.
+//! - Where no mode is found, time stepping continues until one is.
 
 mod automaton;
 mod bursts;
@@ -43,17 +43,18 @@ use grazing::Opening;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, EventKind, Mechanical, MechanicalStructure};
 
-/// The one-step method of smooth motion.
+/// The one-step method for smooth motion.
 pub(crate) type Method<'l> = radau::Radau<'l>;
 
-/// Velocities below this fraction of their terms are rounding.
+/// Velocities below this fraction of the sum of their absolute terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
+/// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe
+/// step.
 const STICK_TOL: f64 = 1e-7;
 
-/// Slack in the friction bound, relative to `mu r_n`, below which a contact whose friction reached the bound slips;
-/// with more slack in the probe, redundant contacts take over its load.
+/// Slack in the friction bound, relative to `mu r_n`: a contact whose friction reached the bound slips if its slack
+/// in the probe step is smaller; with more slack, redundant contacts take over its load.
 const FRICTION_SLACK: f64 = 1e-4;
 
 /// Impacts of one contact accumulate if they follow each other within this fraction of the longest time between two of
@@ -63,50 +64,51 @@ const ZENO: f64 = 1e-10;
 /// Intervals of time below this multiple of the rounding of the clock count as zero.
 const ROUNDING_OF_TIME: f64 = 1e3 * f64::EPSILON;
 
-/// Time stepping without a mode: the growth of steps, relative to the probe that found no mode or to the step before;
-/// and the longest step, in units of the probe: forces change velocities by `1e-3` of their terms.
+/// Steps of time stepping without a mode: their growth (`GROWTH`), relative to the preceding step or to the probe
+/// step that found no mode; and their largest size (`LONGEST_PASS`) in units of the probe step, for which forces
+/// change velocities by `1e-3` of their terms.
 const GROWTH: f64 = 4.0;
 const LONGEST_PASS: f64 = 1e4;
 
-/// The first step of time stepping without a mode if there was no probe, as a fraction of the remaining time.
+/// The first step of time stepping without a mode if there was no probe step, as a fraction of the remaining time.
 const UNPROBED: f64 = 1e-9;
 
 /// Number of events at one time after which time stepping takes over.
 const MAX_EVENTS_AT_ONE_TIME: usize = 8;
 
-/// An event-driven run: the data that last from mode to mode.
+/// An event-driven run: the data that persist from mode to mode.
 pub struct EventDriven<'p> {
-    /// Steps at the level of velocities.
+    /// The integrator of steps at the level of velocities.
     pub step: VelocityStep<'p>,
     /// The current state.
     pub state: State,
     /// The state at the beginning of the last step.
     pub last: State,
-    /// Impulses of each contact since the start.
+    /// Accumulated impulse of each contact since the start of the run.
     pub impulses: Vec<Vector3<f64>>,
-    /// Impulses at the beginning of the last step.
+    /// Accumulated impulse of each contact at the beginning of the last step.
     pub impulses_before: Vec<Vector3<f64>>,
-    /// The balance of energy.
+    /// The energy balance of the run.
     pub energy: Energy,
-    /// The balance of energy at the beginning of the last step.
+    /// The energy balance at the beginning of the last step.
     pub energy_before: Energy,
-    /// Events of the last step.
+    /// Contact events of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// The number of steps.
+    /// The number of steps of the run.
     pub accepted: u64,
-    /// The number of steps by time stepping.
+    /// The number of steps made by time stepping.
     pub passes: u64,
     /// The number of accumulations of impacts.
     pub accumulations: u64,
-    /// The largest violations of joints and gaps.
+    /// The largest violations of joints and gaps so far.
     pub violations: Violations,
-    /// The accumulation of impacts that took the most energy, if any.
+    /// The accumulation of impacts whose replacement removed the most energy, if any.
     pub passed: Option<Passed>,
     /// Counts of steps by the result of their enclosures.
     pub screening: Screening,
-    /// The grazing contact with the largest consequence, if any.
+    /// The grazing contact with the largest possible error of its normal velocity, if any.
     pub grazed: Option<Grazed>,
-    /// The passage at the end of the last step, if an arc ended there or the run began.
+    /// The transition at the end of the last step, if a smooth arc ended at that time or the run began.
     pub(crate) transition: Option<Transition>,
     /// Whether a contact grazed within the last step or at its end.
     pub(crate) grazes: bool,
@@ -114,11 +116,11 @@ pub struct EventDriven<'p> {
     highest: Vec<Opening>,
     /// The status of each contact; `None` where time stepping takes over.
     pub(crate) mode: Option<Vec<Status>>,
-    /// Reference forces on contacts: where multipliers are not unique, those nearest to the reference are used. It is
-    /// the normal force of the probe; with its friction too after a stick-slip transition, where the share of friction
-    /// was too large.
+    /// Reference forces on contacts: if multipliers are not unique, those nearest to the reference are used. The
+    /// reference is the normal force of the probe; after a stick-slip transition, where a contact took too large a
+    /// share of the friction, it includes the friction of the probe.
     pub(crate) loads: Vec<Vector3<f64>>,
-    /// The coefficient of friction of each contact where the mode begins.
+    /// The coefficient of friction of each contact at the beginning of the mode.
     pub(crate) coefficients: Vec<f64>,
     pub(crate) structure: MechanicalStructure,
     constraints: Constraints,
@@ -126,7 +128,7 @@ pub struct EventDriven<'p> {
     /// The longest time between two impacts of each contact.
     longest_flight: Vec<f64>,
     pub(crate) radau: radau::Settings,
-    /// The last step size of Radau IIA, the first of the next mode.
+    /// The last step size of Radau IIA, with which the next mode starts.
     h: Option<f64>,
     /// The next step size of time stepping; zero after smooth motion.
     pass: f64,
@@ -134,7 +136,7 @@ pub struct EventDriven<'p> {
     end: f64,
 }
 
-/// Steps of smooth motion, by the result of enclosing events within them.
+/// Counts of steps of smooth motion, by the result of enclosing events within them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Screening {
     /// Steps proven free of events.
@@ -148,13 +150,13 @@ pub struct Screening {
 /// An accumulation of impacts that was replaced by one impact without restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed {
-    /// The time.
+    /// The time of the accumulation.
     pub t: f64,
     /// The index of the contact with the repeated impacts.
     pub contact: usize,
-    /// The energy that the replacement took.
+    /// The energy that the replacement removed.
     pub energy: f64,
-    /// Whether restitution is 1: its impacts do not lose energy, and have no limit.
+    /// Whether the contact has restitution 1: its impacts lose no energy and have no limit.
     pub is_elastic: bool,
 }
 
@@ -215,17 +217,18 @@ impl<'p> EventDriven<'p> {
         Ok(located)
     }
 
-    /// Whether the end is reached.
+    /// Whether the run has reached its end time.
     pub fn is_done(&self) -> bool {
         self.state.t >= self.end
     }
 
-    /// The relative tolerance, and the absolute tolerances of `q` and `v`; `None` for steps of one size.
+    /// Returns the relative tolerance, and the absolute tolerances of `q` and `v`; `None` for a constant step size.
     pub fn tolerances(&self) -> Option<(f64, &[f64])> {
         self.radau.step.is_none().then_some((self.radau.rtol, &self.radau.atol))
     }
 
-    /// The times at which the last step began, and at which its smooth arc ended: before the transition, if there was one.
+    /// Returns the times at which the last step began, and at which its smooth arc ended: before the transition, if
+    /// there was one.
     pub(crate) fn last_arc(&self) -> (f64, f64) {
         let end = self.transition.as_ref().map_or(self.state.t, |transition| transition.before.t);
         (self.last.t, end)
@@ -240,7 +243,7 @@ impl<'p> EventDriven<'p> {
         if self.stalls > MAX_EVENTS_AT_ONE_TIME {
             return Ok(());
         }
-        // Remove the drift of held constraints, which is not to be taken for a slip.
+        // Remove the drift of held constraints, which would be mistaken for a slip.
         let mut kept = before.clone();
         if let Ending::SlipToStick(k) = ending {
             kept[k] = Status::Stick;
@@ -261,7 +264,7 @@ impl<'p> EventDriven<'p> {
                         impact.accumulates = Some(k);
                     }
                     self.note_passed(k, self.energy.lost_in_impacts - lost);
-                    // A contact that closes again at the same time has no rebound.
+                    // A contact that closes again at one time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
                     let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
                     self.bring_to_rest(&resting)?;
@@ -282,8 +285,8 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Passes a breakpoint of time that a mode with closed contacts reached: velocities of surfaces may jump or have a
-    /// corner there, so that contacts approach, let go or begin to slip while no monitor of the mode crosses zero.
+    /// Handles a breakpoint in time that a mode with closed contacts reached: velocities of surfaces may jump or have
+    /// a corner there, so that contacts approach, detach or begin to slip while no monitor of the mode crosses zero.
     fn pass_break(&mut self, before: &[Status], control: &Control) -> Result<(), ContactError> {
         self.note_transition(before.to_vec(), None);
         let is_struck = self.apply_impact_law(control)?;
@@ -305,13 +308,13 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Records the passage that begins at the present state.
+    /// Records the transition that begins at the current state.
     fn note_transition(&mut self, mode: Vec<Status>, ending: Option<Ending>) {
         let (before, grazes) = (self.state.clone(), self.grazes);
         self.transition = Some(Transition { before, mode, ending, impact: None, grazes });
     }
 
-    /// Records the accumulation that took the most energy; contacts with restitution 1 come before others.
+    /// Records the accumulation that removed the most energy; contacts with restitution 1 take precedence.
     fn note_passed(&mut self, contact: usize, energy: f64) {
         let is_elastic = self.structure.contacts[contact].restitution == 1.0;
         let passed = Passed { t: self.state.t, contact, energy, is_elastic };
@@ -320,8 +323,8 @@ impl<'p> EventDriven<'p> {
         }
     }
 
-    /// Whether impacts of contact `k`, which closes, accumulate: it returned in no time, or from a height within the
-    /// rounding of its gap.
+    /// Whether impacts of the closing contact `k` accumulate: it returned after no time, or from a height within the
+    /// rounding error of its gap.
     fn accumulates(&self, k: usize) -> bool {
         let State { t, q, v } = &self.state;
         let passed = t - self.last_impact[k];
@@ -332,7 +335,7 @@ impl<'p> EventDriven<'p> {
         passed < zeno.max(ROUNDING_OF_TIME * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
-    /// Applies the law of impact to all closed contacts if one of them approaches; returns whether one does.
+    /// Applies the impact law to all closed contacts if one of them approaches; returns whether one does.
     fn apply_impact_law(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.evaluate_constraints();
         let State { t, v, .. } = &self.state;
@@ -356,28 +359,28 @@ impl<'p> EventDriven<'p> {
         Ok(true)
     }
 
-    /// Brings contacts to rest in the normal direction, also on moving or curved surfaces: the remaining velocity is
-    /// rounding.
+    /// Brings contacts to rest in the normal direction, also on moving or curved surfaces: their remaining normal
+    /// velocity is rounding.
     fn bring_to_rest(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
         let mut mode = vec![Status::Open; self.structure.contacts.len()];
         contacts.iter().for_each(|&k| mode[k] = Status::Frictionless);
         self.project_onto_constraints(&mode)
     }
 
-    /// The tolerance of the slip of contact `k` that follows from the tolerances of velocities.
+    /// Returns the tolerance of the slip of contact `k` that follows from the tolerances of velocities.
     fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
         let tolerances = self.radau.tolerances(v.len(), v);
         self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
-    /// The slip tolerances of all contacts, at zero velocity.
+    /// Returns the slip tolerances of all contacts at zero velocity.
     pub(crate) fn tolerances_of_slips(&mut self) -> Vec<f64> {
         self.evaluate_constraints();
         let none = vec![0.0; self.structure.coordinates];
         (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
     }
 
-    /// Projects the state onto the constraints that the mode holds.
+    /// Projects the state onto the constraints that a mode holds.
     fn project_onto_constraints(&mut self, mode: &[Status]) -> Result<(), ContactError> {
         let rows = held(&self.structure, mode);
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
@@ -406,7 +409,7 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Makes one step of time stepping where no mode is known, and tries to select one.
+    /// Makes one step of time stepping if no mode is known, and tries to select a mode.
     fn step_over(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
@@ -445,13 +448,13 @@ impl<'p> EventDriven<'p> {
         self.constraints.velocity(self.structure.normal(k), v)
     }
 
-    /// The rounding error of the normal velocity of a contact.
+    /// Returns the rounding error of the normal velocity of contact `k`.
     fn rounding(&self, k: usize, v: &[f64]) -> f64 {
         ROUNDING * self.constraints.terms(self.structure.normal(k), v)
     }
 
-    /// Selects the mode of the continued motion by a probe, and projects `q` and `v` onto its constraints; leaves no
-    /// mode if there is none.
+    /// Selects the mode of the continued motion by a probe, and projects `q` and `v` onto its constraints; leaves the
+    /// mode unset if there is none.
     fn select_mode(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
         self.mode = None;
         self.evaluate_constraints();
@@ -468,7 +471,7 @@ impl<'p> EventDriven<'p> {
             let scales = Scales { atol: of_v, reached: &reached, left: self.end - self.state.t };
             let (h, probed) = match self.step.probe(&self.state, scales, &candidates, control) {
                 Ok(Some(found)) => found,
-                // Painleve's paradox, or a law without a solution at this scale.
+                // Painleve's paradox, or a contact law without a solution for steps of the length of the probe.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };

@@ -3,21 +3,22 @@
 use nalgebra::Vector2;
 use problem::MechanicalStructure;
 
-/// The status of one contact.
+/// The status of one contact in smooth motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Status {
-    /// Open; no force.
+    /// The contact is open and carries no force.
     Open,
-    /// Closed, without friction.
+    /// The contact is closed, without friction.
     Frictionless,
-    /// Closed and sticking.
+    /// The contact is closed and sticks.
     Stick,
-    /// Closed and slipping in this direction. The direction is constant in a plane; in 3D it follows the slip.
+    /// The contact is closed and slips in this direction. The direction is constant in a plane; in 3D it follows the
+    /// slip.
     Slip(Vector2<f64>),
 }
 
 impl Status {
-    /// Whether a motion with `before` goes on with this status: it is the same, and a slip has not turned round.
+    /// Whether the status continues the status `before`: both are equal, or both slip and the slip has not reversed.
     pub fn continues(&self, before: &Self) -> bool {
         match (self, before) {
             (Self::Slip(direction), Self::Slip(before)) => direction.dot(before) > 0.0,
@@ -31,7 +32,7 @@ impl Status {
     }
 }
 
-/// The rows of `J` held by a mode: joints, normals of closed contacts, tangents of sticking ones.
+/// Returns the rows of `J` held by a mode: joints, normals of closed contacts, tangents of sticking contacts.
 pub fn held(structure: &MechanicalStructure, mode: &[Status]) -> Vec<usize> {
     let closed = (0..mode.len()).filter(|&k| mode[k].is_closed()).map(|k| structure.normal(k));
     let stuck = (0..mode.len()).filter(|&k| mode[k] == Status::Stick).flat_map(|k| structure.tangents(k));

@@ -1,6 +1,6 @@
-//! Smooth motion in one mode as an ordinary differential equation, by reduction of the index. Let `C` be the held rows
-//! of `J`, and `G` their transposes with the friction of sliding contacts added to their normals
-//! (`lambda_t = -mu lambda_n d`). Then
+//! Smooth motion in one contact mode as an ordinary differential equation, by reduction of the index. Let `C` be the
+//! held rows of the constraint Jacobian `J`, and `G` their transposes with the friction of sliding contacts added to
+//! their normals (`lambda_t = -mu lambda_n d`). Then
 //!
 //! ```text
 //! M a = f + G lambda,    C a + gamma = 0
@@ -10,13 +10,13 @@
 //! twice, so that `lambda` has the accuracy of `q` and `v`. Drift off the constraints is projected out where a mode
 //! begins.
 //!
-//! A slip in 3D has the direction `d` of `u_t + eps d_0`, with the direction `d_0` of the mode and the tolerance `eps`
-//! of slips: a slip from rest begins in the direction of the mode, and turns at a finite rate.
+//! A slip in 3D has the direction `d` of `u_t + eps d_0`, with the direction `d_0` of the mode and the tolerance
+//! `eps` of slips: a slip from rest begins in the direction of the mode, and turns at a finite rate.
 //!
 //! With redundant constraints, such as a body on more feet than it needs, `a` is unique but `lambda` is not. The
-//! multipliers nearest to reference loads `l` are selected, in the metric of
-//! `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: if `l` are the normal forces of the law of contact, all
-//! feet use the same fraction of their friction bound, so that none slips before all must.
+//! multipliers nearest to reference loads `l` are selected, in the metric of `sum (lambda_n - l_n)^2/l_n +
+//! |lambda_t - l_t|^2/(mu l_n)`: if `l` are the normal forces of the contact law, all feet use the same fraction of
+//! their friction bound, so that none slips before all must.
 
 use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
@@ -28,21 +28,21 @@ use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 use std::cell::OnceCell;
 
-/// Rank tolerance: a pivot below this fraction of the largest indicates dependent rows.
+/// Rank tolerance of `C M^-1 G`: a pivot below this fraction of the largest indicates dependent rows.
 const DEPENDENT: f64 = 1e-11;
 
-/// Rank tolerance for rows that were dependent where the mode began: they count as independent once a pivot exceeds
-/// this fraction of the largest. They are dependent on the constraint manifold only; off it singular values are of the
-/// size of the drift squared.
+/// Rank tolerance for held rows that were dependent at the beginning of the mode: they count as independent once a
+/// pivot exceeds this fraction of the largest. Such rows are dependent on the constraint manifold only; off it,
+/// singular values are of the size of the drift squared.
 const RISEN: f64 = 1e-6;
 
 /// A velocity counts as constrained if forces change it by less than this fraction of their effect without constraints.
 const CONSTRAINED_TOL: f64 = 1e-9;
 
-/// Smallest weight of a contact in the metric, as a fraction of the largest load.
+/// Smallest weight of a contact in the metric of the multipliers, as a fraction of the largest load.
 const LEAST_SHARE: f64 = 1e-6;
 
-/// The equations of one mode.
+/// The equations of motion of one contact mode.
 pub struct ModeEquations {
     problem: Box<dyn Mechanical>,
     shape: MechanicalStructure,
@@ -52,24 +52,24 @@ pub struct ModeEquations {
     least: Vec<f64>,
     rows: Vec<usize>,
     metric: Metric,
-    /// The rank of the held rows where the mode began.
+    /// The rank of the held rows at the beginning of the mode.
     rank: Option<usize>,
-    /// The factors at the last evaluation.
+    /// The factors of `M` and `C M^-1 G` at the last evaluation.
     last: Option<Solved>,
     constraints: Constraints,
     mass: DMatrix<f64>,
     gamma: Vec<f64>,
     f: Vec<f64>,
     sensitivity: Sensitivity,
-    /// `a` and, for every row of `J`, `lambda` at the last evaluation.
+    /// The accelerations `a` at the last evaluation.
     pub a: Vec<f64>,
-    /// See `a`.
+    /// The multipliers `lambda` of every row of `J` at the last evaluation.
     pub lambda: Vec<f64>,
     /// The coefficient of friction of each closed contact at the last evaluation.
     pub mu: Vec<f64>,
 }
 
-/// A contact mode with all that its equations need beside the state.
+/// A contact mode with all data that its equations need beside the state.
 #[derive(Clone)]
 pub(crate) struct ModeSetting {
     mode: Vec<Status>,
@@ -79,23 +79,23 @@ pub(crate) struct ModeSetting {
     rank: Option<usize>,
 }
 
-/// `M^-1` and `(C M^-1 G)^-1`, with the matrices from which they were computed.
+/// Factors of `M` and the inverse of `C M^-1 G`, with the matrices from which they were computed.
 pub(crate) struct Solved {
     pub matrix: DMatrix<f64>,
     pub mass: Cholesky<f64, Dyn>,
     pub c: DMatrix<f64>,
     pub g: DMatrix<f64>,
-    /// `M^-1 G`.
+    /// The response `M^-1 G` of accelerations to unit multipliers.
     pub y: DMatrix<f64>,
     pub inverse: DMatrix<f64>,
-    /// The contribution of the reference loads to `a` and `lambda`, where multipliers are not unique.
+    /// The contribution of the reference loads to `a` and `lambda`, if multipliers are not unique.
     pub shift: Option<(DVector<f64>, DVector<f64>)>,
-    /// The inverse of the whole matrix, computed on first use.
+    /// The inverse of the whole matrix of accelerations and multipliers, computed on first use.
     pub whole_inverse: OnceCell<Inverse>,
 }
 
 impl Solved {
-    /// Factorises at one state; reuses the previous factors if matrices are unchanged.
+    /// Factorises the matrices of one state; reuses the previous factors if the matrices are unchanged.
     fn new(
         last: Option<Self>,
         matrix: &DMatrix<f64>,
@@ -120,7 +120,7 @@ impl Solved {
         Some(Self { matrix: matrix.clone(), mass, c, g, y, inverse, shift, whole_inverse: OnceCell::new() })
     }
 
-    /// Solves `M a - G lambda = p`, `C a = w` for `a` and `lambda`, with several right-hand sides.
+    /// Solves `M a - G lambda = p`, `C a = w` for `a` and `lambda`, for several right-hand sides `(p, w)`.
     pub fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let free = self.mass.solve(p);
         let lambda = &self.inverse * (w - &self.c * &free);
@@ -134,7 +134,7 @@ struct Held {
     g: DMatrix<f64>,
 }
 
-/// The reference loads of the held rows, and the square roots of the weights of the metric.
+/// The reference loads of the held rows, and the square roots of the weights in the metric of the multipliers.
 #[derive(Clone, Default)]
 struct Metric {
     load: DVector<f64>,
@@ -142,7 +142,7 @@ struct Metric {
 }
 
 impl ModeEquations {
-    /// Builds the equations of a system, with all contacts open.
+    /// Builds the mode equations of a mechanical system, with all contacts open.
     pub fn new(problem: Box<dyn Mechanical>) -> Self {
         let shape = problem.structure().clone();
         let n = shape.coordinates;
@@ -205,13 +205,13 @@ impl ModeEquations {
         (self.rank, self.last) = (None, None);
     }
 
-    /// Takes up the mode of other equations of the same system, with its loads and slips.
+    /// Sets the mode saved from other equations of the same system, with its reference loads and slip speeds.
     pub(crate) fn adopt(&mut self, ModeSetting { mode, least, rows, metric, rank }: ModeSetting) {
         (self.mode, self.least, self.rows, self.metric) = (mode, least, rows, metric);
         (self.rank, self.last) = (rank, None);
     }
 
-    /// The mode with its loads and slips.
+    /// Returns the mode with its reference loads and slip speeds.
     pub(crate) fn setting(&self) -> ModeSetting {
         ModeSetting {
             mode: self.mode.clone(),
@@ -222,48 +222,48 @@ impl ModeEquations {
         }
     }
 
-    /// The structure of the mechanical system.
+    /// Returns the structure of the mechanical system.
     pub fn shape(&self) -> &MechanicalStructure {
         &self.shape
     }
 
-    /// The status of each contact.
+    /// Returns the status of each contact.
     pub fn mode(&self) -> &[Status] {
         &self.mode
     }
 
-    /// The rows of `J` held by the mode.
+    /// Returns the rows of `J` held by the mode.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
 
-    /// The slip speed of a contact below which its direction is that of the mode.
+    /// Returns the slip speed of contact `k` below which its direction is that of the mode.
     pub(crate) fn least_slip(&self, k: usize) -> f64 {
         self.least[k]
     }
 
-    /// The factors of `M` and of `C M^-1 G` at the last evaluation; `None` before the first.
+    /// Returns the factors of `M` and of `C M^-1 G` at the last evaluation; `None` before the first.
     pub(crate) fn solved_last(&self) -> Option<&Solved> {
         self.last.as_ref()
     }
 
-    /// The constraints at the last evaluation.
+    /// Returns the constraints at the last evaluation.
     pub fn constraints(&self) -> &Constraints {
         &self.constraints
     }
 
-    /// The diagonal of `M` at the last evaluation.
+    /// Returns the diagonal of the mass matrix `M` at the last evaluation.
     pub fn masses(&self) -> impl Iterator<Item = f64> + '_ {
         (0..self.shape.coordinates).map(|i| self.mass[(i, i)])
     }
 
-    /// The size of the friction of a contact at the last evaluation.
+    /// Returns the size of the friction force of contact `k` at the last evaluation.
     pub fn friction(&self, k: usize) -> f64 {
         self.shape.tangents(k).map(|row| self.lambda[row].powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Whether all closed contacts press and those that stick are below their friction bound by this part of it, at the last
-    /// evaluation.
+    /// Whether, at the last evaluation, the normal forces of all closed contacts are nonnegative and the friction of
+    /// those that stick is below its bound by at least the fraction `part` of the bound.
     pub fn hold_below(&self, part: f64) -> bool {
         (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).all(|k| {
             let force = self.lambda[self.shape.normal(k)];
@@ -272,19 +272,20 @@ impl ModeEquations {
         })
     }
 
-    /// The change of the velocity of a row of `J` by an impulse along it, without constraints; at the last evaluation.
+    /// Returns the velocity change along a row of `J` by an impulse along that row, without constraints, with the
+    /// mass matrix of the last evaluation.
     pub fn change_of_row(&self, row: usize, impulse: f64) -> Option<f64> {
         let j = self.constraints.transposed.column(row).into_owned();
         self.last.as_ref().map(|solved| solved.mass.solve(&j).dot(&j) * impulse)
     }
 
-    /// The system.
+    /// Returns the mechanical system.
     pub fn problem(&mut self) -> &mut dyn Mechanical {
         &mut *self.problem
     }
 
-    /// An unnormalised slip direction: in a plane that of the mode; in 3D the slip plus, for slips at rest, its
-    /// tolerance in the direction of the mode.
+    /// Returns an unnormalised slip direction of contact `k`: in a plane the direction of the mode; in 3D the slip
+    /// plus, for slips at rest, the slip tolerance times the direction of the mode.
     fn way(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
         let Status::Slip(direction) = self.mode[k] else { return None };
         Some(if self.shape.contacts[k].slips < 2 { direction } else { self.slip(k, v) + direction * self.least[k] })
@@ -295,8 +296,8 @@ impl ModeEquations {
         Some(if way.norm() > 0.0 { way.normalize() } else { way })
     }
 
-    /// The speed of the slip of contact `k` that its coefficient of friction depends on. In a plane a slip past the end
-    /// of its mode counts as rest.
+    /// Returns the slip speed on which the friction coefficient of contact `k` depends. In a plane a slip that has
+    /// reversed, past the end of its mode, counts as rest.
     fn slip_speed(&self, k: usize, v: &[f64]) -> f64 {
         let contact = &self.shape.contacts[k];
         match self.mode[k] {
@@ -306,7 +307,8 @@ impl ModeEquations {
         }
     }
 
-    /// Evaluates the coefficients of friction of closed contacts, after the constraints; `None` if there is none.
+    /// Evaluates the friction coefficients of closed contacts; the constraints must have been evaluated at this
+    /// state. Returns `None` if a coefficient is inadmissible.
     fn evaluate_friction(&mut self, t: f64, q: &[f64], v: &[f64]) -> Option<()> {
         for k in 0..self.mode.len() {
             let contact = &self.shape.contacts[k];
@@ -319,12 +321,12 @@ impl ModeEquations {
         Some(())
     }
 
-    /// `u_t` of contact `k`.
+    /// Returns the slip velocity `u_t` of contact `k`.
     pub fn slip(&self, k: usize, v: &[f64]) -> Vector2<f64> {
         self.constraints.slip(self.shape.tangents(k), v)
     }
 
-    /// The rate of `u_t` of the closed contact `k` at the last evaluation.
+    /// Returns the rate of the slip velocity `u_t` of the closed contact `k` at the last evaluation.
     pub fn slip_rate(&self, k: usize) -> Vector2<f64> {
         let mut rate = Vector2::zeros();
         for (rate, row) in rate.iter_mut().zip(self.shape.tangents(k)) {
@@ -333,26 +335,27 @@ impl ModeEquations {
         rate
     }
 
-    /// The rate of `u` in one row of `J` at the last evaluation.
+    /// Returns the rate of the contact velocity `u` in one row of `J` at the last evaluation.
     pub fn rate_of_row(&self, row: usize) -> f64 {
         self.gamma[row] + dot(self.constraints.row(row), &self.a)
     }
 
-    /// Whether other constraints prevent the slip of contact `k` at the last evaluation: its point stays at rest, while
-    /// its friction is at the bound.
+    /// Whether other constraints prevent the slip of contact `k` at the last evaluation: the contact point stays at
+    /// rest although its friction is at the bound.
     pub fn is_slip_held(&self, k: usize, v: &[f64]) -> bool {
         let Some(direction) = self.direction(k, v) else { return false };
         let others = self.rows.iter().any(|&row| row != self.shape.normal(k));
         others && self.is_held(self.shape.tangents(k).zip(direction.iter().copied()))
     }
 
-    /// Whether other constraints keep the gap of the open contact `k`, which is at rest, from changing at the last
+    /// Whether other constraints keep the gap of the open contact `k`, which is at rest, constant at the last
     /// evaluation.
     pub fn is_gap_held(&self, k: usize) -> bool {
         !self.rows.is_empty() && self.is_held(std::iter::once((self.shape.normal(k), 1.0)))
     }
 
-    /// Whether forces change the velocity that is this combination of rows of `J` by no more than rounding.
+    /// Whether forces change the velocity along a combination of rows of `J`, given as pairs of row and factor, by no
+    /// more than rounding.
     fn is_held(&self, rows: impl Iterator<Item = (usize, f64)>) -> bool {
         let Some(solved) = &self.last else { return false };
         let mut j = DVector::zeros(self.shape.coordinates);
@@ -362,7 +365,7 @@ impl ModeEquations {
         j.dot(&held).abs() <= CONSTRAINED_TOL * j.dot(&free)
     }
 
-    /// Computes `a` and `lambda` at a state; writes NaN if they do not exist.
+    /// Computes accelerations `a` and multipliers `lambda` at a state; writes NaN if they do not exist.
     pub fn evaluate_at(&mut self, t: f64, x: &[f64]) {
         self.last = self.solved(t, x);
         if self.last.is_none() {
@@ -371,12 +374,12 @@ impl ModeEquations {
         }
     }
 
-    /// Computes the constraints alone at a state: all that monitors need in a mode that holds no row.
+    /// Evaluates the constraints alone at a state: all that monitors need in a mode that holds no row.
     pub fn evaluate_constraints(&mut self, t: f64, q: &[f64]) {
         self.problem.constraints(t, q, &mut self.constraints);
     }
 
-    /// Evaluates the equations at the middle of a box, and returns the middle of the states.
+    /// Evaluates the mode equations at the middle of a box, and returns the middle of the states.
     fn evaluate_at_middle(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
         let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
         self.evaluate_at(t.ball().0, &middle);
@@ -449,10 +452,10 @@ impl ModeEquations {
     }
 }
 
-/// The derivatives of friction by its coefficient, which the equations of a system take as fixed.
+/// Derivatives of friction by its coefficient; the equations of a mechanical system take the coefficient as fixed.
 impl ModeEquations {
-    /// The direction of friction on the system of a sliding contact whose coefficient varies, `J_t^T d lambda_n`, and the
-    /// derivative of the speed of its slip by the rows of the slip.
+    /// Returns, for a sliding contact whose friction coefficient varies, the generalised force `J_t^T d lambda_n` per
+    /// unit of the coefficient, opposite to friction, and the derivative of the slip speed by the rows of the slip.
     pub(super) fn varying_friction(&self, k: usize, v: &[f64]) -> Option<(DVector<f64>, Vector2<f64>)> {
         if !self.shape.contacts[k].varies {
             return None;
@@ -463,7 +466,7 @@ impl ModeEquations {
             push += self.constraints.transposed.column(row) * (d * self.lambda[self.shape.normal(k)]);
         }
         let slope = match self.shape.contacts[k].slips {
-            // Past the end of the mode the speed is zero.
+            // Past the end of the mode the slip speed counts as zero, so that its derivative vanishes.
             1 if self.slip(k, v).dot(&direction) < 0.0 => Vector2::zeros(),
             1 => direction,
             _ => self.shape.contacts[k].slip_speed_slope(&self.slip(k, v), &direction),
@@ -471,7 +474,7 @@ impl ModeEquations {
         Some((push, slope))
     }
 
-    /// Adds the derivatives of coefficients of friction to the derivative of `M a - f - J^T lambda`.
+    /// Adds the derivatives of the friction coefficients to the derivative of `M a - f - J^T lambda`.
     fn add_friction_slopes(&mut self, t: f64, (q, v): (&[f64], &[f64]), balance: &mut DMatrix<f64>) {
         let n = self.shape.coordinates;
         for k in 0..self.mode.len() {
@@ -484,7 +487,8 @@ impl ModeEquations {
             for (row, slope) in self.shape.tangents(k).zip(of_speed.iter()) {
                 by_state += self.sensitivity.velocity.row(row) * (by_speed * slope);
             }
-            // A slope that is not finite, as that of a root at rest, is left out: iterations then take longer.
+            // Leave out a slope that is not finite, such as that of a root at rest: Newton iterations then only
+            // converge more slowly.
             if by_state.iter().all(|slope| slope.is_finite()) {
                 *balance += push * by_state;
             }
@@ -492,8 +496,8 @@ impl ModeEquations {
     }
 }
 
-/// The inverse of a matrix, or for a singular one the pseudo-inverse with rows and columns scaled by `scale`; and the
-/// rank. If the rank was deficient `before`, it stays so until the matrix is clearly regular.
+/// Returns the inverse of a matrix, or for a singular one the pseudo-inverse with rows and columns scaled by `scale`;
+/// and the rank. If the rank was deficient `before`, it stays so until the matrix is clearly regular.
 fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) -> Option<(DMatrix<f64>, usize)> {
     let n = matrix.nrows();
     if n == 0 {
@@ -504,7 +508,7 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     }
     let before = before.unwrap_or(n);
     let least = if before < n { RISEN } else { DEPENDENT };
-    // The rank does not depend on the metric, whose scales may differ as the loads do.
+    // The rank is determined without the metric, whose scales may differ as widely as the loads.
     let pivoted = Pivoted::new(matrix.clone());
     let rank = pivoted.rank(least);
     if rank == n {

@@ -1,11 +1,12 @@
-//! Monitors (event functions) of a mode: quantities that stay positive along the solution while the mode lasts.
+//! Monitors (event functions) of a contact mode: quantities that stay positive along the solution while the mode
+//! lasts.
 
 use super::mode::Status;
 use super::mode_equations::ModeEquations;
 use nalgebra::Vector2;
 use problem::MechanicalStructure;
 
-/// The event that ends a mode, with the index of its contact.
+/// The event that ends a contact mode, with the index of its contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ending {
     /// The gap of an open contact closes.
@@ -14,39 +15,40 @@ pub enum Ending {
     Detachment(usize),
     /// The friction of a sticking contact exceeds its bound; the slip begins in this direction.
     StickToSlip(usize, Vector2<f64>),
-    /// A slip stops.
+    /// The slip of a contact stops.
     SlipToStick(usize),
 }
 
 /// The value of a monitor, with its noise level and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// Positive while the mode lasts.
+    /// The value of the monitor, positive while the mode lasts.
     pub value: f64,
     /// The rounding error of the value: below `-noise` the monitor is violated.
     pub noise: f64,
-    /// The rate of change, if known.
+    /// The rate of change of the value, if known.
     pub rate: Option<f64>,
-    /// The event that a violation means.
+    /// The event that a violation of the monitor indicates.
     pub ending: Ending,
 }
 
 impl Monitor {
-    /// Whether the value is zero up to rounding, or negative.
+    /// Whether the value of the monitor is zero up to rounding, or negative.
     pub fn is_on_bound(&self) -> bool {
         self.value <= self.noise
     }
 }
 
-/// Rounding of gaps and velocities relative to their terms, and of multipliers relative to the largest.
+/// Rounding error of gaps and velocities relative to their terms, and of multipliers relative to the largest.
 pub const ROUNDING_OF_VELOCITIES: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
-/// Gaps and their velocities below this fraction of their terms are at rest up to drift.
+/// Gaps and their velocities below this fraction of their terms are at rest up to constraint drift.
 const AT_REST: f64 = 1e-9;
 
-/// Evaluates the monitors of a mode at a state of a step in which the states reach these sizes, whose rounding is in all of
-/// its interpolated states; the number and order of the monitors depend on the mode alone.
+/// Evaluates the monitors of a mode at a state `x` of a step. `reached` are the sizes that the states reach in the
+/// step: the rounding errors of all interpolated states are relative to them. The number and order of the monitors
+/// depend on the mode alone.
 pub fn monitors(
     equations: &mut ModeEquations,
     structure: &MechanicalStructure,
@@ -79,8 +81,8 @@ pub fn monitors(
             let size = terms.max(constraints.size(row, reached_q));
             let noise = in_time + ROUNDING_OF_VELOCITIES * size.max(f64::MIN_POSITIVE);
             let speed = constraints.velocity(row, v);
-            // A gap that other constraints keep at zero, without a force of its own, cannot close. What they hold at rest
-            // has no velocity but rounding.
+            // A gap that other constraints keep at zero, and that carries no force, cannot close. Contacts that fixed
+            // constraints hold at rest have no velocity beyond rounding.
             let is_slow =
                 are_still && constraints.drift[row] == 0.0 || speed.abs() <= AT_REST * constraints.terms(row, v);
             let rests = is_slow && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
@@ -101,7 +103,7 @@ pub fn monitors(
                 out.push(Monitor { value, noise, rate: None, ending: Ending::StickToSlip(k, away) });
             }
             Status::Slip(direction) => {
-                // A point that other constraints keep at rest does not slip, and cannot stop.
+                // A contact point that other constraints keep at rest does not slip, so that its slip cannot stop.
                 let is_held = equations.is_slip_held(k, v);
                 let value = if is_held { f64::INFINITY } else { equations.slip(k, v).dot(&direction) };
                 let terms = |row| constraints.terms(row, v).max(constraints.size(row, reached_v));

@@ -1,24 +1,27 @@
-//! Search for the first end of a mode within a step, by the values of its monitors on the collocation polynomial.
+//! Search for the first end of a contact mode within a step, by the values of its monitors on the collocation
+//! polynomial.
 //!
-//! While a contact sticks or rests, steps are long, and forces may cross a bound and return many times within one. Each
-//! part of a step is therefore sampled at five points `x = 0, 1/4, .. 1`: a monitor `g` is approximated by the parabola
-//! `p` through three of them, with the remainder estimated from the deviations at the other two (and of rates),
+//! While a contact sticks or rests, steps are long, and forces may cross a bound and return many times within one
+//! step. Each part of a step is therefore sampled at five points `x = 0, 1/4, .. 1`: a monitor `g` is approximated by
+//! the parabola `p` through three of them, with the remainder estimated from the deviations at the other two (and of
+//! rates),
 //!
 //! ```text
 //! g(x) - p(x) = (g - p)(1/4) w(x)/w(1/4),    w(x) = x (x - 1/2) (x - 1)
 //! ```
 //!
-//! if the third derivative varies little. Where `p` does not decide the sign of `g`, the part is halved.
+//! if the third derivative varies little. If `p` does not decide the sign of `g`, the part is halved.
 //!
-//! A monitor that leaves its bound at the beginning of the step, such as a gap after an impact or a slip after a stop,
-//! has a root there, up to rounding. The root is divided out: `(g(t) - g(t_0))/(t - t_0)` begins with the rate of `g`,
-//! and keeps the other roots.
+//! A monitor that leaves its bound at the beginning of the step, such as a gap after an impact or a slip after a
+//! stop, has a root at that time, up to rounding. The root is divided out: `(g(t) - g(t_0))/(t - t_0)` begins with
+//! the rate of `g`, and keeps the other roots.
 
 use super::monitors::{Ending, Monitor};
 use super::smooth_phase::SmoothPhase;
 use numerics::Bracket;
 
-/// Initial partition of a step, the golden section: no part is a multiple of another, as periods might be.
+/// Initial partition of a step, the golden section: no part is a multiple of another, as periods of the motion might
+/// be.
 const PARTED: f64 = 0.381_966_011_250_105;
 
 /// Largest admissible deviation of a monitor from its parabola, relative to the parabola (`DOUBT`) or, once violated,
@@ -26,31 +29,31 @@ const PARTED: f64 = 0.381_966_011_250_105;
 const DOUBT: f64 = 0.5;
 const BENT: f64 = 0.1;
 
-/// Deviations below this multiple of the noise are ignored.
+/// Deviations of a monitor from its parabola below this multiple of the monitor's noise are ignored.
 pub(super) const NOISE: f64 = 16.0;
 
 /// A 3D slip has stopped if it is below this fraction of its value halfway to the stop.
 const STOPPED: f64 = 1e-6;
 
-/// The smallest part of a step that is halved, relative to the step; and relative to the time, the resolution of the
-/// clock.
+/// The smallest part of a step that is halved, relative to the step (`SMALLEST`) and to the time (`ROUNDING_OF_TIME`,
+/// the resolution of the clock).
 pub(super) const SMALLEST: f64 = 1e-6;
 pub(super) const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
 
 /// A monitor jumps if it falls by this fraction of its change between two points within the resolution of time.
 const JUMP: f64 = 1e-3;
 
-/// Largest number of points within one step; the rest of the step is left to the next.
+/// Largest number of sampling points within one step; the remainder of the step is left to the next.
 const MOST_POINTS: usize = 1000;
 
-/// Result of the search in a step.
+/// Result of the search for the end of a mode in a step.
 #[derive(Clone, Copy)]
 pub(super) enum Search {
-    /// The mode goes on.
+    /// The mode lasts throughout the step.
     Clear,
-    /// The mode ends.
+    /// The mode ends within the step.
     Ends(Violation),
-    /// The mode goes on until this time; the rest is another step.
+    /// The mode lasts until this time at least; the remainder of the step becomes another step.
     Until(f64),
 }
 
@@ -58,14 +61,14 @@ pub(super) enum Search {
 #[derive(Clone, Copy)]
 pub struct Violation {
     pub t: f64,
-    /// A later time at which the violation was seen.
+    /// A later time at which the monitor was seen violated.
     pub seen: f64,
     pub index: usize,
-    /// The value of the monitor at its root.
+    /// The reference value of the monitor: its value at the root.
     pub origin: f64,
-    /// The slope of the monitor at the root.
+    /// The slope of the monitor at its root.
     pub slope: f64,
-    /// Whether the monitor jumps, as with a force that sets in.
+    /// Whether the monitor jumps, as when a force sets in.
     pub jumps: bool,
     pub ending: Ending,
 }
@@ -73,9 +76,10 @@ pub struct Violation {
 /// The reference value from which a monitor is measured.
 #[derive(Clone, Copy)]
 enum Origin {
-    /// Zero, or the value at the beginning of the step if negative: drift is no violation until it grows.
+    /// Zero, or the value of the monitor at the beginning of the step if negative: drift is no violation until it
+    /// grows.
     Floor(f64),
-    /// The value at the beginning of the step, a root that is divided out.
+    /// The value of the monitor at the beginning of the step, a root that is divided out.
     Root(f64),
 }
 
@@ -85,7 +89,7 @@ impl Origin {
         if monitor.is_on_bound() && rises { Self::Root(monitor.value) } else { Self::Floor(monitor.value.min(0.0)) }
     }
 
-    /// Measures a monitor from the reference, after the time `passed`.
+    /// Measures a monitor from its reference value, after the time `passed` since the beginning of the step.
     fn measure(self, monitor: &mut Monitor, passed: f64) {
         match (self, monitor.rate) {
             (Self::Root(value), Some(rate)) if passed > 0.0 => {
@@ -102,7 +106,7 @@ impl Origin {
     }
 }
 
-/// The beginning of a step, with the references of its monitors.
+/// The beginning of a step, with the reference values of its monitors.
 struct Start {
     t: f64,
     origins: Vec<Origin>,
@@ -115,7 +119,7 @@ impl Start {
     }
 }
 
-/// The monitors at one time, measured from their references.
+/// The monitors at one time, measured from their reference values.
 #[derive(Clone)]
 struct Point {
     t: f64,
@@ -164,9 +168,9 @@ impl SmoothPhase<'_, '_> {
         Search::Clear
     }
 
-    /// The initial parts of a step, in reverse order.
+    /// Returns the initial parts of a step, the last part first.
     fn parts(&mut self, start: &Start, mut first: Point, h: f64, end: f64) -> Vec<[Point; 3]> {
-        // At its bound a force does not show where it goes: sample it a moment later.
+        // A force at its bound does not show the sign of its rate: sample it slightly later.
         let unknown = |monitor: &Monitor| monitor.is_on_bound() && monitor.rate.is_none();
         if first.monitors.iter().any(unknown) {
             let soon = self.point(start, start.t + SMALLEST * h);
@@ -196,7 +200,7 @@ impl SmoothPhase<'_, '_> {
         start.measure(t, monitors)
     }
 
-    /// The root at which a monitor falls to its reference between two points, by the Illinois method.
+    /// Finds the root at which a monitor falls to its reference value between two points, by the Illinois method.
     fn root(&mut self, index: usize, start: &Start, pair: &[Point]) -> Violation {
         let (left, right) = (&pair[0], &pair[1]);
         let at = |point: &Point| (point.t, point.monitors[index].value);
@@ -231,7 +235,7 @@ impl SmoothPhase<'_, '_> {
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
         let (Origin::Floor(origin) | Origin::Root(origin)) = start.origins[index];
-        // A known rate is more accurate than a difference quotient.
+        // A known rate of the monitor is more accurate than a difference quotient.
         Violation {
             t,
             seen: right.t,
@@ -243,8 +247,8 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// The end found; or, where a slip in 3D has only turned by a right angle, the time up to which its direction is
-    /// valid.
+    /// Returns the end found; or, if a slip in 3D has not stopped but only turned by a right angle, the time up to
+    /// which its direction is valid.
     fn end_at(&mut self, begin: f64, found: Violation) -> Search {
         if let Ending::SlipToStick(k) = found.ending
             && found.t > begin
@@ -259,13 +263,14 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// Whether a monitor is violated at the second of two points, and decreasing.
+/// Whether a monitor decreases between two points and is violated at the second.
 fn falls(pair: &[Point], index: usize) -> bool {
     let (left, right) = (&pair[0].monitors[index], &pair[1].monitors[index]);
     right.value < -right.noise && right.value < left.value
 }
 
-/// Whether five points decide the sign of a monitor up to the point number `seen`, and the number of its sign changes.
+/// Whether five points decide the sign of a monitor up to the point of index `seen - 1`, and the number of its sign
+/// changes.
 fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let monitor = |i: usize| &five[i].monitors[index];
     let value = five.each_ref().map(|point| point.monitors[index].value);

@@ -1,4 +1,4 @@
-//! A smooth phase: motion in one mode, from its beginning to its end.
+//! A smooth phase: motion in one contact mode, from its beginning to its end.
 
 use super::bursts::Parts;
 use super::hidden::Enclosed;
@@ -16,58 +16,60 @@ use numerics::Interval;
 use problem::{Control, Mechanical};
 use radau::Settings;
 
-/// The equations of the mode twice: for integration, and for evaluation of monitors within a step.
+/// Two copies of the mode equations: for integration, and for evaluation of monitors within a step.
 pub struct ModeEvaluators {
     main: ModeEquations,
     watch: ModeEquations,
 }
 
 impl ModeEvaluators {
-    /// Evaluators of one system, each made by `problem`.
+    /// Builds the evaluators of one mechanical system, each on a copy of the system made by `problem`.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         Self { main: ModeEquations::new(problem()), watch: ModeEquations::new(problem()) }
     }
 }
 
-/// Number of repeated steps that refine the time of an event, and the largest of those that each take off a part of what is
-/// left: where the flight is short beside the step, Newton's method takes off half of it, down to the resolution of the clock.
+/// Refinement of an event time by repeated steps: `REFINEMENTS` steps are allowed in any case, and up to
+/// `MOST_REFINEMENTS` while each reduces the remaining change of the time by the fraction `TAKEN_OFF`. For a flight
+/// that is short compared with the step, Newton's method halves the change each time, down to the resolution of the
+/// clock.
 const REFINEMENTS: usize = 6;
 const MOST_REFINEMENTS: usize = 60;
 const TAKEN_OFF: f64 = 0.25;
 
-/// The largest change of the event time in a refinement, as a fraction of the time since the step began.
+/// The largest change of the event time in one refinement, as a fraction of the time since the step began.
 const NEAR: f64 = 0.5;
 
 /// A 3D slip may grow by at most `GROWTH` per step; the cut is bisected to `GROWN` of the step.
 pub(super) const GROWTH: f64 = 4.0;
 const GROWN: f64 = 1e-6;
 
-/// The relative tolerance on the stages of a step that is cut.
+/// The relative tolerance on the stages of a cut step.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of held constraints that ends a phase, as a fraction of the gap below which a contact is closed; and the drift
-/// allowed in a step, as a fraction of the tolerances of its coordinates.
+/// Drift of held constraints that ends a phase, as a fraction of the gap below which a contact is closed; also the
+/// drift allowed in a step, as a fraction of the tolerances of the coordinates.
 const DRIFT: f64 = 0.1;
 
-/// A run of the one-step method within one mode.
+/// A run of the one-step method within one contact mode.
 pub struct SmoothPhase<'l, 'p> {
-    /// The event-driven run.
+    /// The event-driven run to which the phase belongs.
     pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
     pub(crate) method: Option<Method<'l>>,
     pub(crate) watch: &'l mut ModeEquations,
     pub(super) control: &'l Control,
     pub(super) over: bool,
-    /// The partition of the last step in which its dependence on time shows.
+    /// The partition of the last step in which its dependence on time is represented.
     pub(super) parts: Parts,
-    /// The sizes that the states reach in the last step.
+    /// The largest sizes of the states in the last step.
     pub(super) reached: Vec<f64>,
-    /// A time in the last step, with the integrals up to it.
+    /// A time in the last step, with the integrals from the beginning of the step to that time.
     pub(super) acted: (f64, Integrals),
 }
 
 impl<'l, 'p> SmoothPhase<'l, 'p> {
-    /// Starts the integration of the current mode of a run.
+    /// Starts the integration of the current mode of an event-driven run.
     pub fn new(located: &'l mut EventDriven<'p>, evaluators: &'l mut ModeEvaluators, control: &'l Control) -> Self {
         let ModeEvaluators { main, watch } = evaluators;
         let mode = located.mode.clone();
@@ -75,8 +77,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
             let x = [located.state.q.as_slice(), &located.state.v].concat();
-            // Contacts that share their friction evenly stick as long as they can; the shares of the law of contact are a
-            // vertex of what is possible, from which one of them slips at once.
+            // Prefer loads whose friction is shared evenly: such contacts stick as long as they can, whereas the
+            // loads of the contact law are a vertex of the admissible set, from which one contact slips at once.
             let normals: Vec<_> = located.loads.iter().map(|load| Vector3::x() * load.x).collect();
             if normals != located.loads {
                 watch.set_mode(mode, (&normals, &located.coefficients), &least);
@@ -100,17 +102,18 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         Self { mode, method, watch, control, over: false, parts, reached, acted, located }
     }
 
-    /// Whether the mode, or the run, is over.
+    /// Whether the mode, or the run, has ended.
     pub fn is_over(&self) -> bool {
         self.over || self.located.is_done()
     }
 
-    /// The method of smooth motion, with its evidence of the last step; `None` where time stepping goes on.
+    /// Returns the one-step method of smooth motion, with data of its last step; `None` while time stepping replaces
+    /// it.
     pub fn method(&self) -> Option<&radau::Radau<'l>> {
         self.method.as_ref()
     }
 
-    /// Makes one step, and handles the event at its end.
+    /// Makes one step of the smooth motion, and handles the event at its end.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`](crate::VelocityStep::advance).
@@ -118,14 +121,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         hybrid::advance(self)
     }
 
-    /// Whether the step to `t` ended at a breakpoint of time while a contact is closed.
+    /// Whether the step to the time `t` ended at a breakpoint in time while a contact is closed.
     pub(super) fn is_behind_break(&self, t: f64) -> bool {
         let ends_there = |method: &Method<'_>| method.t() == t && method.begins_anew() && !method.is_done();
         self.mode.iter().any(|status| status.is_closed()) && self.method.as_ref().is_some_and(ends_there)
     }
 
-    /// Updates the slip directions of the mode to those of the current 3D slips, which the monitors for stops refer to:
-    /// a slip may turn by any angle.
+    /// Updates the slip directions of the mode, which the monitors of slip-stick transitions refer to, to those of
+    /// the current 3D slips: a slip may turn by any angle.
     pub(super) fn follow_slips(&mut self) {
         let EventDriven { structure, constraints, state, .. } = &*self.located;
         for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
@@ -140,14 +143,15 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// Interpolates `x` at a time within the last step.
+    /// Interpolates the state `x = (q, v)` at a time within the last step.
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
         if let Some(method) = &mut self.method {
             method.at(t, x);
         }
     }
 
-    /// Writes `x` at a time within the last step; at its end that in the new mode.
+    /// Writes the state `x = (q, v)` at a time within the last step; at the end of the step, the state in the new
+    /// mode.
     pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
         let EventDriven { state, last, .. } = &*self.located;
         if t < state.t && t >= last.t && self.method.is_some() {
@@ -158,22 +162,23 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         v.copy_from_slice(&state.v);
     }
 
-    /// Encloses `x` between two times within the last step; empty if the step was not smooth motion.
+    /// Encloses the state `x` between two times within the last step; returns an empty list if the step was not
+    /// smooth motion.
     pub(super) fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
         self.method.as_ref().map_or_else(Vec::new, |method| method.ranges(from, to))
     }
 
-    /// Such enclosures with the rounding of `x`.
+    /// Encloses the state `x` and its rounding errors between two times within the last step.
     pub fn ranges_with_rounding(&self, from: f64, to: f64) -> Vec<Interval> {
         self.method.as_ref().map_or_else(Vec::new, |method| method.ranges_with_rounding(from, to))
     }
 
-    /// The slopes of `x` at a time within the last step.
+    /// Returns the slopes of the state `x` at a time within the last step.
     pub(super) fn slopes_at(&self, t: f64) -> Vec<f64> {
         self.method.as_ref().map_or_else(Vec::new, |method| method.slopes_at(t))
     }
 
-    /// Counts a step by the result of its enclosure.
+    /// Counts a step of smooth motion by the result of its enclosure.
     pub(super) fn note_screened(&mut self, enclosed: &Enclosed) {
         if self.mode.is_empty() {
             return;
@@ -187,14 +192,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// Evaluates the monitors at a time within the last step.
+    /// Evaluates the monitors of the mode at a time within the last step.
     pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
         monitors(self.watch, &self.located.structure, &self.mode, t, (&x, &self.reached), out);
     }
 
-    /// The speed of a slip at a time within the last step, and its tolerance.
+    /// Returns the slip speed of contact `k` at a time within the last step, and its tolerance.
     pub(super) fn slip_at(&mut self, k: usize, t: f64) -> (f64, f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -204,8 +209,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         (self.watch.slip(k, &x[n..]).norm(), tolerance)
     }
 
-    /// The time up to which the Newton matrix is valid in the last step: a 3D slip resists turning by `mu r_n/|u_t|`,
-    /// so that a slip that begins, or grows many times, needs steps that grow with it.
+    /// Returns the time up to which the Newton matrix is valid in the last step: a 3D slip resists turning by `mu
+    /// r_n/|u_t|`, so that a slip that begins, or grows many times, needs steps that grow with it.
     pub(super) fn grown(&mut self, begin: f64, end: f64) -> f64 {
         let mut until = end;
         for k in 0..self.mode.len() {
@@ -228,7 +233,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         until
     }
 
-    /// Solves the step anew up to the event until its time converges; keeps the last of these steps.
+    /// Solves the step anew up to the event until the event time converges; keeps the last of these steps.
     pub(super) fn refine(&mut self, begin: f64, end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
@@ -237,7 +242,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             return t;
         }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
-        // Measure from zero and drop the drift, unless the whole arc is no larger than the drift.
+        // Measure the monitor from zero, dropping its drift, unless the whole arc is no larger than the drift.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
         let mut last = f64::INFINITY;
@@ -252,7 +257,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             slope = values[index].rate.unwrap_or(slope);
             let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
-            // A monitor that does not fall, or whose root is far off, is not refined.
+            // Stop the refinement for a monitor that does not fall, or whose root is far off.
             let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
             let stalls = attempt >= REFINEMENTS && change.abs() > (1.0 - TAKEN_OFF) * last;
             if slope >= 0.0 || !is_near(change, t) || settled || stalls {
@@ -264,13 +269,13 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         t
     }
 
-    /// Solves the step anew up to `t`; returns whether that succeeded.
+    /// Solves the step anew up to the time `t`; returns whether the solve succeeded.
     pub(super) fn cut_at(&mut self, t: f64) -> bool {
         let tighter = (CUT_RTOL / self.located.radau.rtol).min(1.0);
         self.method.as_mut().is_some_and(|method| method.cut_at(t, tighter))
     }
 
-    /// Advances the state from `begin` to `t`, with the work and the impulses in between.
+    /// Advances the state from `begin` to `t`, and adds the work and the impulses in between.
     pub(super) fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -292,8 +297,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         energy.close(energies.kinetic, energies.potential);
     }
 
-    /// Records violations of joints and gaps at a time within the last step, at which the equations of the mode were
-    /// evaluated.
+    /// Records violations of joints and gaps at a time within the last step; the mode equations must have been
+    /// evaluated at that time.
     pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
         let EventDriven { radau, violations, .. } = &mut *self.located;
         if violations.joints().is_empty() && violations.gaps().is_empty() {
@@ -303,7 +308,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         violations.note(t, q, self.watch.constraints(), (&[], &tolerances), |k| self.mode[k].is_closed());
     }
 
-    /// The coordinates, velocities, impulses and energy balance at a time within the last step.
+    /// Writes the coordinates and velocities at a time within the last step, and returns impulses and energy balance.
     pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
         let EventDriven { state, last, .. } = &*self.located;
         if t >= state.t {
@@ -324,7 +329,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.at(t, &mut x);
         q.copy_from_slice(&x[..q.len()]);
         v.copy_from_slice(&x[q.len()..]);
-        // Outputs come in order of time: continue the integrals from the last one.
+        // Output times increase: continue the integrals from the last output.
         let from = if t >= self.acted.0 { self.acted.0 } else { begin };
         let part = self.integrals(from, t);
         if from == begin {
@@ -340,8 +345,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         (impulses, energy)
     }
 
-    /// The factor of the next step size if a held constraint has drifted off zero: drift, which grows with the square
-    /// of the step, must stay well below the tolerances.
+    /// Returns a factor for the next step size if a held constraint has drifted off zero: drift, which grows with the
+    /// square of the step size, must stay well below the tolerances.
     pub(super) fn drift(&self) -> Option<f64> {
         let EventDriven { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);

@@ -1,6 +1,7 @@
-//! The adjoint of the derivatives along an event-driven motion: the gradient of one number with respect to many directions,
-//! by the transposed maps of arcs and transitions, backwards over the stored steps ([`radau::Adjoint`]). The map of a
-//! transition, `S+ = A S + C`, is found along a basis of the states and the directions as the run passes it.
+//! The adjoint of the derivatives along an event-driven motion: the gradient of one number with respect to many
+//! directions, by the transposed maps of arcs and transitions, backwards over the stored steps ([`radau::Adjoint`]).
+//! The map of a transition, `S+ = A S + C` for the derivatives `S` of the states, is computed along a basis of the
+//! states and the directions during the forward run.
 
 use super::arc::{ArcEquations, weights_at};
 use super::{Directions, Jumped, NoDerivative, Tangents, TermsBy};
@@ -10,15 +11,16 @@ use problem::Mechanical;
 use radau::{AdjointWork, IntegralWeights, StoredStep, Swept};
 use std::rc::Rc;
 
-/// What the sweep back needs of a motion.
+/// Record of a forward run for the backward sweep.
 enum Record {
     Arc {
         step: Box<StoredStep>,
         mode: Rc<ModeSetting>,
-        /// The terms of the derivatives that are followed with the run, one per state.
+        /// Absolute values of the terms of the derivatives that are followed with the run, one per state.
         terms: Vec<f64>,
     },
-    /// A passage with the map `(A, C)` of its derivatives, and the derivatives of what an integral gains there.
+    /// A transition with the map `(A, C)` of its derivatives, and the derivatives of the increment of an integral at
+    /// it.
     Passage { map: DMatrix<f64>, gained: Option<DVector<f64>> },
 }
 
@@ -28,25 +30,26 @@ impl Record {
     }
 }
 
-/// The derivatives of what an integral gains at a jump at a time that moves, one per direction.
+/// Returns the derivatives, one per direction, of the increment of an integral at a jump whose time depends on the
+/// directions.
 pub type IntegrandJump<'a> = &'a mut dyn FnMut(&Jumped) -> Option<DVector<f64>>;
 
-/// The adjoint of an event-driven motion.
+/// The adjoint of the derivatives along an event-driven motion.
 pub struct Adjoint {
-    /// Along a basis of the states, then the directions.
+    /// Derivatives along a basis of the states, followed by the directions.
     basis: Tangents,
-    /// The derivatives of the states at the start.
+    /// The derivatives of the initial states, one direction per column.
     initial: DMatrix<f64>,
     identity: DMatrix<f64>,
     mode: Rc<ModeSetting>,
     records: Vec<Record>,
     bytes: usize,
-    /// Counters.
+    /// Cost counters of the adjoint.
     pub work: AdjointWork,
 }
 
 impl Directions {
-    /// A basis of `q` and `v`, then these directions, none of which moves the states at once.
+    /// Returns a basis of `q` and `v`, followed by these directions with zero derivatives of the initial states.
     fn with_basis(self) -> Self {
         let (states, count) = (self.initial.nrows(), self.count());
         let mut initial = DMatrix::zeros(states, states + count);
@@ -69,10 +72,10 @@ impl Directions {
 }
 
 impl Adjoint {
-    /// Begins at the start of a run of `problem`, before the derivatives that are followed with it.
+    /// Begins at the start of a run of `problem`, before the derivatives that are followed with the run.
     ///
     /// # Errors
-    /// Why there is no derivative from the start on.
+    /// The reason why there is no derivative from the start on.
     pub fn new(
         problem: Box<dyn Mechanical>,
         directions: Directions,
@@ -92,21 +95,21 @@ impl Adjoint {
         Ok(adjoint)
     }
 
-    /// The number of bytes of the stored steps.
+    /// Returns the number of bytes of the stored steps.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// Takes up the mode of a smooth phase that begins.
+    /// Sets the mode to that of a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
         self.basis.adopt_mode(phase);
         self.mode = Rc::new(phase.watch.setting());
     }
 
-    /// Stores the last step of a phase, which `tangents` have followed in one direction.
+    /// Stores the last step of a phase; `tangents` have followed the step in one direction.
     ///
     /// # Errors
-    /// Why there is no derivative from the end of this step on.
+    /// The reason why there is no derivative from the end of the step on.
     pub fn store(
         &mut self,
         phase: &mut SmoothPhase<'_, '_>,
@@ -124,7 +127,7 @@ impl Adjoint {
             self.basis.instant = None;
             self.basis.now.copy_from(&self.identity);
         } else if let Some(last) = self.records.iter_mut().rev().find_map(Record::terms_mut) {
-            // A further transition at the end of that arc.
+            // A further transition at the end of the last stored arc: only its terms are recorded with the arc.
             last.iter_mut().zip(tangents.terms.iter()).for_each(|(last, terms)| *last = last.max(*terms));
         }
         let jumped = self.basis.pass_end(phase)?;
@@ -136,7 +139,7 @@ impl Adjoint {
         Ok(())
     }
 
-    /// Stores a passage; what happens at the time of another one is composed with it already.
+    /// Stores a transition; its map is already composed with that of an earlier transition at the same time.
     fn note_passage(&mut self, gained: Option<DVector<f64>>) {
         let before = match self.records.pop() {
             Some(Record::Passage { gained, .. }) => gained,
@@ -154,12 +157,13 @@ impl Adjoint {
         self.records.push(Record::Passage { map: self.basis.now.clone(), gained });
     }
 
-    /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
-    /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
-    /// number contains; the last step comes first.
+    /// Sweeps the derivatives of a number from the end back to the start, and returns its gradient with respect to
+    /// the directions. The number has the derivatives `by_states` with respect to the states at the end, and depends
+    /// on the directions also directly, with derivatives `by_directions`. `integral` returns the weights over a step
+    /// of an integral that the number contains; it is called for the last step first.
     ///
     /// # Errors
-    /// Singular equations of a step.
+    /// Fails if the equations of a step are singular.
     pub fn sweep(
         &mut self,
         by_states: &[f64],
@@ -167,7 +171,7 @@ impl Adjoint {
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
     ) -> Result<Swept, NoDerivative> {
         let mut swept = Swept::default();
-        // Behind the passage at the end of an arc.
+        // The adjoint states after the transition at the end of an arc.
         let mut behind: Option<DVector<f64>> = None;
         let mut states = DVector::from_column_slice(by_states);
         let mut gradient = DVector::from_column_slice(by_directions);
@@ -199,7 +203,7 @@ impl Adjoint {
         Ok(swept)
     }
 
-    /// Carries a row of derivatives over one step.
+    /// Carries a row of derivatives backwards over one step.
     fn step_back(
         &mut self,
         stored: &StoredStep,

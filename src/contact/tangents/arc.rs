@@ -1,11 +1,11 @@
-//! The derivatives along a smooth arc: those of the stages of Radau IIA, with the exact derivatives of the accelerations at
-//! each stage,
+//! The derivatives along a smooth arc, one column per direction: those of the stages of Radau IIA, with the exact
+//! derivatives of the accelerations at each stage,
 //!
 //! ```text
 //! dX_i = dx_n + h sum_j a_ij (F_x dX_j + F_p),    F = (v, a(t, q, v; p)),    dx_{n+1} = dX_s
 //! ```
 //!
-//! and between the stages the polynomial through them, corrected by the slope at its beginning as the states are.
+//! and between the stages the collocation polynomial, corrected by the slope at its beginning as for the states.
 
 use super::linearised::{Columns, Linearised};
 use super::{Directions, NoDerivative};
@@ -13,23 +13,25 @@ use crate::locate::ModeEquations;
 use nalgebra::DMatrix;
 use radau::{LastStep, Tableau};
 
-/// The part of a step by which its end may be missed: rounding of the clock.
+/// Tolerance for a time at the end of a step, relative to the step size: rounding of the clock.
 const AT_END: f64 = 1e-9;
 
-/// The derivatives along the last step.
+/// The derivatives of the states along the last step.
 pub(super) struct Arc {
     begin: f64,
     h: f64,
     tableau: &'static Tableau,
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
-    /// The slope that the polynomial lacks at the beginning, times the step size.
+    /// The derivative of the slope that the collocation polynomial lacks at the beginning of the step, times the step
+    /// size.
     pub lacking: DMatrix<f64>,
-    /// The absolute values of the terms that add up to the derivatives in the step: a scale for their rounding.
+    /// The absolute values of the terms that add up to the derivatives in the step: a scale for their rounding
+    /// errors.
     pub terms: DMatrix<f64>,
 }
 
-/// The derivatives of `x' = (v, a)` with respect to `x` and to the directions.
+/// Returns the derivatives of the rates `x' = (v, a)` with respect to `x` and to the directions.
 fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, p) = (columns.coordinates, columns.directions);
     let mut by_x = DMatrix::zeros(2 * n, 2 * n);
@@ -40,7 +42,7 @@ fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f6
     (by_x, by_directions)
 }
 
-/// The slopes of the derivatives `now` of a state; `None` where the equations are singular.
+/// Returns the time slopes of the derivatives `now` of a state; `None` if the mode equations are singular.
 pub(super) fn slopes_at(
     equations: &mut ModeEquations,
     (t, x): (f64, &[f64]),
@@ -53,7 +55,7 @@ pub(super) fn slopes_at(
 }
 
 impl Arc {
-    /// Differentiates a step, from the derivatives `before` at its beginning.
+    /// Differentiates a step of Radau IIA, from the derivatives `before` at its beginning.
     pub fn new(
         step: LastStep<'_>,
         before: &DMatrix<f64>,
@@ -91,7 +93,7 @@ impl Arc {
         Ok(Self { begin: t, h, tableau, before: before.clone(), stages, lacking, terms })
     }
 
-    /// The derivatives at a time within the step, one direction per column.
+    /// Returns the derivatives of the states at a time within the step, one direction per column.
     pub fn at(&self, t: f64) -> DMatrix<f64> {
         let (weights, of_slope) = weights_at(self.tableau, (t - self.begin) / self.h);
         if of_slope.is_none()
@@ -105,8 +107,9 @@ impl Arc {
     }
 }
 
-/// The weights of the stages in the increment of the polynomial at a part of the step, and that of the slope that it lacks
-/// at the beginning; at the end of the step the last stage is all, without that slope.
+/// Returns the weights of the stages in the increment of the collocation polynomial at the fraction `theta` of the
+/// step, and the weight of the slope that the polynomial lacks at the beginning. At the end of the step the last
+/// stage has weight one, and the slope has no weight (`None`).
 pub(super) fn weights_at(tableau: &Tableau, theta: f64) -> (Vec<f64>, Option<f64>) {
     let mut weights = vec![0.0; tableau.stages()];
     if theta >= 1.0 - AT_END {
@@ -119,20 +122,21 @@ pub(super) fn weights_at(tableau: &Tableau, theta: f64) -> (Vec<f64>, Option<f64
     (weights, Some(tableau.bubble_at(theta)))
 }
 
-/// The equations `K dX = (dx_n, .., dx_n) + C` of the derivatives `dX` at the stages of a step.
+/// The equations `K dX = (dx_n, .., dx_n) + C` of the derivatives `dX` of the stages of a step.
 pub(super) struct ArcEquations {
-    /// `K`
+    /// The matrix `K` of the stage equations.
     pub matrix: DMatrix<f64>,
-    /// `C`, one column per direction.
+    /// The right-hand side `C`, one column per direction.
     pub by_directions: DMatrix<f64>,
-    /// The derivatives of the rates at the beginning, with respect to the states and to the directions.
+    /// The derivatives of the rates `(v, a)` at the beginning of the step, with respect to the states and to the
+    /// directions.
     pub at_begin: (DMatrix<f64>, DMatrix<f64>),
-    /// What the derivatives of the accelerations are made of at each stage, in absolute values, in [`Columns`].
+    /// At each stage, the absolute values of the terms of the derivatives of the accelerations, in [`Columns`].
     pub terms: Vec<DMatrix<f64>>,
 }
 
 impl ArcEquations {
-    /// The equations in the mode of `equations`; `None` where these are singular.
+    /// Builds the stage equations in the mode of `equations`; returns `None` if the mode equations are singular.
     pub fn new(step: LastStep<'_>, equations: &mut ModeEquations, directions: &mut Directions) -> Option<Self> {
         let LastStep { t, h, y, z, tableau } = step;
         let columns = Columns { coordinates: y.len() / 2, directions: directions.count() };

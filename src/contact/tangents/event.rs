@@ -1,4 +1,4 @@
-//! The times of events, and their derivatives.
+//! Event times and their derivatives.
 
 use super::linearised::{Columns, Linearised};
 use super::{Directions, NoDerivative};
@@ -6,54 +6,55 @@ use crate::locate::{Ending, ModeEquations, Status};
 use nalgebra::{DMatrix, RowDVector};
 use problem::{EventKind, MechanicalStructure};
 
-/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate, which is rounding: whether a contact
-/// grazes within the tolerances is told by the run.
+/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate, which is rounding: grazing within
+/// the tolerances is detected by the run itself.
 const TRANSVERSAL: f64 = 1e-13;
 
-/// The part of the largest derivatives so far below which what is left of them is rounding.
+/// Derivatives below this fraction of the largest derivatives so far are rounding errors.
 const CANCELLED: f64 = 1e-9;
 
-/// Flights of less than this fraction of each other do not get shorter: they have no limit.
+/// Smallest relative difference between successive flight times that counts as a decrease: flights that do not get
+/// shorter have no limit.
 const SHORTER: f64 = 1e-6;
 
 /// The time of an event with its derivatives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EventSlope {
-    /// The time.
+    /// The time of the event.
     pub t: f64,
-    /// What happened.
+    /// The kind of event.
     pub kind: TimedEvent,
     /// The index of the contact.
     pub contact: usize,
-    /// The derivatives of the time, one per direction.
+    /// The derivatives of the event time, one per direction.
     pub slopes: Vec<f64>,
     /// The transversality: the rate at which the monitor of the event crosses zero, in absolute value.
     pub transversality: f64,
 }
 
-/// An event with a time of its own.
+/// An event whose time has derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimedEvent {
-    /// An event of a contact.
+    /// A contact event.
     Contact(EventKind),
-    /// The limit of impacts that accumulate.
+    /// The limit of accumulating impacts.
     Accumulation,
 }
 
-/// A monitor at an event: its rate of change along the motion, and its derivatives at a fixed time.
+/// A monitor at its event: its rate of change along the motion, and its derivatives at a fixed time.
 pub(super) struct Crossed {
     pub rate: f64,
     /// The sum of the absolute values of the terms of the rate.
     pub terms: f64,
-    /// One per direction.
+    /// The derivatives of the monitor at a fixed time, one per direction.
     pub slopes: RowDVector<f64>,
-    /// The sum of the absolute values of the terms of each.
+    /// For each derivative, the sum of the absolute values of its terms.
     pub sizes: RowDVector<f64>,
 }
 
 impl Crossed {
-    /// The monitor of an ending at a state with velocities and accelerations `rates`, where the derivatives of the states
-    /// are `now`, no larger than `largest` so far.
+    /// Evaluates the monitor of an ending at a state with velocities and accelerations `rates`; the derivatives of
+    /// the states are `now`, and the largest so far along the run are `largest`.
     pub fn at(
         ending: Ending,
         equations: &ModeEquations,
@@ -90,7 +91,7 @@ impl Crossed {
         let own = gradient.columns(2 * columns.coordinates, columns.directions);
         let by_state = gradient.columns(0, 2 * columns.coordinates);
         let terms = by_state.iter().zip(rates).map(|(by, rate)| (by * rate).abs()).sum::<f64>() + time.abs();
-        // What cancels leaves rounding of what was there before.
+        // Terms that cancel leave rounding errors of the largest derivatives so far.
         let sizes = by_state.abs() * (now.abs() + largest * CANCELLED) + own.abs();
         Self {
             rate: by_state.iter().zip(rates).map(|(by, rate)| by * rate).sum::<f64>() + time,
@@ -100,20 +101,20 @@ impl Crossed {
         }
     }
 
-    /// Moves it to a time `ahead`, where its rate and its derivatives change at these rates.
+    /// Moves the monitor to a time `ahead`, given the rates of change of its rate and of its derivatives.
     pub fn move_to(&mut self, ahead: f64, of_rate: f64, of_slopes: &RowDVector<f64>) {
         self.rate += ahead * of_rate;
         self.slopes += of_slopes * ahead;
     }
 
-    /// The derivatives of the time at which the monitor crosses zero.
+    /// Returns the derivatives of the time at which the monitor crosses zero.
     pub fn times(&self) -> Result<RowDVector<f64>, NoDerivative> {
         let times = &self.slopes * (-1.0 / self.rate);
         let is_crossed = self.rate.abs() > TRANSVERSAL * self.terms && times.iter().all(|time| time.is_finite());
         if is_crossed { Ok(times) } else { Err(NoDerivative::Grazing) }
     }
 
-    /// Whether the monitor stays zero at times that change by `times`.
+    /// Whether the monitor stays zero if the event time changes by `times`.
     pub fn agrees(&self, times: &RowDVector<f64>, tolerance: f64) -> bool {
         (0..times.len()).all(|p| {
             let moved = self.rate * times[p];
@@ -122,7 +123,7 @@ impl Crossed {
     }
 }
 
-/// The kind of an ending.
+/// Returns the kind of contact event of an ending.
 pub(super) fn kind(ending: Ending) -> EventKind {
     match ending {
         Ending::Impact(_) => EventKind::Impact,
@@ -132,14 +133,14 @@ pub(super) fn kind(ending: Ending) -> EventKind {
     }
 }
 
-/// The contact of an ending.
+/// Returns the contact of an ending.
 pub(super) fn contact(ending: Ending) -> usize {
     match ending {
         Ending::Impact(k) | Ending::Detachment(k) | Ending::StickToSlip(k, _) | Ending::SlipToStick(k) => k,
     }
 }
 
-/// The ending that takes a contact from one status to another; `None` if no monitor does.
+/// Returns the ending that takes a contact from one status to another; `None` if no monitor does.
 pub(super) fn between(structure: &MechanicalStructure, k: usize, from: Status, to: Status) -> Option<Ending> {
     match (from, to) {
         (Status::Open, Status::Open)
@@ -156,14 +157,14 @@ pub(super) fn between(structure: &MechanicalStructure, k: usize, from: Status, t
     }
 }
 
-/// The last impacts of a contact, with the derivatives of their times.
+/// The last three impacts of a contact, with the derivatives of their times.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Flights {
     last: Vec<(f64, RowDVector<f64>)>,
 }
 
 impl Flights {
-    /// Records an impact.
+    /// Records the time of an impact with its derivatives.
     pub fn note(&mut self, t: f64, times: &RowDVector<f64>) {
         if self.last.len() == 3 {
             self.last.remove(0);
@@ -171,8 +172,8 @@ impl Flights {
         self.last.push((t, times.clone()));
     }
 
-    /// The time of the limit of the impacts, and its derivatives: that of the last impact and the geometric rest
-    /// `T rho/(1 - rho)` of flights, each `rho` times as long as the one before.
+    /// Returns the time of the limit of the impacts, and its derivatives: the time of the last impact plus the
+    /// geometric series `T rho/(1 - rho)` of flights, each `rho` times as long as the one before.
     pub fn limit(&self) -> Option<(f64, RowDVector<f64>)> {
         let [(t0, s0), (t1, s1), (t2, s2)] = self.last.as_slice() else { return None };
         let (first, last) = (t1 - t0, t2 - t1);

@@ -1,6 +1,6 @@
-//! The derivatives across a change of contacts that a jump of forces makes: a push that sets in at a given time moves what
-//! friction held, or lifts it off. Its monitor is on the good side of its bound before, and on the other behind, whatever the
-//! direction; so the time is that of the jump,
+//! The derivatives across a change of contacts that is caused by a jump of forces: a push that sets in at a given
+//! time moves a contact that friction held, or lifts it off. Its monitor is clearly positive before the jump and
+//! clearly negative after it, along all directions; so the event time `tau` is that of the jump,
 //!
 //! ```text
 //! q+ = q-,    dv+ = dv- + (a- - a+) dtau
@@ -18,11 +18,11 @@ use nalgebra::DMatrix;
 const CLOCK: f64 = 64.0 * f64::EPSILON;
 
 impl Tangents {
-    /// Carries the derivatives across a transition that a jump of forces makes; returns those of its time, for each
-    /// coordinate. `None` if the transition is of another kind.
+    /// Carries the derivatives across a transition caused by a jump of forces; returns the derivatives of its time,
+    /// for each coordinate. Returns `None` for other kinds of transition.
     ///
     /// # Errors
-    /// Why there is no derivative.
+    /// The reason why there is no derivative.
     pub(super) fn pass_forced(
         &mut self,
         located: &mut EventDriven<'_>,
@@ -61,14 +61,14 @@ impl Tangents {
         self.keep_to_constraints(&to, located, (&unmoved, &rates), &times)?;
         for ending in endings {
             let (kind, contact) = (TimedEvent::Contact(kind(ending)), contact(ending));
-            // A monitor that jumps across its bound crosses it at any rate.
+            // A monitor that jumps across its bound crosses it at an infinite rate.
             self.events.push(EventSlope { t: *t, kind, contact, slopes: slopes.clone(), transversality: f64::MAX });
         }
         self.instant = Some(Instant { times: times.clone(), happened: vec![true; n] });
         Ok(Some(times))
     }
 
-    /// Whether a force of the present mode is off its bound at the last evaluation, by more than rounding.
+    /// Whether the force that an ending monitors is off its bound at the last evaluation, by more than rounding.
     fn has_slack(&self, ending: Ending) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));
@@ -82,7 +82,7 @@ impl Tangents {
         slack > ON_BOUND * forces && equations.mode()[contact(ending)] != Status::Open
     }
 
-    /// The derivatives of the time of a breakpoint between two times; `None` if there is none.
+    /// Returns the derivatives of the time of a breakpoint between two times; `None` if there is no breakpoint.
     pub(super) fn break_slopes(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let shifts = self.directions.shifted.iter_mut().map(|shifted| {
             let shifted = shifted.as_mut()?;

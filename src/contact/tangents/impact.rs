@@ -1,10 +1,12 @@
-//! The derivative of an instantaneous impact on the face that it ends on. Velocities and impulses solve
+//! The derivative of an instantaneous impact with the statuses of contacts after it held fixed. Velocities and
+//! impulses solve
 //!
 //! ```text
 //! M (v+ - v-) = J^T r,    joints: u+ = 0,    closed: u_n+ = -e u_n-,    stick: u_t+ = 0,    slip: r_t = -mu r_n u_t+/|u_t+|
 //! ```
 //!
-//! whose total derivatives, with coordinates and time that move with the event, are linear in `dv+` and `dr`.
+//! The total derivatives of these equations, with coordinates and time that move with the event, are linear in `dv+`
+//! and `dr`.
 
 use super::linearised::{Columns, Place, Terms, solve};
 use super::{Directions, NoDerivative};
@@ -12,31 +14,33 @@ use crate::locate::ROUNDING_OF_VELOCITIES;
 use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use problem::{Constraints, Mechanical, MechanicalStructure};
 
-/// Slack in the friction bound, and slips, relative to the bound and to the change of velocities, below which an impact is
-/// on the border between stick and slip; and velocities by which it may miss its target.
+/// Tolerances of an impact: below `BORDER`, the slack in the friction bound (relative to the bound) and slips
+/// (relative to the change of velocities) put the impact on the border between stick and slip; `OFF_TARGET` is the
+/// largest relative deviation of a normal velocity from its target.
 const BORDER: f64 = 1e-7;
 const OFF_TARGET: f64 = 1e-6;
 
-/// The total derivatives where an impact happens, which may happen at other times in other directions: for each
-/// coordinate its own, as islands have their own events.
+/// The total derivatives at an impact whose time depends on the direction, and on the coordinate: islands have their
+/// own event times.
 pub(super) struct Moved {
-    /// Of the coordinates.
+    /// Total derivatives of the coordinates, one direction per column.
     pub q: DMatrix<f64>,
-    /// Of the velocities.
+    /// Total derivatives of the velocities, one direction per column.
     pub v: DMatrix<f64>,
-    /// Of the time, for each coordinate.
+    /// Derivatives of the event time, one row for each coordinate.
     pub times: DMatrix<f64>,
 }
 
-/// One blow.
+/// One blow of an impact: instantaneous impulses at one or several contacts.
 pub(super) struct Blow<'a> {
-    /// The impulses of all contacts.
+    /// The impulses of all contacts in the blow.
     pub r: &'a [Vector3<f64>],
     /// Whether contacts that approach rebound with their restitution.
     pub rebounds: bool,
 }
 
-/// Carries velocities `v` and their derivatives in `moved` across a blow at `t` and `q`.
+/// Carries velocities `v` and their derivatives in `moved` across one blow of an impact at the time `t` and the
+/// coordinates `q`.
 pub(super) fn pass(
     problem: &mut dyn Mechanical,
     structure: &MechanicalStructure,
@@ -60,20 +64,21 @@ pub(super) fn pass(
     let after = strike(&mass, &constraints, structure, v, &mut impulses).ok_or(singular)?;
     let change: Vec<f64> = after.iter().zip(v.iter()).map(|(after, before)| after - before).collect();
 
-    // The derivatives of M (v+ - v-) - J^T r at fixed velocities and impulses: what forces add is the same without both.
+    // The derivatives of M (v+ - v-) - J^T r at fixed velocities and impulses: forces contribute equally to `with`
+    // and `at_rest`.
     let none = (vec![0.0; n], vec![0.0; rows]);
     let place = |v, a, lambda| Place { t, q, v, a, lambda };
     let with = Terms::at(problem, structure, place(&after, &change, &impulses), directions);
     let without = Terms::at(problem, structure, place(v, &none.0, &none.1), directions);
     let at_rest = Terms::at(problem, structure, place(&after, &none.0, &none.1), directions);
-    // Of forces, the difference takes the part that depends on velocities along.
+    // Subtracting `at_rest` cancels the part of the forces that depends on velocities.
     let balance = &with.balance - &at_rest.balance;
     let total = |of: &DMatrix<f64>, row: usize, coordinate: usize| {
         let mut sum = of.view((row, 0), (1, n)) * &moved.q + of.view((row, 2 * n), (1, p));
         sum += moved.times.row(coordinate) * of[(row, columns.time())];
         sum
     };
-    // A row of J belongs to the island of its coordinates.
+    // A row of `J` belongs to the island of its coordinates.
     let coordinate = |row: usize| {
         let gradient = constraints.row(row);
         (0..n).max_by(|&i, &j| gradient[i].abs().total_cmp(&gradient[j].abs())).unwrap_or(0)
@@ -133,7 +138,7 @@ pub(super) fn pass(
             .fold(0.0, f64::max);
         let is_slipping = u.norm() > BORDER * changed + rounding;
         let slack = bound - r.norm();
-        // A small blow is only known to what rounding of fast slips makes of its impulses.
+        // The impulses of a weak blow have rounding errors that follow from those of fast slips.
         let is_inside = slack > BORDER * bound
             && slack * impulse_response(&mass, &constraints, structure.tangents(k)).ok_or(singular)? > rounding;
         if is_inside == is_slipping {
@@ -167,7 +172,7 @@ pub(super) fn pass(
     Ok(())
 }
 
-/// The largest change of velocity along one of these rows by a unit impulse along it.
+/// Returns the largest change of velocity along one of the given rows of `J` by a unit impulse along that row.
 fn impulse_response(mass: &DMatrix<f64>, constraints: &Constraints, rows: impl Iterator<Item = usize>) -> Option<f64> {
     let n = mass.nrows();
     let along = DMatrix::from_columns(&rows.map(|row| constraints.transposed.column(row)).collect::<Vec<_>>());
@@ -176,7 +181,8 @@ fn impulse_response(mass: &DMatrix<f64>, constraints: &Constraints, rows: impl I
     Some(own.fold(0.0, f64::max))
 }
 
-/// The velocities after impulses of contacts, with the impulses of the joints, which are written behind them.
+/// Returns the velocities after the given impulses of contacts, and writes the impulses of the joints into the first
+/// entries of `impulses`.
 fn strike(
     mass: &DMatrix<f64>,
     constraints: &Constraints,

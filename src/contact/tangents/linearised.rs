@@ -1,11 +1,12 @@
-//! The equations of a mode, linearised. With the balance `M a - f - J^T lambda = 0`, the held rows `C a + gamma = 0` and
-//! friction `lambda_t = -mu lambda_n d`, accelerations and multipliers change by
+//! The linearised equations of a contact mode. With the balance `M a - f - J^T lambda = 0`, the held rows `C a +
+//! gamma = 0` and friction `lambda_t = -mu lambda_n d`, accelerations and multipliers change by
 //!
 //! ```text
 //! M da - G dlambda = -(d(M a - f - J^T lambda) + sum J_t^T (dmu lambda_n d + mu lambda_n dd)),    C da = -d(u')
 //! ```
 //!
-//! where `d` of a row is its derivative at fixed `a` and `lambda`, in the columns of a [`Columns`].
+//! where `d` of the balance or of a held row is its derivative at fixed `a` and `lambda`, in the columns of a
+//! [`Columns`].
 
 use super::Directions;
 use crate::locate::{ModeEquations, Status};
@@ -13,7 +14,7 @@ use factorisation::Pivoted;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use problem::{Constraints, Mechanical, MechanicalStructure, Sensitivity};
 
-/// The columns of derivatives: `q` and `v` (2 n), then the directions, then time.
+/// Layout of columns of derivatives: `q` and `v` (`2 n` columns), then the directions, then time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Columns {
     pub coordinates: usize,
@@ -34,8 +35,8 @@ impl Columns {
     }
 }
 
-/// A place in the state space of a motion, with accelerations and multipliers of all rows of `J`; in an impact these are
-/// the change of velocities and the impulses.
+/// A point of a motion in state space, with accelerations and multipliers of all rows of `J`; at an impact, changes
+/// of velocities and impulses take their places.
 #[derive(Clone, Copy)]
 pub(super) struct Place<'a> {
     pub t: f64,
@@ -45,15 +46,15 @@ pub(super) struct Place<'a> {
     pub lambda: &'a [f64],
 }
 
-/// The derivatives of the terms of motion at fixed accelerations and multipliers, in [`Columns`].
+/// The derivatives of the terms of the equations of motion at fixed accelerations and multipliers, in [`Columns`].
 pub(super) struct Terms {
-    /// Of `M a - f - J^T lambda`, `n` rows.
+    /// Derivatives of the balance `M a - f - J^T lambda`, `n` rows.
     pub balance: DMatrix<f64>,
-    /// Of `u'`, one row per row of `J`.
+    /// Derivatives of the contact and joint accelerations `u'`, one row per row of `J`.
     pub acceleration: DMatrix<f64>,
-    /// Of `u`, one row per row of `J`.
+    /// Derivatives of the contact and joint velocities `u`, one row per row of `J`.
     pub velocity: DMatrix<f64>,
-    /// Of the values of joints and gaps.
+    /// Derivatives of the values of joints and gaps.
     pub values: DMatrix<f64>,
 }
 
@@ -96,20 +97,21 @@ impl Terms {
     }
 }
 
-/// The derivatives of accelerations and multipliers on a mode, in [`Columns`], with those of velocities and gaps.
+/// The derivatives of accelerations and multipliers in a contact mode, in [`Columns`], with those of velocities and
+/// gaps.
 pub(super) struct Linearised {
     pub a: DMatrix<f64>,
-    /// What those of the accelerations are made of, in absolute values: of forces, and of the reactions to them.
+    /// The absolute values of the terms of the derivatives of accelerations: by forces, and by the reactions to them.
     pub terms: DMatrix<f64>,
     pub lambda: DMatrix<f64>,
     pub velocity: DMatrix<f64>,
     pub values: DMatrix<f64>,
-    /// Whether the multipliers are not unique.
+    /// Whether the multipliers of the mode are not unique.
     pub is_redundant: bool,
 }
 
 impl Linearised {
-    /// Linearises the mode of `equations` at a state; `None` if the equations are singular there.
+    /// Linearises the mode of `equations` at a state; returns `None` if the equations are singular.
     pub fn at(equations: &mut ModeEquations, t: f64, x: &[f64], directions: &mut Directions) -> Option<Self> {
         let structure = equations.shape().clone();
         let n = structure.coordinates;
@@ -165,9 +167,10 @@ impl Linearised {
     }
 }
 
-/// The direction of a slip in a plane or in space, and its speed.
+/// Slip directions and speeds of contacts in a plane and in space.
 impl ModeEquations {
-    /// The direction of the friction of a slipping contact, and the speed by which it turns.
+    /// Returns the direction of the slip of contact `k`, and the speed to which its turning is inversely proportional
+    /// (zero in a plane, where it does not turn).
     fn slip_direction(&self, k: usize, v: &[f64]) -> Option<(Vector2<f64>, f64)> {
         let Status::Slip(of_mode) = self.mode()[k] else { return None };
         if self.shape().contacts[k].slips < 2 {
@@ -179,11 +182,11 @@ impl ModeEquations {
     }
 }
 
-/// The solution of a square system, or where it is singular the smallest that solves it; `None` if none does.
+/// Solves a square system; for a singular one returns the solution of least norm, or `None` if no solution exists.
 pub(super) fn solve(matrix: DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    /// A residual beyond this part of the right-hand side means that there is no solution.
+    /// A residual beyond this fraction of the right-hand side means that there is no solution.
     const UNSOLVED: f64 = 1e-7;
-    /// Pivots below this part of the largest are zero.
+    /// Pivots below this fraction of the largest are zero.
     const SINGULAR: f64 = 1e-12;
     if matrix.nrows() == 0 {
         return Some(right.clone());

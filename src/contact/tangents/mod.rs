@@ -1,20 +1,21 @@
-//! The derivatives of an event-driven motion with respect to its parameters and initial values: along smooth arcs those of
-//! the stages (`Arc`), and where an arc ends those of its event and of what follows it (saltation; Aizerman and
-//! Gantmakher 1958; Hiskens and Pai 2000). With a monitor `phi` of the event and the impact or the new mode as a map `R`
-//! from the state before to the state after,
+//! The derivatives of an event-driven motion with respect to its parameters and initial values: along smooth arcs
+//! those of the stages (`Arc`), and at the end of an arc those of its event and of the state after it (saltation;
+//! Aizerman and Gantmakher 1958; Hiskens and Pai 2000). With a monitor `phi` of the event and the impact or the new
+//! mode as a map `R` from the state before to the state after,
 //!
 //! ```text
 //! dtau = -(phi_x dx + phi_p)/phi',    dx+ = R_x (dx- + x'- dtau) + R_p + R_t dtau - x'+ dtau
 //! ```
 //!
-//! An impact with friction is differentiated on the face that it ends on: closed contacts with their target velocities,
-//! sticking ones without slip, slipping ones with their friction at its bound. On the border between two faces there is no
-//! derivative, and none is reported; nor where contacts meet at one time whose order depends on the direction.
+//! An impact with friction is differentiated with the statuses of contacts after it held fixed: closed contacts have
+//! their target velocities, sticking ones no slip, slipping ones friction at its bound. On the border between two
+//! statuses there is no derivative, and none is reported; nor if several contacts meet at one time in an order that
+//! depends on the direction.
 //!
-//! Where impacts accumulate, the run passes their limit by one impact without restitution, at the last of them. By the
-//! balance of momentum the tangential motion after it is that after infinitely many impacts, whatever the direction. The
-//! time of the limit is that of the last impact and the geometric rest `T rho/(1 - rho)` of the flights of length `T`
-//! behind it.
+//! Where impacts accumulate, the run replaces them by one impact without restitution, at the last of them. By the
+//! balance of momentum the tangential motion after it is that after infinitely many impacts, along all directions.
+//! The time of the limit is that of the last impact plus the geometric series `T rho/(1 - rho)` of the flights, with
+//! the length `T` of the last flight and the ratio `rho` of successive lengths.
 
 mod adjoint;
 mod arc;
@@ -48,23 +49,24 @@ pub type TermsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
 /// The directions of differentiation, one per column.
 pub struct Directions {
-    /// The derivatives of `q` and `v` at the start.
+    /// The derivatives of the initial `q` and `v`.
     pub initial: DMatrix<f64>,
-    /// Those of the terms of motion.
+    /// Writes the derivatives of the terms of motion.
     pub terms: TermsBy,
-    /// Those of the coefficients of friction, one contact per row.
+    /// The derivatives of the coefficients of friction, one contact per row.
     pub mu: DMatrix<f64>,
-    /// Those of the coefficients of restitution, one contact per row.
+    /// The derivatives of the coefficients of restitution, one contact per row.
     pub restitution: DMatrix<f64>,
-    /// The size of what each direction moves: that of a parameter; zero for initial values, or if it is unknown.
+    /// For each direction, the size of its parameter; zero for initial values, or if it is unknown.
     pub sizes: Vec<f64>,
-    /// The system shifted along each direction, for its event functions of time; `None` if they do not depend on it.
+    /// For each direction, the system with its parameter shifted, used to differentiate event functions of time;
+    /// `None` if these do not depend on the parameter.
     pub shifted: Vec<Option<ShiftedMotion>>,
 }
 
-/// A system with one parameter above and below its value.
+/// A mechanical system with one parameter above and below its value.
 pub struct ShiftedMotion {
-    /// Size of the shift.
+    /// Size of the shift of the parameter.
     pub by: f64,
     /// The systems with the parameter above and below its value.
     pub systems: [Box<dyn Mechanical>; 2],
@@ -84,49 +86,50 @@ impl Directions {
     }
 }
 
-/// A jump of the states at an event whose time may move.
+/// A jump of the states at an event whose time may depend on the directions.
 #[derive(Clone, Debug)]
 pub struct Jumped {
-    /// The time.
+    /// The time of the jump.
     pub t: f64,
-    /// `q` and `v` before.
+    /// The states `q` and `v` before the jump.
     pub before: Vec<f64>,
-    /// `q` and `v` after.
+    /// The states `q` and `v` after the jump.
     pub after: Vec<f64>,
-    /// The derivatives of the time, one state per row: islands of bodies have their own events.
+    /// The derivatives of the event time, one state per row: islands of bodies have their own events.
     pub times: DMatrix<f64>,
 }
 
-/// The derivatives along an event-driven run.
+/// The derivatives of the states along an event-driven run.
 pub struct Tangents {
     equations: ModeEquations,
     directions: Directions,
     structure: MechanicalStructure,
     /// The derivatives of `q` and `v` at the time reached, one direction per column.
     now: DMatrix<f64>,
-    /// Their largest values so far: a scale for rounding.
+    /// The largest absolute derivatives of `q` and `v` so far: a scale for rounding errors.
     largest: DMatrix<f64>,
-    /// The absolute values of the terms that add up to them in the last step and the transition at its end.
+    /// The absolute values of the terms that add up to the derivatives of `q` and `v` in the last step and the
+    /// transition at its end.
     terms: DMatrix<f64>,
-    /// The last arc.
+    /// The derivatives along the last smooth arc.
     arc: Option<Arc>,
     reached: f64,
     /// The transition at the time reached, if there was one.
     instant: Option<Instant>,
     flights: Vec<Flights>,
     events: Vec<EventSlope>,
-    /// Whether the directions are a basis of the states and parameters, some of which lead off contacts and joints that
-    /// hold: monitors of one event need not agree along these.
+    /// Whether the directions are a basis of the states and parameters. Some directions of a basis violate contacts
+    /// and joints that hold: the monitors of one event need not agree along them.
     is_basis: bool,
-    /// Number of central differences, one for each direction, at breakpoints of time.
+    /// Number of central differences, one for each direction, at breakpoints in time.
     differences: u64,
 }
 
 impl Tangents {
-    /// Begins at the start of a run of `problem`.
+    /// Begins the derivatives at the start of a run of `problem`.
     ///
     /// # Errors
-    /// Why there is no derivative from the start on.
+    /// The reason why there is no derivative from the start on.
     pub fn new(
         problem: Box<dyn Mechanical>,
         directions: Directions,
@@ -136,7 +139,7 @@ impl Tangents {
         Self::begin_along(problem, (directions, false), (located, transition.as_ref()))
     }
 
-    /// Begins at the start of a run, along directions that may be a basis.
+    /// Begins at the start of a run, along directions that may be a basis of the states and parameters.
     fn begin_along(
         problem: Box<dyn Mechanical>,
         (directions, is_basis): (Directions, bool),
@@ -145,7 +148,7 @@ impl Tangents {
         let structure = problem.structure().clone();
         let now = directions.initial.clone();
         let (n, count) = (structure.coordinates, directions.count());
-        // The start has a time that nothing moves.
+        // The start counts as a transition whose time does not depend on the directions.
         let start = Instant { times: DMatrix::zeros(n, count), happened: vec![true; n] };
         let mut tangents = Self {
             instant: Some(start),
@@ -170,7 +173,8 @@ impl Tangents {
         Ok(tangents)
     }
 
-    /// Takes up the mode of a smooth phase that begins, and bounds its first step by the slopes of the derivatives.
+    /// Sets the mode to that of a smooth phase that begins, and bounds its first step by the slopes of the
+    /// derivatives.
     pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.adopt_mode(phase);
         let Some(radau) = &mut phase.method else { return };
@@ -189,7 +193,7 @@ impl Tangents {
     /// Follows the last step of a phase, and returns the jump at its end, if its arc ended there.
     ///
     /// # Errors
-    /// Why there is no derivative from the end of this step on.
+    /// The reason why there is no derivative from the end of the step on.
     pub fn follow(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
         let Some(radau) = &mut phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
@@ -207,7 +211,8 @@ impl Tangents {
         self.pass_end(phase)
     }
 
-    /// Continues the derivatives across the end of the last step of a phase, and returns the jump there, if its arc ended.
+    /// Continues the derivatives across the end of the last step of a phase, and returns the jump at the end, if its
+    /// arc ended there.
     fn pass_end(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
         let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
@@ -234,7 +239,7 @@ impl Tangents {
         Ok(Some(Jumped { t, before: [q, v].concat(), after: [after.q.as_slice(), &after.v].concat(), times }))
     }
 
-    /// Writes the derivatives of `q` and `v` at a time within the last step, one state per row.
+    /// Returns the derivatives of `q` and `v` at a time within the last step, one state per row.
     pub fn at(&self, t: f64) -> DMatrix<f64> {
         match &self.arc {
             Some(arc) if t < self.reached => arc.at(t),
@@ -242,19 +247,19 @@ impl Tangents {
         }
     }
 
-    /// The rates `(v, a)` of a state in the present mode, at the time reached.
+    /// Returns the rates `(v, a)` of a state in the current mode, at the time reached.
     pub fn rates(&mut self, x: &[f64]) -> Vec<f64> {
         self.equations.evaluate_at(self.reached, x);
         [&x[self.structure.coordinates..], &self.equations.a].concat()
     }
 
-    /// The absolute values of the terms that add up to the derivatives of `q` and `v` in the last step and the transition at
-    /// its end, one direction per column.
+    /// Returns the absolute values of the terms that add up to the derivatives of `q` and `v` in the last step and
+    /// the transition at its end, one direction per column.
     pub fn terms(&self) -> &DMatrix<f64> {
         &self.terms
     }
 
-    /// Hands over the derivatives of the times of events since the last call.
+    /// Removes and returns the derivatives of event times recorded since the last call.
     pub fn take_events(&mut self) -> std::vec::Drain<'_, EventSlope> {
         self.events.drain(..)
     }
@@ -263,7 +268,7 @@ impl Tangents {
         self.largest.zip_apply(&self.now, |largest, now| *largest = largest.max(now.abs()));
     }
 
-    /// Continues the derivatives across a breakpoint of time, at which forces may jump.
+    /// Continues the derivatives across a breakpoint in time, at which forces may jump.
     fn pass_break(&mut self, [before, after]: [f64; 2], x: &[f64]) -> Result<(), NoDerivative> {
         let n = self.structure.coordinates;
         let mut at = |t: f64| {

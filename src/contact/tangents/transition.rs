@@ -1,4 +1,5 @@
-//! The derivatives across the end of an arc: of the time of its event, of the impact, and of the state in the new mode.
+//! The derivatives across the end of a smooth arc: of the time of its event, of the impact, and of the state in the
+//! new mode.
 
 use super::event::{Crossed, EventSlope, TimedEvent, between, contact, kind};
 use super::impact::{self, Blow, Moved};
@@ -9,22 +10,24 @@ use crate::velocity_step::State;
 use nalgebra::{DMatrix, RowDVector, Vector3};
 use problem::Constraints;
 
-/// Two events are one if their times change alike to this part; and the largest part by which derivatives may miss the
-/// constraints of a mode, beside what the tolerance of the run leaves of them, and at most.
+/// Tolerances: two events are one if the derivatives of their times agree to the fraction `ALIKE`; derivatives may
+/// miss the constraints of a mode by the fraction `ALIKE`, or `OFF` times the relative tolerance of the run, and by
+/// `MOST_OFF` at most.
 const ALIKE: f64 = 1e-6;
 const OFF: f64 = 1e3;
 const MOST_OFF: f64 = 0.1;
 
-/// A monitor is on its bound within this fraction of what it is made of.
+/// A monitor is on its bound if its value is below this fraction of the size of its terms.
 pub(super) const ON_BOUND: f64 = 1e-6;
 
-/// Coordinates that one event moves together: bodies that masses, joints, or contacts with an impulse couple.
+/// Sets of coordinates that one event moves together: bodies coupled by masses, joints, or contacts with an impulse.
 struct Islands {
     of: Vec<usize>,
 }
 
 impl Islands {
-    /// `groups` are the rows of `J` that act together: those of a joint, or of all directions of a contact.
+    /// Builds the islands; `groups` are the rows of `J` that act together: those of a joint, or of all directions of
+    /// a contact.
     fn new(mass: &DMatrix<f64>, constraints: &Constraints, groups: impl Iterator<Item = Vec<usize>>) -> Self {
         let n = mass.nrows();
         let mut islands = Self { of: (0..n).collect() };
@@ -49,32 +52,33 @@ impl Islands {
         self.of.iter_mut().filter(|island| **island == from).for_each(|island| *island = to);
     }
 
-    /// The island of a row of `J`.
+    /// Returns the island of a row of `J`.
     fn of_row(&self, constraints: &Constraints, row: usize) -> Option<usize> {
         constraints.row(row).iter().position(|j| *j != 0.0).map(|i| self.of[i])
     }
 }
 
-/// The derivatives of the time of the last transition, for each coordinate, and whether it was one of that coordinate's
-/// island.
+/// The derivatives of the time of the last transition, for each coordinate, and whether the transition belonged to
+/// the island of that coordinate.
 #[derive(Clone, Debug)]
 pub(super) struct Instant {
     pub times: DMatrix<f64>,
     pub happened: Vec<bool>,
 }
 
-/// Where a gap is zero near an impact, whose time is known to the rounding of the clock: of short flights that is a part of
-/// them, and of the derivatives that they are divided by.
+/// The roots of a gap near an impact, whose time is known to the rounding of the clock only: for short flights this
+/// rounding is a sizeable fraction of the flight, and of the derivatives divided by its length.
 #[derive(Clone, Copy, Debug, Default)]
 struct Root {
-    /// How far ahead of the time of the impact the gap before it is zero.
+    /// The time from the impact to the root of the gap before it.
     ahead: f64,
-    /// The contact.
+    /// The contact whose gap closes.
     contact: Option<usize>,
 }
 
 impl Root {
-    /// How long ago the gap behind the impact was zero, at the last evaluation with velocities `v`.
+    /// Returns the time from the root of the gap after the impact to the impact, at the last evaluation with
+    /// velocities `v`.
     fn since(&self, equations: &ModeEquations, v: &[f64]) -> f64 {
         let Some(k) = self.contact.filter(|&k| equations.mode()[k] == Status::Open) else { return 0.0 };
         let (structure, constraints) = (equations.shape(), equations.constraints());
@@ -85,7 +89,7 @@ impl Root {
 }
 
 impl Tangents {
-    /// Refuses a start that an impact ends at once, in directions that lead off its contacts.
+    /// Rejects a start with an immediate impact, in directions that lead off the contacts struck.
     pub(super) fn check_start(
         &mut self,
         located: &EventDriven<'_>,
@@ -111,8 +115,8 @@ impl Tangents {
         Ok(())
     }
 
-    /// Carries the derivatives across a transition, to the state and mode of the run; returns those of its time, for each
-    /// coordinate.
+    /// Carries the derivatives across a transition, to the state and mode of the run; returns the derivatives of the
+    /// event time, for each coordinate.
     pub(super) fn pass(
         &mut self,
         located: &mut EventDriven<'_>,
@@ -180,7 +184,8 @@ impl Tangents {
         Ok(moved.times)
     }
 
-    /// The derivatives of the times of what ends an arc, for each coordinate; records them, and returns where gaps are zero.
+    /// Computes the derivatives of the times of the events that end an arc, for each coordinate; records them, and
+    /// returns the roots of gaps.
     fn find_times(
         &mut self,
         ending: Ending,
@@ -224,7 +229,7 @@ impl Tangents {
             }
         }
         let mut found: Vec<(usize, RowDVector<f64>)> = Vec::new();
-        // What follows an event at once happens at its time, whatever the direction.
+        // A transition that follows an event immediately happens at the time of that event, along all directions.
         let mut followed: Vec<usize> = Vec::new();
         for (i, &island) in islands.of.iter().enumerate() {
             if let Some(instant) = self.instant.as_ref().filter(|instant| instant.happened[i])
@@ -295,7 +300,8 @@ impl Tangents {
         Ok(roots)
     }
 
-    /// Whether the monitor of an ending is zero at the last evaluation.
+    /// Whether the monitor of an ending is zero at the last evaluation; for an impact, whether the gap has a nonzero
+    /// velocity.
     fn is_on_bound(&self, ending: Ending, v: &[f64]) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));
@@ -316,7 +322,7 @@ impl Tangents {
         }
     }
 
-    /// Carries velocities and derivatives across the blows of an impact.
+    /// Carries velocities and derivatives across the successive blows (instantaneous impulses) of an impact.
     fn pass_blows(
         &mut self,
         (t, q, v): (f64, &[f64], &mut Vec<f64>),
@@ -335,7 +341,8 @@ impl Tangents {
             impact::pass(problem, &structure, (t, q, v), &blow, &mut self.directions, moved)?;
         }
         let size = impact.contacted.r.iter().map(Vector3::norm).fold(0.0, f64::max);
-        // What strikes leave to the law at once is rounding, unless they went on without end.
+        // The impulses that the sequential strikes leave to the simultaneous law are rounding errors, unless the
+        // strikes reached their limit.
         let is_rest = |r: &Vector3<f64>| r.norm() > ON_BOUND * size;
         if impact.strikes.is_empty() || rest.iter().any(is_rest) {
             let blow = Blow { r: &rest, rebounds: impact.rebounds };
@@ -344,10 +351,11 @@ impl Tangents {
         Ok(())
     }
 
-    /// Projects the derivatives onto the linearised constraints of a mode, by the shortest way in the metric of `M`.
+    /// Projects the derivatives onto the linearised constraints of a mode, with the least change in the metric of
+    /// `M`.
     ///
     /// # Errors
-    /// If they are off them by more than errors of the run explain.
+    /// Fails if the derivatives violate the constraints by more than the errors of the run explain.
     pub(super) fn keep_to_constraints(
         &mut self,
         mode: &[Status],
@@ -367,9 +375,9 @@ impl Tangents {
         let place = Place { t: *t, q, v, a: &a, lambda: &lambda };
         let terms = Terms::at(self.equations.problem(), &structure, place, &mut self.directions);
         let tolerance = ALIKE.max(OFF * located.radau.rtol).min(MOST_OFF);
-        // The scale of what may cancel: derivatives before and after, and what the time of the event moves.
+        // The scale of terms that may cancel: derivatives before and after, and the shift by the time of the event.
         let mut size = self.now.abs() + before.abs();
-        // What forces that hold each other make of a coordinate is rounding of the largest derivative, in units of tolerances.
+        // Forces that balance each other leave rounding errors of the largest derivative, in units of the tolerances.
         let atol = &located.radau.atol[..2 * n];
         for (mut size, largest) in size.column_iter_mut().zip(self.largest.column_iter()) {
             let parts = largest.iter().zip(atol).filter(|(_, atol)| **atol > 0.0).map(|(largest, atol)| largest / atol);
@@ -378,7 +386,7 @@ impl Tangents {
                 largest.iter().zip(atol).map(|(largest, atol)| (f64::EPSILON.sqrt() * largest).max(most * atol));
             size.iter_mut().zip(rounding).for_each(|(size, rounding)| *size += rounding);
         }
-        // So is what is left of terms that cancel, as of a mass that nothing depends on.
+        // Terms that cancel, such as those of a mass that cancels out, also leave rounding errors.
         size.zip_apply(&self.terms, |size, terms| *size += f64::EPSILON.sqrt() * terms);
         for (i, (after, before)) in v.iter().chain(&a).zip(rates).enumerate() {
             let mut row = size.row_mut(i);

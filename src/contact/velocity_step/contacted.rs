@@ -1,4 +1,4 @@
-//! Results of contacts in a step.
+//! Results of the contacts in one step.
 
 use crate::energy::Energy;
 use nalgebra::Vector3;
@@ -7,11 +7,11 @@ use problem::Energies;
 /// Impulses, velocities and losses of the contacts of a system in one step; zero for inactive contacts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contacted {
-    /// Impulses, one for each contact of the system; zero for open contacts.
+    /// Impulse of each contact of the system; zero for open contacts.
     pub r: Vec<Vector3<f64>>,
-    /// `u-` of each active contact.
+    /// The velocity `u-` of each active contact at the beginning of the step.
     pub before: Vec<Vector3<f64>>,
-    /// `u+` of each active contact.
+    /// The velocity `u+` of each active contact at the end of the step.
     pub after: Vec<Vector3<f64>>,
     /// The velocity scale of each active contact: the size of the changes of `u` by forces and by its own impulse.
     pub change: Vec<f64>,
@@ -19,22 +19,23 @@ pub struct Contacted {
     pub friction: f64,
     /// Energy lost in impacts.
     pub impacts: f64,
-    /// Energy lost in impacts if every contact with an impulse has restitution 1, where none should be lost.
+    /// Energy lost in impacts if every contact with an impulse has restitution 1, in which case none should be lost;
+    /// zero otherwise.
     pub beyond_restitution: f64,
     /// Work of the drives of surfaces and joints.
     pub drives: f64,
-    /// The kinetic energy at the end of the step without contacts.
+    /// The kinetic energy that the step would end with if no contact acted.
     pub kinetic: f64,
 }
 
 impl Contacted {
-    /// The result of `m` inactive contacts.
+    /// Returns the result for `m` inactive contacts.
     pub fn none(m: usize) -> Self {
         let zero = vec![Vector3::zeros(); m];
         Self { r: zero.clone(), before: zero.clone(), after: zero, change: vec![0.0; m], ..Self::default() }
     }
 
-    /// Adds a step of size `h` to the balance, given the energies before and after it.
+    /// Adds a step of size `h` to the energy balance, given the energies before and after it.
     pub fn book(&self, h: f64, before: &Energies, after: &Energies, energy: &mut Energy) {
         energy.dissipate(self.friction, self.impacts, before.kinetic.max(after.kinetic).max(self.kinetic));
         energy.lost_beyond_restitution += self.beyond_restitution;

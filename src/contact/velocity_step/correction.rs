@@ -1,4 +1,5 @@
-//! Projection onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
+//! Projection onto the constraints with the least change in the metric of `M`, without a velocity that would add
+//! energy.
 
 use super::{State, VelocityStep};
 use crate::active_contacts::ActiveContacts;
@@ -8,18 +9,18 @@ use nalgebra::Vector3;
 use problem::Control;
 use vi::Outcome;
 
-/// Largest number of Newton iterations that project `q` onto the constraints.
+/// Largest number of Newton iterations that project the coordinates `q` onto the constraints.
 const CORRECTIONS: usize = 6;
 
 /// A violation below this fraction of the constraint's terms is accepted.
 const OFF: f64 = 1e-13;
 
-/// Below this fraction of its terms, a violation that an iteration does not halve is rounding.
+/// A violation below this fraction of the constraint's terms is rounding if an iteration does not halve it.
 const ROUNDING: f64 = 1e-10;
 
 impl VelocityStep<'_> {
-    /// Projects `q` onto the joints and gaps among these rows, and `v` onto all of them, by the shortest way in the
-    /// metric of `M`; dependent rows share the correction.
+    /// Projects `q` onto the joints and gaps among the given rows, and `v` onto all given rows, with the least change
+    /// in the metric of `M`; dependent rows share the correction.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -46,11 +47,11 @@ impl VelocityStep<'_> {
         if self.delassus.remove(&self.constraints, rows, &off, &mut state.v) { Ok(()) } else { Err(lost) }
     }
 
-    /// Projects `q` to where no gap is negative and every joint holds, and `v` onto the joints; returns whether that
-    /// succeeded.
+    /// Projects `q` so that no gap is negative and every joint holds, and `v` onto the joints; returns whether the
+    /// projection succeeded.
     ///
     /// # Errors
-    /// If a quantity is not finite, or `M` singular.
+    /// Fails if a quantity is not finite, or `M` is singular.
     pub fn resolve(&mut self, state: &mut State, control: &Control) -> Result<bool, ContactError> {
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
         self.check_constraints(state.t)?;
@@ -67,7 +68,7 @@ impl VelocityStep<'_> {
         Ok(self.farthest() <= ROUNDING)
     }
 
-    /// The largest violation of a joint or a gap, in units of its terms.
+    /// Returns the largest violation of a joint or a gap, relative to its terms.
     fn farthest(&self) -> f64 {
         let off =
             |(row, value): (usize, &f64)| if row < self.structure.joints { value.abs() } else { (-value).max(0.0) };
@@ -75,8 +76,8 @@ impl VelocityStep<'_> {
         self.constraints.values.iter().enumerate().map(off).zip(&self.sizes).map(relative).fold(0.0, f64::max)
     }
 
-    /// Projects the remaining violations of joints and of negative gaps out of `q`. The law of contact, with gaps in
-    /// place of velocities, allows one gap to open while another closes.
+    /// Projects the remaining violations of joints and negative gaps out of `q`. The contact law, with gaps in place
+    /// of velocities, allows one gap to open while another closes.
     pub(super) fn correct(&mut self, state: &mut State, control: &Control) -> Result<(), ContactError> {
         let (joints, contacts) = (self.structure.joints, self.structure.contacts.len());
         if joints + contacts == 0 {
@@ -95,7 +96,7 @@ impl VelocityStep<'_> {
             let (phi, gaps) = self.constraints.values.split_at(joints);
             let is_low = |k: usize| gaps[k] < -OFF * self.sizes[joints + k];
             low.extend((0..contacts).filter(|&k| is_low(k) && !low.contains(&k)).collect::<Vec<_>>());
-            // A state without a solution is left after a few iterations; the next step starts there.
+            // Give up on a state without a solution after a few iterations; the next step starts from it.
             let lost = ContactError::Singular { t: state.t };
             if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {
                 return Ok(());

@@ -1,4 +1,4 @@
-//! Coefficients of friction that vary. A step takes them at its end, as it takes velocities; see [`Coefficients`].
+//! Varying coefficients of friction. A step evaluates them at its end, as it does velocities; see [`Coefficients`].
 
 use super::{State, VelocityStep};
 use crate::active_contacts::ActiveContacts;
@@ -8,24 +8,25 @@ use nalgebra::{Vector2, Vector3};
 use problem::Control;
 use vi::Outcome;
 
-/// The velocities of contacts at the ends of a step without impulses, and at its beginning; with gaps and restitution.
+/// The contact velocities that a step ends with if no impulse acts, and those at its beginning; with gaps and
+/// restitution.
 pub(super) struct Motion<'a> {
     pub without: &'a [Vector3<f64>],
     pub before: &'a [Vector3<f64>],
     pub gap: &'a [f64],
     pub restitution: &'a [f64],
-    /// The velocities of the system at the end of the step without impulses.
+    /// The generalised velocities that the step ends with if no contact impulse acts.
     pub free: &'a [f64],
-    /// The step size of the law, and that of the motion: zero at an instant.
+    /// The step size of the contact law (`h`), and that of the motion (`duration`), which is zero for an impact.
     pub h: f64,
     pub duration: f64,
 }
 
 impl VelocityStep<'_> {
-    /// The coefficients of friction of contacts at a state where they have the velocities `u`.
+    /// Returns the coefficients of friction of contacts at a state; the contacts have the velocities `u`.
     ///
     /// # Errors
-    /// If a coefficient is negative or not finite.
+    /// Fails if a coefficient is negative or not finite.
     pub(super) fn coefficients(
         &mut self,
         State { t, q, v }: &State,
@@ -43,8 +44,7 @@ impl VelocityStep<'_> {
         contacts.iter().zip(u).map(coefficient).collect()
     }
 
-    /// Applies the law of contact with the coefficients of friction that hold at the end of the step. Leaves them in
-    /// `scene`.
+    /// Applies the contact law with the coefficients of friction at the end of the step, and stores these in `scene`.
     pub(super) fn law_of_contact(
         &mut self,
         state: &State,

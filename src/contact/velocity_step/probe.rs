@@ -1,4 +1,4 @@
-//! The probe: a trial step outside the trajectory that shows the next contact mode.
+//! The probe: a trial step outside the trajectory that determines the next contact mode.
 
 use super::{State, VelocityStep};
 use crate::active_contacts::{ActiveContacts, rows};
@@ -9,8 +9,8 @@ use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control};
 use vi::Outcome;
 
-/// Relative zero tolerances for velocities: of rounding, relative to their terms; and relative to their change within a
-/// step.
+/// Relative zero tolerances for velocities: for rounding, relative to their terms (`ROUNDING`); and relative to their
+/// change within a step (`SMALL`).
 const ROUNDING: f64 = 1e-11;
 const SMALL: f64 = 1e-6;
 
@@ -19,51 +19,52 @@ const SMALL: f64 = 1e-6;
 const CHANGE: f64 = 1e-7;
 
 /// A probe is repeated if its change of velocities is smaller or larger than `CHANGE` by more than the factors
-/// `TOO_SHORT` and `TOO_LONG`, which rounding and directions tolerate. Forces that hardly vary need one more probe, so
-/// that `ATTEMPTS` suffice if none was too long.
+/// `TOO_SHORT` and `TOO_LONG`, which rounding and directions tolerate. Forces that hardly vary need one more probe,
+/// so that `ATTEMPTS` suffice if none was too long.
 const TOO_SHORT: f64 = 100.0;
 const TOO_LONG: f64 = 1e3;
 const ATTEMPTS: usize = 3;
 
 /// Largest number of probes if one was too short and one too long, as with forces that rise as a high power of time.
-/// Each further probe halves the logarithm of the ratio of both: eleven separate lengths to a factor of two over the
-/// whole range of doubles.
+/// Each further probe halves the logarithm of the ratio of the two lengths: eleven probes separate them to a factor
+/// of two over the whole range of doubles.
 const MOST_ATTEMPTS: usize = ATTEMPTS + 11;
 
 /// The shortest probe, as a multiple of the resolution of the clock.
 const TICKS: f64 = 1e4;
 
-/// The result of the law of contact at one contact in a probe.
+/// The result of the contact law at one contact in a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probed {
     /// The index of the contact.
     pub contact: usize,
-    /// Its impulse.
+    /// The impulse of the contact.
     pub r: Vector3<f64>,
-    /// `u` at the state probed.
+    /// The contact velocity `u` at the state probed.
     pub before: Vector3<f64>,
-    /// `u` at the end of the probe, without impulses.
+    /// The contact velocity `u` that the probe ends with if no impulse acts.
     pub free: Vector3<f64>,
-    /// `u` at the end of the probe.
+    /// The contact velocity `u` at the end of the probe.
     pub after: Vector3<f64>,
-    /// The speed below which its slip counts as rest.
+    /// The speed below which the slip of the contact counts as rest.
     pub rounding: f64,
-    /// The velocity scale: the size of the changes of `u` by forces and by its own impulse.
+    /// The velocity scale of the contact: the size of the changes of `u` by forces and by the contact's own impulse.
     pub change: f64,
-    /// Its coefficient of friction.
+    /// The coefficient of friction of the contact.
     pub mu: f64,
-    /// The residual of the law of all contacts of the probe, relative to their velocities.
+    /// The residual of the contact law over all contacts of the probe, relative to their velocities.
     pub residual: f64,
 }
 
-/// The scales of a probe.
+/// Scales from which the length of a probe is chosen.
 #[derive(Clone, Copy)]
 pub struct Scales<'a> {
     /// The absolute tolerances of velocities.
     pub atol: &'a [f64],
-    /// The sizes of velocities, before an impact at this time too: its rounding is in those after it.
+    /// The sizes of velocities, also before an impact at the time of the probe: velocities after an impact carry the
+    /// rounding errors of those before it.
     pub reached: &'a [f64],
-    /// The remaining time.
+    /// The remaining time of the run.
     pub left: f64,
 }
 
@@ -75,7 +76,7 @@ struct Lengths {
 }
 
 impl Lengths {
-    /// The length to try after `h`, which was too short by `factor`; at most the remaining time `left`.
+    /// Returns the length to try after `h`, which should be longer by `factor`; at most the remaining time `left`.
     fn after(&mut self, h: f64, factor: f64, left: f64) -> f64 {
         let side = if factor < 1.0 { &mut self.long } else { &mut self.short };
         *side = Some(h);
@@ -86,18 +87,18 @@ impl Lengths {
         }
     }
 
-    /// The largest number of probes.
+    /// Returns the largest number of probes.
     fn attempts(&self) -> usize {
         if self.short.is_some() && self.long.is_some() { MOST_ATTEMPTS } else { ATTEMPTS }
     }
 }
 
 impl VelocityStep<'_> {
-    /// Applies the law of contact without restitution to closed contacts that do not separate, in a step so short that
-    /// only directions count. Returns the length of the step and the result at each of these contacts. Constraints are
-    /// evaluated where free motion leads, so that curved paths count too, and forces on this side of the next breakpoint of
-    /// time. `None` in Painleve's paradox, where friction drives a contact into the surface it slides on. Where no scale of
-    /// time is known, the length is a fraction of the remaining time, which no probe exceeds.
+    /// Applies the contact law without restitution to closed contacts that do not separate, in a step so short that
+    /// only directions count. Returns the length of the step and the result at each of these contacts. Constraints
+    /// are evaluated at the end of the free motion, so that curved paths count too, and forces before the next
+    /// breakpoint in time. Returns `None` in Painleve's paradox, where friction drives a contact into the surface it
+    /// slides on. If no time scale is known, the length is a fraction of the remaining time, which no probe exceeds.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -119,7 +120,8 @@ impl VelocityStep<'_> {
         let (now, v) = loop {
             h = Breaks::new(state.t).part_before(self.problem, state.t, h.max(ticks));
             let free = match self.free_motion(state, h) {
-                // Forces may be undefined as far ahead as a longer probe reaches.
+                // A shorter probe fell short, but forces may be undefined at the end of a longer one: bisect the
+                // length.
                 Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
                 free => Some(free?),
             };
@@ -135,7 +137,7 @@ impl VelocityStep<'_> {
         Ok(self.touch_free(state, h, (now, v), (closed, scales.reached), control)?.map(|probed| (h, probed)))
     }
 
-    /// An initial length of the probe: forces change no velocity by more than its tolerance.
+    /// Returns an initial length of the probe, for which forces change no velocity by more than its tolerance.
     fn first_instant(&mut self, state: &State, atol: &[f64]) -> Result<Option<f64>, ContactError> {
         self.factorised = None;
         self.factorise(state, 0.0)?;
@@ -149,8 +151,9 @@ impl VelocityStep<'_> {
         Ok(times.filter(|time| *time > 0.0 && time.is_finite()).reduce(f64::min))
     }
 
-    /// The factor by which the probe should be longer, for forces to change the velocities of these contacts by the
-    /// intended fraction of their terms: none by much more, and the one with the largest terms by more than rounding.
+    /// Returns the factor by which the probe should be longer for forces to change the velocities of the closed
+    /// contacts by the intended fraction of their terms: no velocity by much more, and the one with the largest terms
+    /// by more than rounding.
     fn pace(
         &self,
         (now, v): &(Constraints, Vec<f64>),
@@ -177,8 +180,8 @@ impl VelocityStep<'_> {
         if least.is_finite() { least.max((largest.1 / TOO_SHORT).min(1.0)) } else { 1.0 }
     }
 
-    /// The current constraints, and the velocities after a step without contacts. Leaves constraints and factors
-    /// evaluated at the end of that step.
+    /// Returns the current constraints, and the velocities after a step without contacts. Leaves constraints and
+    /// factors evaluated at the end of that step.
     fn free_motion(&mut self, state: &State, h: f64) -> Result<(Constraints, Vec<f64>), ContactError> {
         let lost = ContactError::Singular { t: state.t };
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
@@ -200,7 +203,7 @@ impl VelocityStep<'_> {
         Ok((now, v))
     }
 
-    /// Applies the law of contact after free motion.
+    /// Applies the contact law after the free motion of a probe.
     fn touch_free(
         &mut self,
         state: &State,
@@ -210,7 +213,7 @@ impl VelocityStep<'_> {
         control: &Control,
     ) -> Result<Option<Vec<Probed>>, ContactError> {
         let lost = ContactError::Singular { t: state.t };
-        // Forces may change the velocities of both sides of a contact alike, as at rest in a stack.
+        // Forces may change the velocities of both bodies of a contact alike, as at rest in a stack.
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let rounding_of_row = |row: usize| ROUNDING * now.terms(row, reached);
         let parts = |&k: &usize| {
@@ -229,14 +232,14 @@ impl VelocityStep<'_> {
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
         let mut free = near.velocities(&self.structure, &self.constraints, &v);
-        // A contact at rest has no normal velocity but rounding, which forces alone change.
+        // The normal velocity of a contact at rest is rounding: keep only its change by forces.
         for ((free, before), &k) in free.iter_mut().zip(&before).zip(&contacts) {
             if before.x.abs() <= rounding_of_row(self.structure.normal(k)) {
                 free.x -= before.x;
             }
         }
         let rounding = self.rounding_of_slips(&contacts, reached, &before, &free);
-        // A contact that sticks has no slip but rounding.
+        // The slip of a sticking contact is rounding: set it to zero.
         let at_rest = |(u, least): (&Vector3<f64>, &f64)| {
             if u.y.hypot(u.z) > *least { *u } else { Vector3::new(u.x, 0.0, 0.0) }
         };
@@ -269,8 +272,8 @@ impl VelocityStep<'_> {
         Ok(Some((0..contacts.len()).map(probed).collect()))
     }
 
-    /// The part of a slip of contact `k` in `direction`, squared and in the metric of `M`, that is left to it where these
-    /// rows of `J` hold: 1 if they have nothing to do with it, 0 if they determine it.
+    /// Returns the share of a slip of contact `k` in `direction`, squared and in the metric of `M`, that remains
+    /// after projection onto the `held` rows of `J`: 1 if the rows do not affect the slip, 0 if they determine it.
     pub(crate) fn freedom(&mut self, k: usize, direction: &Vector2<f64>, held: &[usize]) -> f64 {
         let mut row = vec![0.0; self.structure.coordinates];
         for (tangent, share) in self.structure.tangents(k).zip(direction.iter()) {
@@ -286,13 +289,14 @@ impl VelocityStep<'_> {
         if is_left && whole > 0.0 { dot(&row, &response) / whole } else { 0.0 }
     }
 
-    /// The size of the terms of the slip of contact `k` at velocities `v`; infinite without friction.
+    /// Returns the size of the terms of the slip of contact `k` at velocities `v`; infinite for a contact without
+    /// friction.
     pub(crate) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
-    /// The speeds below which slips count as rest: rounding of their terms, a small fraction of their tolerance, or a
-    /// small fraction of the change by forces within the step.
+    /// Returns the speeds below which slips count as rest: rounding of their terms, a small fraction of their
+    /// tolerance, or a small fraction of their change by forces within the step.
     pub(super) fn rounding_of_slips(
         &self,
         contacts: &[usize],

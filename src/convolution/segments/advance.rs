@@ -1,5 +1,5 @@
-//! Advances element by element: its length follows from the error and from switches in it, the active set from the
-//! switches.
+//! Advances a run element by element: the length of an element follows from its error and from switches in it, the
+//! active set from the switches.
 
 use super::screening::Screened;
 use super::trial::{Trial, Violation};
@@ -12,19 +12,20 @@ use hybrid::{Automaton, Located, Proposal, Solved};
 /// proportional to its length; a longer limit would let errors into the mean, a shorter one would take rounding for
 /// switches.
 pub(super) const TINY: f64 = 1.5e-8;
-/// Decay of the usual size towards shorter elements, a decimal digit in twenty-two elements. With immediate decay no
-/// element of a shrinking series would be tiny relative to its predecessor; with hardly any, all elements would be tiny
-/// after a stretch on which the solution hardly varies.
+/// Decay factor of the usual length of elements towards shorter elements: a decimal digit in twenty-two elements.
+/// With immediate decay no element of a shrinking series would be tiny relative to its predecessor; with hardly any,
+/// all elements would be tiny after a stretch on which the solution hardly varies.
 const FORGET: f64 = 0.9;
-/// Safety factor of the step size, and least and largest ratio of an element to the last (Hairer, Norsett and Wanner
-/// 1993, II.4): an estimate of the leading term of the error does not extend to very different lengths.
+/// Safety factor of the length of elements, and least and largest ratio of an element to the last (Hairer, Norsett
+/// and Wanner 1993, II.4): an estimate of the leading term of the error does not extend to very different lengths.
 const SAFETY: f64 = 0.9;
 const LEAST: f64 = 0.1;
 const MOST: f64 = 2.5;
-/// Growth of successive elements on which no active set holds: eight of them lead from the resolution of time to
-/// `TINY`. A smaller factor would make more such elements, a larger one longer ones than necessary.
+/// Growth factor of successive elements on which no active set holds: eight of them lead from the resolution of time
+/// to `TINY`. A smaller factor would make more such elements, a larger one longer ones than necessary.
 const LONGER: f64 = 8.0;
-/// Largest number of successive rejections: each at least halves the element, and doubles have 52 binary digits.
+/// Largest number of successive rejections of an element: each at least halves the element, and doubles have 52
+/// binary digits.
 const MOST_IN_A_ROW: u32 = 52;
 
 /// Largest number of repetitions of an element, each at most half as long, because it is not proven free of switches. A
@@ -32,21 +33,21 @@ const MOST_IN_A_ROW: u32 = 52;
 /// cannot be proven, where a monitor touches zero, waste as many trials.
 const SHORTENED: u32 = 3;
 
-/// A variable with its new activity.
+/// A change of the active set: a variable with its new activity.
 type Change = (usize, Activity);
 
-/// The attempts at one element.
+/// Data of the attempts at one element.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The proposed length, and the next number after the break at its end, if it ends at one.
+    /// The proposed length of the element, and the first number after the break at its end, if it ends at one.
     h: f64,
     broken: Option<f64>,
     /// Whether no active set holds on the element, which is accepted without checks.
     is_unclear: bool,
-    /// The number of successive rejections, and of those for want of a proof.
+    /// The number of successive rejections, and of those because the element was not proven free of switches.
     rejected: u32,
     shortened: u32,
-    /// The number of times that the present trial was screened.
+    /// The number of times that the present trial element was screened.
     screened: u32,
 }
 
@@ -78,7 +79,7 @@ impl Automaton for Segments<'_> {
             return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
         }
         let wanted = self.h.min(self.longest());
-        // The last two elements share the remaining time.
+        // Divide the remaining time between the last two elements.
         let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
         let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
         (attempts.h, attempts.broken) = self.up_to_break(h);
@@ -89,7 +90,7 @@ impl Automaton for Segments<'_> {
         Ok(Solved::Step(Element { trial: self.trial(h)?, screened: Screened::Proven }))
     }
 
-    /// Screens an element; after too many cuts at violations it counts as open.
+    /// Screens an element for switches; after too many cuts at violations it counts as open (not proven).
     fn screen(
         &mut self,
         step: &mut Element,
@@ -113,8 +114,8 @@ impl Automaton for Segments<'_> {
         })
     }
 
-    /// Shortens the element to the first switch. Forces may have a kink there, so that only the element up to it is
-    /// accurate, which is screened again.
+    /// Shortens the element to the first switch. Forces may have a kink at the switch, so that only the element up to
+    /// the switch is accurate; it is screened again.
     fn locate(
         &mut self,
         step: Element,
@@ -196,8 +197,8 @@ impl Segments<'_> {
         h <= TINY * self.usual || h <= self.resolution(h)
     }
 
-    /// Changes the active set at a break if a monitor is zero there within the tolerances: behind the break it may
-    /// change its sign too slowly to be located.
+    /// Changes the active set at a break if a monitor is zero at the break within the tolerances: behind the break
+    /// the monitor may change its sign too slowly to be located.
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
             for to in [Activity::AtLower, Activity::Inactive, Activity::AtUpper] {
@@ -236,7 +237,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Appends an element to the past.
+    /// Appends an element to the solution, and sets the length of the next one.
     fn append(&mut self, trial: &Trial, is_kink: bool) {
         let (h, m) = (trial.h, self.places.len());
         let shape = &self.shapes[trial.shape];

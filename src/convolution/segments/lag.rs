@@ -1,6 +1,6 @@
-//! A scalar kernel `t^(e-1) g(t)` and its integrals against the functions of an element. Rules are exact for the
-//! singularities, of the kernel at zero and of the functions at the beginning of the element; smooth factors are
-//! integrated to rounding.
+//! A scalar kernel `t^(e-1) g(t)` and its integrals against the basis functions of an element. Quadrature rules are
+//! exact for the singularities, of the kernel at zero and of the functions at the beginning of the element; smooth
+//! factors are integrated to rounding.
 
 use super::shape::Shape;
 use crate::gauss_jacobi::gauss_jacobi;
@@ -9,21 +9,22 @@ use crate::stepper::StepError;
 use expression::{IntervalWorkspace, Tape};
 use numerics::Interval;
 
-/// Number of nodes of each rule, exact for polynomials of degree 47: the functions of an element have degree ten at
-/// most, so that a factor of the kernel may vary over an element like a polynomial of degree 37.
+/// Number of nodes of each quadrature rule, exact for polynomials of degree 47: the functions of an element have
+/// degree ten at most, so that a factor of the kernel may vary over an element like a polynomial of degree 37.
 const NODES: usize = 24;
-/// If the time since the end of an element is below this fraction of its length, its integral is the difference of two
-/// that begin at the singularity. Its functions are extrapolated by at most this fraction: there a Legendre polynomial
-/// of degree eight is `5e2`, so that less than three digits cancel. A larger fraction would lose more (`8e3` for a
-/// half), a smaller one would leave kernels that vary over more decades of the lag to the other rule.
+/// If the time since the end of an element is below this fraction of its length, the integral of the kernel over the
+/// element is the difference of two integrals that begin at the singularity. The functions of the element are then
+/// extrapolated by at most this fraction: at that distance a Legendre polynomial of degree eight is `5e2`, so that
+/// less than three digits cancel. A larger fraction would lose more (`8e3` for a half), a smaller one would leave
+/// kernels that vary over more decades of the lag to the other quadrature rule.
 const ADJACENT: f64 = 0.25;
 
-/// A kernel that is not a multiple of the identity.
+/// A scalar kernel as a function of the lag, other than a multiple of the identity.
 pub struct Lag {
     exponent: f64,
     factor: Option<Tape>,
     slope: Option<Tape>,
-    /// `g` without a factor: `1 / Gamma(e)`.
+    /// The value of `g` if the kernel has no factor: `1 / Gamma(e)`.
     constant: f64,
     at_zero: Vec<(f64, f64)>,
     plain: Vec<(f64, f64)>,
@@ -31,8 +32,8 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// The kernel of a function before its integrations, `None` for the identity; `beta` is the exponent of singular
-    /// functions behind switches.
+    /// Prepares the kernel of a function before its integrations; returns `None` for the identity. `beta` is the
+    /// exponent of singular basis functions behind switches.
     pub fn new(function: &Function, beta: f64) -> Option<Self> {
         if function.factor.is_none() && function.exponent == 0.0 {
             return None;
@@ -49,7 +50,7 @@ impl Lag {
         })
     }
 
-    /// Evaluates `g`.
+    /// Evaluates the smooth factor `g` at a lag.
     fn smooth(&mut self, lag: f64) -> Result<f64, StepError> {
         let Some(factor) = &mut self.factor else { return Ok(self.constant) };
         let mut value = [0.0];
@@ -57,13 +58,13 @@ impl Lag {
         if value[0].is_finite() { Ok(value[0]) } else { Err(StepError::Kernel { lag }) }
     }
 
-    /// Evaluates the kernel.
+    /// Evaluates the kernel at a lag.
     pub fn value(&mut self, lag: f64) -> Result<f64, StepError> {
         let smooth = self.smooth(lag)?;
         Ok(if self.exponent == 1.0 { smooth } else { smooth * lag.powf(self.exponent - 1.0) })
     }
 
-    /// Bounds of `g` and of its derivative over the lags up to `length`.
+    /// Returns bounds on the magnitudes of `g` and of its derivative over the lags up to `length`.
     pub fn bounds(&self, length: f64) -> [f64; 2] {
         let lags = Interval::new(0.0, length);
         let bound = |tape: &Tape| {
@@ -77,24 +78,26 @@ impl Lag {
         }
     }
 
-    /// The integral of `t^(e-1)` from zero.
+    /// Returns the integral of `t^(e-1)` from zero to `length`.
     pub fn integral_of_power(&self, length: f64) -> f64 {
         length.powf(self.exponent) / self.exponent
     }
 
-    /// Writes the integrals of the functions of an element of length `h` up to the time `theta h` within it.
+    /// Writes the integrals of the kernel against the basis functions of an element of length `h`, at the time
+    /// `theta h` within the element, to `out`.
     pub fn within(&mut self, shape: &Shape, h: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let whole = if shape.is_singular() { 0.5 * theta } else { theta };
         self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
         if shape.is_singular() {
-            // Only singular functions need the split; one rule serves both.
+            // Only singular functions need the split into two parts; one rule for each part serves all functions.
             self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
         }
         Ok(())
     }
 
-    /// Writes the integrals of the functions of an element of length `h` at the time `from` after its end.
+    /// Writes the integrals of the kernel against the basis functions of an element of length `h`, at the time `from`
+    /// after the end of the element, to `out`.
     pub fn behind(&mut self, shape: &Shape, h: f64, from: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let theta = 1.0 + from / h;
@@ -119,7 +122,8 @@ impl Lag {
         Ok(())
     }
 
-    /// Adds `sign` times the integrals over the lags from zero to `length`, at the time `theta h`.
+    /// Adds `sign` times the integrals of the kernel against the basis functions over the lags from zero to `length`,
+    /// at the time `theta h`, to `out`.
     fn add_from_singularity(
         &mut self,
         shape: &Shape,
@@ -143,7 +147,8 @@ impl Lag {
         Ok(())
     }
 
-    /// Adds the integrals over the first part of an element, up to `end`, for the later time `theta h`.
+    /// Adds the integrals of the kernel against the basis functions over the first part of an element, up to `end`,
+    /// at the later time `theta h`, to `out`.
     fn add_beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         let mut values = vec![0.0; out.len()];
         for place in 0..self.plain.len() {
@@ -164,7 +169,7 @@ fn add(out: &mut [f64], values: &[f64], weight: f64) {
     out.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 
-/// `Gamma(x)` for `x > 0`, by Stirling's series far from zero.
+/// Computes `Gamma(x)` for `x > 0`, by Stirling's series far from zero.
 fn gamma(x: f64) -> f64 {
     let (mut x, mut product) = (x, 1.0);
     while x < 20.0 {

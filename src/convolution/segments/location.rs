@@ -6,7 +6,8 @@ use super::{Activity, Segments};
 use crate::stepper::StepError;
 use numerics::Bracket;
 
-/// Largest number of guesses: every other one at least halves the bracket, and a double has 53 binary digits.
+/// Largest number of guesses of the time of a switch: every other one at least halves the bracket, and a double has
+/// 53 binary digits.
 const GUESSES: usize = 120;
 /// Shrinkage of the bracket as long as only its upper end is known: four binary digits a guess. A factor nearer to one
 /// takes more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket otherwise.
@@ -22,8 +23,8 @@ const MARGIN: f64 = 1e-3;
 /// and the bracket be halved to its end.
 const SURE: f64 = 1.0 / 16.0;
 
-/// An element up to a switch, `None` if it is at the beginning; and the variable with its new activity, `None` if a
-/// shorter element shows no switch.
+/// The element up to a switch, `None` if the switch is at the beginning of the element; and the variable with its new
+/// activity, `None` if a shorter element shows no switch.
 type LocatedSwitch = (Option<Trial>, Option<(usize, Activity)>);
 
 impl Segments<'_> {
@@ -32,7 +33,8 @@ impl Segments<'_> {
         let mut lost = violation;
         // The shortest element whose monitor is negative at its end, and the value of the monitor.
         let mut behind = (violation.theta * trial.h, violation.value);
-        // The longest element whose monitor is positive, and the bracket between the two.
+        // The longest element whose monitor is positive at its end, and the bracket from its end to that of the
+        // shortest element with a negative monitor.
         let mut before: Option<(Trial, Bracket)> = None;
         // Whether an element that ends at the upper end of the bracket has a negative monitor there: a longer element,
         // across a kink of a force, may be wrong before the kink as well.
@@ -62,7 +64,7 @@ impl Segments<'_> {
             let found = match made.violation {
                 // A monitor that is negative by less than the tolerance has changed its sign nevertheless.
                 None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
-                // The supposed switch was none.
+                // The shorter element shows no switch.
                 None if !confirmed && guess == high => return Ok((Some(made), None)),
                 None => {
                     let mut bracket =

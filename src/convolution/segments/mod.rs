@@ -31,22 +31,22 @@ use shape::Shape;
 /// The activity of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
-    /// At its lower bound.
+    /// The variable is at its lower bound.
     AtLower,
-    /// Between its bounds.
+    /// The variable is between its bounds.
     Inactive,
-    /// At its upper bound.
+    /// The variable is at its upper bound.
     AtUpper,
-    /// Fixed by equal bounds.
+    /// The variable is fixed by equal bounds.
     Fixed,
 }
 
-/// The settings of a run.
+/// The settings of a run by segments.
 #[derive(Clone, Debug)]
 pub struct SegmentSettings {
     /// The number of polynomials on an element, from 1 to 9.
     pub stages: usize,
-    /// Relative tolerance.
+    /// Relative tolerance of the variables.
     pub rtol: f64,
     /// Absolute tolerance of each variable.
     pub atol: Vec<f64>,
@@ -61,25 +61,25 @@ pub struct SegmentSettings {
     pub before: Vec<f64>,
 }
 
-/// A switch of a variable.
+/// A switch: a change of the activity of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
-    /// The time.
+    /// The time of the switch.
     pub t: f64,
-    /// The variable.
+    /// Index of the variable.
     pub variable: usize,
-    /// The new activity.
+    /// The activity of the variable after the switch.
     pub to: Activity,
 }
 
-/// A term of the kernel: its lag function, the number of integrations, and its matrix.
+/// A term of the kernel: its scalar function of the lag, the number of integrations, and its matrix.
 struct Part {
     lag: Option<Lag>,
     level: usize,
     matrix: Vec<(usize, usize, f64)>,
 }
 
-/// An integration by segments.
+/// A run of a problem with memory, integrated by segments.
 pub struct Segments<'p> {
     forcing: Forcing<'p>,
     set: ConvexSet,
@@ -92,31 +92,32 @@ pub struct Segments<'p> {
     h: f64,
     longest: f64,
     before: Vec<f64>,
-    /// The size of recent elements, relative to which an element is tiny.
+    /// The usual length of recent elements, relative to which an element is tiny.
     usual: f64,
     rtol: f64,
     atol: Vec<f64>,
     tolerance: f64,
     is_first: bool,
     places: Vec<Activity>,
-    /// The activities of the last element, `None` before the first.
+    /// The activities of the variables on the last element, `None` before the first element.
     told: Option<Vec<Activity>>,
     /// The number of changes of the active set since the last element.
     flips: usize,
     /// The number of successive tiny elements.
     kinks: u32,
-    /// The length of the last element without a valid active set, zero if the last one had one, and whether another is
-    /// next.
+    /// The length of the last element if it had no valid active set, zero otherwise; and whether the next element is
+    /// made without a valid active set.
     unclear: (f64, bool),
-    /// The beginning of the current series of brief elements, if the last element was brief.
+    /// The time at the beginning of the current series of elements on which switches are not reported, if the last
+    /// element was one of them.
     brief: Option<f64>,
     size: Vec<f64>,
-    /// The repeated integrals of the variables up to now, once, twice, .., by their polynomials.
+    /// The repeated integrals of the variables up to the current time, once, twice, .., by their polynomials.
     integrals: Vec<Vec<f64>>,
-    /// The integral of the variables up to now.
+    /// The integral of the variables up to the current time.
     integral: Vec<f64>,
     switches: Vec<Switch>,
-    /// The number of elements that were rejected and made again, shorter.
+    /// The number of elements that were rejected and repeated with a shorter length.
     pub rejected: u64,
     breaks: Breaks,
     interpolation: Interpolation,
@@ -137,7 +138,7 @@ impl<'p> Segments<'p> {
         stages > 1 && !structure.set.has_blocks() && structure.variables * stages <= UNKNOWNS
     }
 
-    /// Prepares a run over `[start, end]`; `problem` has no states, its inequality is `q`.
+    /// Prepares a run over `[start, end]`; `problem` has no states, and its inequality is the function `q` of time.
     ///
     /// # Errors
     /// If values are not finite, or a set is empty.
@@ -208,30 +209,31 @@ impl<'p> Segments<'p> {
         })
     }
 
-    /// The current time.
+    /// Returns the current time.
     pub fn t(&self) -> f64 {
         self.t
     }
 
-    /// Whether the end is reached.
+    /// Whether the end of the run is reached.
     pub fn is_done(&self) -> bool {
         self.t >= self.end
     }
 
-    /// The number of elements.
+    /// Returns the number of elements so far.
     pub fn elements(&self) -> usize {
         self.past.elements.len()
     }
 
-    /// The ends of the elements.
+    /// Returns the times at the ends of the elements so far.
     pub fn mesh(&self) -> Vec<f64> {
         self.past.elements.iter().map(|element| element.end).collect()
     }
 
-    /// The largest admissible length of the next element.
+    /// Returns the largest admissible length of the next element.
     fn longest(&self) -> f64 {
         let next = self.before.partition_point(|end| *end <= self.t);
-        // Switches of two runs differ, and so do the short elements next to them.
+        // Take the longer of two neighbouring elements: switches of two runs differ, and so do the short elements
+        // next to them.
         let ends = [next.checked_sub(1), Some(next), Some(next + 1)];
         let ends =
             ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
@@ -239,7 +241,7 @@ impl<'p> Segments<'p> {
         self.longest.min(0.5 * length)
     }
 
-    /// The number of polynomials on an element.
+    /// Returns the number of polynomials on an element.
     pub fn stages(&self) -> usize {
         self.order
     }
@@ -249,7 +251,7 @@ impl<'p> Segments<'p> {
         std::mem::take(&mut self.switches)
     }
 
-    /// The shortest element that floating-point times resolve.
+    /// Returns the length of the shortest element that floating-point times resolve.
     fn resolution(&self, h: f64) -> f64 {
         8.0 * f64::EPSILON * self.t.abs().max(self.start.abs()).max((self.t + h).abs())
     }

@@ -1,4 +1,5 @@
-//! Outputs at any time up to the current one: the variables, their integral and `w`.
+//! Outputs at any time up to the current one: the variables `z`, their integral, and the function `w` of the
+//! inequality.
 
 use super::past::{Past, combine};
 use super::shape::Shape;
@@ -7,19 +8,19 @@ use crate::stepper::StepError;
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
-/// An element with its predecessors.
+/// An element of the solution, with the number of its predecessors.
 pub(super) struct Here<'a> {
     /// The number of earlier elements.
     pub before: usize,
     pub shape: &'a Shape,
-    /// The beginning and the length of the element.
+    /// The time at the beginning of the element, and its length.
     pub start: f64,
     pub h: f64,
-    /// The coefficients of the variables and of their integrals, a row for each function.
+    /// The coefficients of the variables and of their integrals, a row for each basis function.
     pub levels: &'a [DMatrix<f64>],
 }
 
-/// Adds `m * z` at the time `theta h` within an element.
+/// Adds the convolution `m * z` of the kernel and the variables at the time `theta h` within an element to `out`.
 pub(super) fn convolve(
     terms: &mut [Part],
     (past, shapes): (&Past, &[Shape]),
@@ -53,8 +54,8 @@ pub(super) fn convolve(
 }
 
 impl Segments<'_> {
-    /// Writes `z`, its integral and `w` at a time within the elements so far. `z` is the point of `K` nearest to the
-    /// polynomial.
+    /// Writes the variables `z`, their integral and `w = m * z + q` at a time within the elements so far to `out`.
+    /// The variables are projected onto `K` from their polynomials.
     ///
     /// # Errors
     /// If values are not finite.
@@ -89,7 +90,7 @@ impl Segments<'_> {
         combine(&element.coefficients[0], &row, z);
     }
 
-    /// The mean over time of the distance of each variable from that of another run.
+    /// Returns the mean over time of the distance of each variable from that of another run.
     pub fn mean_distance(&self, other: &Self) -> Vec<f64> {
         let m = self.places.len();
         let (mut own, mut others, mut sums) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);
@@ -107,17 +108,17 @@ impl Segments<'_> {
         sums.iter().map(|sum| sum / (self.t - self.start)).collect()
     }
 
-    /// The largest absolute value of each variable.
+    /// Returns the largest absolute value of each variable so far.
     pub fn sizes(&self) -> &[f64] {
         &self.size
     }
 
-    /// `K` at the time of the last output.
+    /// Returns the set `K` at the time of the last output.
     pub fn set(&self) -> &ConvexSet {
         &self.set
     }
 
-    /// The variables at the current time.
+    /// Returns the values of the variables at the current time.
     pub fn ends(&self) -> Vec<f64> {
         let mut z = vec![0.0; self.places.len()];
         self.variables_at(self.t, &mut z);

@@ -12,10 +12,10 @@
 use nalgebra::{DMatrix, DVector};
 use numerics::bernstein;
 
-/// The degree of the polynomials, at least that of all elements.
+/// The degree of the polynomials on a panel, at least that of the functions of all elements.
 pub const DEGREE: usize = 10;
 
-/// A panel `[begin, begin + length]` of `[0, 1]`.
+/// A panel `[begin, begin + length]` of an element `[0, 1]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel {
     pub begin: f64,
@@ -23,7 +23,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// The whole element.
+    /// The panel that is the whole element.
     pub const WHOLE: Self = Self { begin: 0.0, length: 1.0 };
 
     pub fn end(self) -> f64 {
@@ -39,32 +39,33 @@ impl Panel {
         [Self { length, ..self }, Self { begin: self.begin + length, length }]
     }
 
-    /// The remainder relative to the bound of the function on the ellipse that extends to zero.
+    /// Returns the bound of the remainder, relative to the bound of the function on the Bernstein ellipse that
+    /// extends to zero.
     pub fn remainder(self) -> f64 {
         let ratio = 2.0 * self.middle() / self.length;
         let rho = ratio + (ratio * ratio - 1.0).max(0.0).sqrt();
         4.0 * rho.powi(-(DEGREE as i32)) / (rho - 1.0)
     }
 
-    /// The largest distance from zero of a point of the ellipse.
+    /// Returns the largest distance from zero of a point of the Bernstein ellipse of the panel.
     pub fn reach(self) -> f64 {
         2.0 * self.middle()
     }
 
-    /// The growth of Legendre polynomials on `[0, 1]` with their degree, on the ellipse and between it and zero: the
-    /// sum of the semi-axes of an ellipse about `[0, 1]` that contains both.
+    /// Returns the growth of Legendre polynomials on `[0, 1]` with their degree, on the Bernstein ellipse of the
+    /// panel and between it and zero: the sum of the semi-axes of an ellipse about `[0, 1]` that contains both.
     pub fn growth(self) -> f64 {
         let axes = 1.0 + self.reach();
         axes + (axes * axes - 1.0).sqrt()
     }
 }
 
-/// Maps values at the Chebyshev points to Bernstein coefficients.
+/// Map from the values of a function at the Chebyshev points to Bernstein coefficients.
 pub struct Interpolation {
-    /// The points on `[0, 1]`.
+    /// The Chebyshev points on `[0, 1]`.
     pub points: Vec<f64>,
     inverse: DMatrix<f64>,
-    /// The amplification of rounding errors of the values.
+    /// The amplification of rounding errors of the values by the map.
     pub growth: f64,
 }
 
@@ -84,7 +85,7 @@ impl Interpolation {
         Self { points, inverse, growth }
     }
 
-    /// The coefficients of the polynomial through values at the points.
+    /// Returns the Bernstein coefficients of the polynomial through values at the Chebyshev points.
     pub fn coefficients(&self, values: &[f64]) -> Vec<f64> {
         (&self.inverse * DVector::from_column_slice(values)).as_slice().to_vec()
     }

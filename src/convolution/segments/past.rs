@@ -1,7 +1,7 @@
 //! The past as a source: contributions of earlier elements to the convolution at a later time.
 //!
-//! Elements farther away than twice their length act through point charges at the nodes of Gauss rules, closer ones
-//! through integrals of the kernel against their functions.
+//! Elements farther away than twice their length act through point charges (values times quadrature weights) at the
+//! nodes of Gauss rules, closer ones through integrals of the kernel against their functions.
 
 use super::lag::Lag;
 use super::shape::Shape;
@@ -9,60 +9,63 @@ use crate::gauss_jacobi::gauss_jacobi;
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// Distance, in lengths of an element, from which on it acts through charges. The kernel is analytic within an ellipse
-/// about the element that extends to the present, with the sum `5 + 24^(1/2)` of its semi-axes for two lengths, and a
-/// rule converges by the square of that, a factor of ninety-eight, with each node. Nearer elements would need more
-/// nodes; a larger distance, more integrals of the kernel.
+/// Distance of a later time from an element, in lengths of the element, from which on the element acts through point
+/// charges. The kernel is analytic within an ellipse about the element that extends to the later time, with the sum
+/// `5 + 24^(1/2)` of its semi-axes for two lengths, and a rule converges by the square of that, a factor of
+/// ninety-eight, with each node. Nearer elements would need more nodes; a larger distance, more integrals of the
+/// kernel.
 const FAR: f64 = 2.0;
-/// Number of nodes of a rule beyond the number `n` of functions: they leave polynomials of degree `n + 12` to the
-/// kernel, which differs from its best polynomial by about `9.9^-(n + 12)`, below rounding from four functions on.
+/// Number of nodes of a quadrature rule beyond the number `n` of functions of an element: they leave polynomials of
+/// degree `n + 12` to the kernel, which differs from its best polynomial by about `9.9^-(n + 12)`, below rounding
+/// from four functions on.
 const NODES: usize = 6;
 
-/// An element: an interval of time on which the variables are one combination of functions.
+/// An element: an interval of time on which the variables are one combination of basis functions.
 pub struct Element {
-    /// Its beginning.
+    /// Time at the beginning of the element.
     pub start: f64,
-    /// Its end.
+    /// Time at the end of the element.
     pub end: f64,
-    /// The index of its shape.
+    /// The index of the shape (the space of functions) of the element.
     pub shape: usize,
     /// The coefficients of the variables and of their repeated integrals, as many as the kernel takes: a row for each
-    /// function, a column for each variable.
+    /// basis function, a column for each variable.
     pub coefficients: Vec<DMatrix<f64>>,
     /// The integral of the variables up to the beginning of the element.
     pub integral: Vec<f64>,
-    /// The index of its first charge.
+    /// The index of the first point charge of the element.
     charge: usize,
 }
 
 impl Element {
-    /// Its length.
+    /// Returns the length of the element.
     pub fn length(&self) -> f64 {
         self.end - self.start
     }
 }
 
-/// The quadrature rule of a shape: nodes with weights, and the values of the functions there.
+/// The quadrature rule of a shape: nodes with weights, and the values of the basis functions at the nodes.
 struct Rule {
     nodes: Vec<(f64, f64)>,
     values: Vec<Vec<f64>>,
 }
 
-/// All elements so far.
+/// All elements of a run so far, with their point charges.
 pub struct Past {
     variables: usize,
     /// The elements, in order of time.
     pub elements: Vec<Element>,
     rules: Vec<Rule>,
     times: Vec<f64>,
-    /// The charges of the variables and of their integrals.
+    /// The point charges of the variables and of their integrals.
     charges: Vec<Vec<f64>>,
-    /// Bounds of the largest absolute values of the variables and of their integrals.
+    /// Bounds on the absolute values of the variables and of their integrals.
     pub largest: Vec<Vec<f64>>,
 }
 
 impl Past {
-    /// Allocates for elements of these shapes, with variables that are integrated at most `integrations` times.
+    /// Allocates for elements of the shapes `shapes`, with variables that are integrated at most `integrations`
+    /// times.
     pub fn new(variables: usize, shapes: &[Shape], integrations: usize) -> Self {
         Self {
             variables,
@@ -74,12 +77,12 @@ impl Past {
         }
     }
 
-    /// The index of the element that contains a time.
+    /// Returns the index of the element that contains the time `t`.
     pub fn place_of(&self, t: f64) -> usize {
         self.elements.partition_point(|element| element.start < t).saturating_sub(1)
     }
 
-    /// Appends an element.
+    /// Appends an element with its point charges.
     pub fn append(&mut self, start: f64, end: f64, shape: usize, coefficients: Vec<DMatrix<f64>>, integral: Vec<f64>) {
         let charge = self.times.len();
         let rule = &self.rules[shape];
@@ -93,7 +96,7 @@ impl Past {
         }
         for (largest, coefficients) in self.largest.iter_mut().zip(&coefficients) {
             for (largest, column) in largest.iter_mut().zip(coefficients.column_iter()) {
-                // All functions are at most one.
+                // All basis functions are at most one in magnitude.
                 *largest = largest.max(column.iter().map(|c| c.abs()).sum());
             }
         }
@@ -101,8 +104,8 @@ impl Past {
     }
 
     /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements to `sum`, and
-    /// the sizes of its terms to `size`, at the time `t + offset`. The two are not added: the rounding of their sum
-    /// would be visible next to a switch.
+    /// the magnitudes of its terms to `size`, at the time `t + offset`. The times `t` and `offset` are not added: the
+    /// rounding of their sum would be visible next to a switch.
     #[expect(clippy::too_many_arguments, reason = "what is convolved with what, when, and the two sums")]
     pub fn convolve(
         &self,
@@ -142,7 +145,8 @@ impl Past {
     }
 }
 
-/// Computes the combination of functions with these coefficients.
+/// Writes the combination of the basis functions with the values `functions` and the coefficients `coefficients` to
+/// `out`.
 pub fn combine(coefficients: &DMatrix<f64>, functions: &[f64], out: &mut [f64]) {
     for (value, column) in out.iter_mut().zip(coefficients.column_iter()) {
         *value = column.iter().zip(functions).map(|(c, f)| c * f).sum();

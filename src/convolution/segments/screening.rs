@@ -14,19 +14,20 @@ use super::watched::{Function, Functions, Watched};
 use crate::stepper::StepError;
 use numerics::{Interval, bernstein};
 
-/// Largest number of enclosed parts of one panel: each halving gains a binary digit of the distance from a switch.
+/// Largest number of enclosed parts of one panel: each halving of a part gains a binary digit of the distance from a
+/// switch.
 const MOST_PARTS: usize = 200;
 
 /// The result of screening an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
-    /// No switch is missed.
+    /// Proven: no monitor changes its sign between the nodes.
     Proven,
-    /// A monitor is negative.
+    /// A monitor is negative between the nodes.
     Violated(Violation),
-    /// `q` or a bound varies between the nodes more than its values there show.
+    /// The function `q` or a bound varies between the nodes by more than its values at the nodes show.
     Unresolved,
-    /// Neither proven nor violated.
+    /// Changes of sign are neither excluded nor seen.
     Open,
 }
 
@@ -39,23 +40,24 @@ struct Unproven {
     remainder: Remainder,
 }
 
-/// A part of a panel, with the quantities not yet proven on it.
+/// A part of a panel, with the quantities that are not yet proven on it.
 struct Stretch {
     panel: Panel,
     left: Vec<Unproven>,
 }
 
-/// Findings at the middle of a part with unproven quantities.
+/// Findings at the middle of a part of a panel with unproven quantities.
 #[derive(Default)]
 struct Seen {
     violation: Option<Violation>,
-    /// In the middle `q` or a bound differs from the interpolant at the nodes.
+    /// Whether `q` or a bound differs, at the middle, from the interpolant through its values at the nodes.
     is_unresolved: bool,
-    /// Remainders prevent a proof: polynomials on shorter panels may have smaller ones.
+    /// Whether remainders prevent a proof: polynomials on shorter panels may have smaller ones.
     needs_more: bool,
 }
 
-/// The remainder of a polynomial: of interpolation, which shorter panels reduce, and of rounding, which counts as zero.
+/// The remainder of a polynomial: of interpolation, which shorter panels reduce, and of rounding, up to which a
+/// quantity counts as zero.
 #[derive(Clone, Copy, Debug, Default)]
 struct Remainder {
     of_interpolation: f64,
@@ -77,7 +79,7 @@ impl Segments<'_> {
         let watched = self.watch(trial);
         let Some(begins) = self.begins(&functions, &watched)? else { return Ok(Screened::Open) };
         let mut outcome = Outcome::default();
-        // Polynomials need no panels.
+        // Screen quantities that are polynomials on the whole element, without panels.
         let whole: Vec<usize> = (0..watched.len()).filter(|&i| self.is_polynomial(trial, &watched[i])).collect();
         self.screen_panel(&functions, &watched, whole, Panel::WHOLE, &mut outcome)?;
         let is_panelled = |i: &usize| !self.is_polynomial(trial, &watched[*i]);
@@ -96,13 +98,13 @@ impl Segments<'_> {
         })
     }
 
-    /// Whether a function is a polynomial on the element.
+    /// Whether the function of a screened quantity is a polynomial on the element.
     fn is_polynomial(&self, trial: &Trial, watched: &Watched) -> bool {
         watched.function != Function::Memory && !self.shapes[trial.shape].is_singular()
     }
 
-    /// For each quantity, the end of a first panel over which it changes too little to become negative, or which is too
-    /// short to count; `None` if the problem has no enclosure.
+    /// Returns, for each quantity, the end of a first panel over which the quantity changes too little to become
+    /// negative, or which is too short to count; `None` if the problem has no enclosure.
     fn begins(&mut self, functions: &Functions<'_>, watched: &[Watched]) -> Result<Option<Vec<f64>>, StepError> {
         let m = self.places.len();
         let mut values = [vec![0.0; m], vec![0.0; m], vec![0.0; m]];
@@ -131,13 +133,13 @@ impl Segments<'_> {
         Ok(Some(begins))
     }
 
-    /// The times of a panel.
+    /// Returns the time interval of a panel.
     fn times(&self, panel: Panel, h: f64) -> Interval {
         let [from, to] = [panel.begin, panel.end()].map(|theta| self.t + theta * h);
         Interval::new(if panel.begin == 0.0 { from } else { from.next_down() }, to.next_up())
     }
 
-    /// Screens quantities on a panel, by parts in order of time.
+    /// Screens quantities on a panel, by parts of the panel in order of time.
     fn screen_panel(
         &mut self,
         functions: &Functions<'_>,
@@ -191,7 +193,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// The polynomials of quantities on a panel, with their remainders.
+    /// Computes the polynomials of quantities on a panel, with their remainders.
     fn interpolate(
         &mut self,
         functions: &Functions<'_>,
@@ -226,8 +228,8 @@ impl Segments<'_> {
         Ok(Stretch { panel, left: places.iter().zip(&values).map(polynomial).collect() })
     }
 
-    /// Removes the quantities that are proven on a part, and evaluates the others at its middle; `None` if the problem
-    /// has no enclosure.
+    /// Removes the quantities that are proven on a part of a panel, and evaluates the others at its middle; returns
+    /// `None` if the problem has no enclosure.
     fn prove(&mut self, functions: &Functions<'_>, watched: &[Watched], stretch: &mut Stretch) -> Option<Seen> {
         let (panel, h) = (stretch.panel, functions.trial.h);
         let times = self.times(panel, h);
@@ -264,7 +266,7 @@ impl Segments<'_> {
             let slope = sign * (bernstein::range_of_rate(coefficients) + slope * Interval::point(panel.length * h));
             let mut lower = middle - 0.5 * slope.magnitudes().1;
             if lower < proven && (slope.lo >= 0.0 || slope.hi <= 0.0) {
-                // The least value is at an end.
+                // If the slope has one sign, the least value is at an end of the part.
                 let end = usize::from(slope.lo < 0.0);
                 let rows = at_ends[end].get_or_insert_with(|| rows_at([panel.begin, panel.end()][end]));
                 lower = watched.sign * (bernstein::value(coefficients, end as f64) + watched.beside_at(rows));

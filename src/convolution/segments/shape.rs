@@ -10,7 +10,7 @@ use crate::gauss_jacobi::gauss_jacobi;
 use nalgebra::DMatrix;
 use radau::Tableau;
 
-/// Number of nodes of the rules for integrals of the functions, exact for all of them.
+/// Number of nodes of the quadrature rules for integrals of the basis functions, exact for all of them.
 const NODES: usize = 12;
 /// Largest numbers of polynomials and of singular functions on an element with singular functions. Polynomials with and
 /// without the factor `theta^beta` are nearly dependent: with five and four the matrix of their values at the nodes has
@@ -19,38 +19,41 @@ const NODES: usize = 12;
 const SMOOTH: usize = 5;
 const SINGULAR: usize = 4;
 
-/// A space of functions on `[0, 1]` with its nodes.
+/// A space of functions on the element `[0, 1]` with its collocation nodes.
 pub struct Shape {
-    /// The degree of the polynomial, and whether it has the factor `theta^beta`; the last function estimates the error.
+    /// For each basis function, the degree of its polynomial, and whether it has the factor `theta^beta`; the last
+    /// function estimates the error.
     functions: Vec<(usize, bool)>,
-    /// The exponent of the singular functions.
+    /// The exponent of the singular basis functions.
     pub beta: f64,
-    /// The nodes, the last of them equal to 1, followed by the one that estimates the error.
+    /// The collocation nodes, the last of them equal to 1, followed by the node that estimates the error.
     pub nodes: Vec<f64>,
-    /// The functions at the nodes, a row for each node.
+    /// The values of the basis functions at the nodes, a row for each node.
     pub values: DMatrix<f64>,
-    /// The functions at the beginning, at the nodes and in the middles between nodes, where errors are largest:
-    /// collocation is more accurate at its nodes.
+    /// The values of the basis functions at the beginning, at the nodes and in the middles between nodes, where
+    /// errors are largest: collocation is more accurate at its nodes.
     pub samples: DMatrix<f64>,
-    /// The integrals of the functions from zero to the nodes.
+    /// The integrals of the basis functions from zero to the nodes.
     pub integrals: DMatrix<f64>,
-    /// The maps from values at the nodes to coefficients, without and with the additional function and node.
+    /// The maps from the values of a function at the nodes to its coefficients, without and with the additional
+    /// function and node for the error estimate.
     inverses: [DMatrix<f64>; 2],
-    /// The maps from coefficients to those of the integral, interpolated at the nodes.
+    /// The maps from the coefficients of a function to those of its integral, interpolated at the nodes.
     antiderivatives: [DMatrix<f64>; 2],
     plain: Vec<(f64, f64)>,
     weighted: Vec<(f64, f64)>,
 }
 
 impl Shape {
-    /// The shape of `s` polynomials.
+    /// Creates the shape of an element with `s` polynomials.
     pub fn smooth(s: usize) -> Self {
         Self::new((0..=s).map(|degree| (degree, false)).collect(), 0.0, Tableau::of(s).c.clone())
     }
 
-    /// The shape behind a switch, where `s` polynomials serve elsewhere.
+    /// Creates the shape of an element behind a switch, if the other elements have `s` polynomials.
     ///
-    /// Integrated kernels amplify rounding errors, the more the closer the first node is to the beginning.
+    /// Kernels that are integrated amplify rounding errors, the more the closer the first node is to the beginning:
+    /// their shape has fewer functions.
     pub fn behind_switch(s: usize, beta: f64, integrations: usize) -> Self {
         if beta == 0.0 {
             return Self::smooth(s);
@@ -113,33 +116,34 @@ impl Shape {
         shape
     }
 
-    /// The number of functions and of nodes, without the additional ones that estimate the error.
+    /// Returns the number of functions and of nodes, without the additional ones that estimate the error.
     pub fn len(&self) -> usize {
         self.nodes.len() - 1
     }
 
-    /// Whether some functions are singular at zero.
+    /// Whether some basis functions are singular at zero.
     pub fn is_singular(&self) -> bool {
         self.functions[..self.len()].iter().any(|function| function.1)
     }
 
-    /// The map from values at the first `size` nodes to coefficients; `size` is the length or one more.
+    /// Returns the map from values at the first `size` nodes to coefficients; `size` is [`Self::len`] or one more.
     pub fn inverse(&self, size: usize) -> &DMatrix<f64> {
         &self.inverses[size - self.len()]
     }
 
-    /// The amplification of rounding errors from values at the first `size` nodes to coefficients and back.
+    /// Returns the amplification of rounding errors from values at the first `size` nodes to coefficients and back.
     pub fn transform_condition(&self, size: usize) -> f64 {
         let product = self.values.view((0, 0), (size, size)).abs() * self.inverse(size).abs();
         product.row_iter().map(|row| row.sum()).fold(0.0, f64::max)
     }
 
-    /// The map from coefficients to those of the integral from zero, interpolated at the first `size` nodes.
+    /// Returns the map from the coefficients of a function to those of its integral from zero, interpolated at the
+    /// first `size` nodes.
     pub fn antiderivative(&self, size: usize) -> &DMatrix<f64> {
         &self.antiderivatives[size - self.len()]
     }
 
-    /// Writes the first functions at `theta`, as many as `out` has entries.
+    /// Writes the values of the first basis functions at `theta`, as many as `out` has entries.
     pub fn evaluate(&self, theta: f64, out: &mut [f64]) {
         let power = if self.is_singular() { theta.powf(self.beta) } else { 1.0 };
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
@@ -147,22 +151,23 @@ impl Shape {
         }
     }
 
-    /// Writes the polynomial factors at `theta` of the singular or of the regular functions, and zero for the others.
+    /// Writes the polynomial factors, at `theta`, of the singular or of the regular basis functions, and zero for the
+    /// others.
     pub fn polynomials(&self, singular: bool, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
             *value = if is_singular == singular { legendre(degree, theta) } else { 0.0 };
         }
     }
 
-    /// A bound of the size of a combination at complex points, where Legendre polynomials grow with their degree no
-    /// faster than powers of `growth`, and no point is farther from zero than `reach`.
+    /// Bounds the magnitude of a combination of basis functions at complex points, where Legendre polynomials grow
+    /// with their degree no faster than powers of `growth`, and no point is farther from zero than `reach`.
     pub fn bound(&self, coefficients: impl Iterator<Item = f64>, growth: f64, reach: f64) -> f64 {
         let power = reach.powf(self.beta);
         let functions = coefficients.zip(&self.functions);
         functions.map(|(c, f)| c.abs() * growth.powi(f.0 as i32) * if f.1 { power } else { 1.0 }).sum()
     }
 
-    /// A bound of the change of a combination from zero to any point up to `theta`.
+    /// Bounds the change of a combination of basis functions from zero to any point up to `theta`.
     pub fn change(&self, coefficients: impl Iterator<Item = f64>, theta: f64) -> f64 {
         let power = theta.powf(self.beta);
         // Legendre polynomials on `[0, 1]` are at most 1, and their slopes at most `k (k + 1)`.
@@ -172,7 +177,7 @@ impl Shape {
         coefficients.zip(&self.functions).map(|(c, f)| c.abs() * of(*f)).sum()
     }
 
-    /// Writes the integrals of the functions from zero to `theta`.
+    /// Writes the integrals of the basis functions from zero to `theta`.
     pub fn integrate(&self, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
             let (rule, factor) = match is_singular {
@@ -184,7 +189,7 @@ impl Shape {
     }
 }
 
-/// The Legendre polynomial on `[0, 1]`, normalised to one at the end.
+/// Evaluates the Legendre polynomial on `[0, 1]`, normalised to one at the end of the interval.
 fn legendre(degree: usize, theta: f64) -> f64 {
     let u = 2.0 * theta - 1.0;
     let (mut before, mut value) = (0.0, 1.0);

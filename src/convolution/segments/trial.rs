@@ -8,55 +8,55 @@ use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
 /// Rounding error of a sum, relative to its largest term: it grows with the square root of the number of terms, and a
-/// factor of sixteen allows for some hundreds.
+/// factor of sixteen allows for some hundreds of terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// Data of the equations at the nodes: rows for the nodes, columns for the variables.
+/// Data of the equations of an element at its nodes: rows for the nodes, columns for the variables.
 struct Known {
     lower: DMatrix<f64>,
     upper: DMatrix<f64>,
-    /// `q` plus the contribution of the past, and the sizes of the terms.
+    /// The forcing `q` plus the contribution of the past, and the magnitudes of the terms of this sum.
     source: DMatrix<f64>,
     size: DMatrix<f64>,
-    /// `q` alone.
+    /// The forcing `q` alone.
     forcing: DMatrix<f64>,
     /// The integrals of each term of the kernel against the functions of the element.
     weights: Vec<DMatrix<f64>>,
 }
 
-/// A solved element that is not yet part of the past.
+/// A solved element that is not yet part of the solution.
 pub struct Trial {
-    /// Its length.
+    /// The length of the element.
     pub h: f64,
-    /// The index of its shape.
+    /// The index of the shape (the space of functions) of the element.
     pub shape: usize,
     /// The coefficients of the variables and of their repeated integrals, as many as the kernel takes: a row for each
-    /// function, a column for each variable.
+    /// basis function, a column for each variable.
     pub levels: Vec<DMatrix<f64>>,
-    /// `q` at the nodes, and its rounding error.
+    /// The forcing `q` at the nodes, and its rounding error.
     pub sources: DMatrix<f64>,
     pub source_noise: Vec<f64>,
-    /// The rounding error of the monitors of each variable, and the uncertainty of its `w` at the end from errors
-    /// within the tolerance.
+    /// The rounding error of the monitors of each variable, and the uncertainty of its inequality `w` at the end of
+    /// the element from errors of the variables within the tolerance.
     pub noise: Vec<f64>,
     pub slack: Vec<f64>,
     /// The estimated error of the variables, in units of the tolerance.
     pub error: f64,
-    /// The largest absolute value of each variable.
+    /// The largest absolute value of each variable at the nodes.
     pub size: Vec<f64>,
     /// The first violation of the active set at a node, if any.
     pub violation: Option<Violation>,
-    /// The monitors of each variable at the end.
+    /// The monitors of each variable at the end of the element.
     pub ends: Vec<Monitor>,
 }
 
 /// A violation of the active set: a negative monitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
-    /// The position within the element, from 0 to 1.
+    /// The position within the element, from 0 to 1, at which the monitor is negative.
     pub theta: f64,
-    /// The variable.
+    /// Index of the variable whose monitor is negative.
     pub variable: usize,
-    /// The new activity of the variable.
+    /// The activity of the variable after the switch that the violation shows.
     pub to: Activity,
     /// The negative value of the monitor.
     pub value: f64,
@@ -66,14 +66,15 @@ pub struct Violation {
 /// otherwise `w` with the sign of its bound.
 #[derive(Clone, Copy, Debug)]
 pub struct Monitor {
-    /// The monitors that lead to the lower bound, to inactivity, and to the upper bound; infinite if not monitored.
+    /// The monitors whose sign change leads to the lower bound, to inactivity, and to the upper bound; infinite if
+    /// not monitored.
     values: [f64; 3],
-    /// The rounding error of the values.
+    /// The rounding error of the monitors.
     pub noise: f64,
 }
 
 impl Monitor {
-    /// The monitor that leads to an activity.
+    /// Returns the monitor whose sign change leads to the activity `place`.
     pub fn towards(&self, place: Activity) -> f64 {
         match place {
             Activity::AtLower => self.values[0],
@@ -133,26 +134,28 @@ impl Segments<'_> {
         Ok(trial)
     }
 
-    /// The variables on an element and their repeated integrals, as many as the kernel takes.
+    /// Returns the coefficients of the variables on an element and of their repeated integrals, as many as the kernel
+    /// takes.
     fn integrated(&self, index: usize, h: f64, coefficients: DMatrix<f64>) -> Vec<DMatrix<f64>> {
         let integral = self.shapes[index].antiderivative(coefficients.nrows()) * h;
         let mut levels = vec![coefficients];
         for before in &self.integrals {
             let mut integrated = &integral * &levels[levels.len() - 1];
-            // The first basis function is the constant one: its coefficient takes the integral up to the beginning of the segment.
+            // The first basis function is constant: its coefficient takes the integral up to the beginning of the
+            // element.
             before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
             levels.push(integrated);
         }
         levels
     }
 
-    /// The change of a force by the rounding of time, in units of its own rounding error, for a force that varies by
-    /// its size on an element.
+    /// Returns the change of a force by the rounding of time, in units of the rounding error of the force, for a
+    /// force that varies by its own magnitude on an element of length `h`.
     fn rounding_of_time(&self, h: f64) -> f64 {
         (self.t.abs() + h) / h
     }
 
-    /// The admissible error of a variable of this size on an element.
+    /// Returns the admissible error, on an element, of a variable of magnitude `size`.
     pub(super) fn allowed(&self, variable: usize, size: f64) -> f64 {
         self.tolerance * (self.atol[variable] + self.rtol * size)
     }
@@ -202,7 +205,8 @@ impl Segments<'_> {
         Ok(known)
     }
 
-    /// Solves with the first `size` functions and nodes; `None` if the equations are singular.
+    /// Solves the equations of the element with the first `size` functions and nodes; returns `None` if they are
+    /// singular.
     fn solve(&self, index: usize, h: f64, size: usize, known: &Known) -> Option<Solved> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
@@ -215,7 +219,7 @@ impl Segments<'_> {
         for (term, weights) in self.terms.iter().zip(&known.weights) {
             let weights = weights.columns(0, size);
             let mut power = DMatrix::identity(size, size);
-            // Integrals up to the element are multiples of the first function, the constant one.
+            // Integrals of the variables up to the element are multiples of the first function, which is constant.
             let mut constants = DMatrix::zeros(size, m);
             for level in 1..=term.level {
                 constants = &integral * constants;
@@ -240,7 +244,7 @@ impl Segments<'_> {
                 Activity::AtLower | Activity::Fixed => &known.lower,
                 Activity::AtUpper => &known.upper,
             };
-            // A constant bound is a multiple of the first function, the constant one, without rounding errors.
+            // A constant bound is a multiple of the first function, which is constant, without rounding errors.
             let last = bound[(shape.len() - 1, k)];
             let moved = bound.view((0, k), (size, 1)).add_scalar(-last);
             coefficients.set_column(k, &(inverse * &moved).column(0));
@@ -262,7 +266,7 @@ impl Segments<'_> {
         };
         apply(&mut w, &mut terms, &coefficients, false);
         let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Activity::Inactive).collect();
-        // Times are rounded, and with them forces that vary.
+        // Rounding of the time adds to the rounding error of a force that varies.
         let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
         let of_time = |k: usize| self.rounding_of_time(h) * range(k);
         let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * (terms.column(k).max() + of_time(k));
@@ -283,7 +287,7 @@ impl Segments<'_> {
             }
             let inverted = matrix.clone().try_inverse()?;
             let mut solution = &inverted * &right;
-            // One step of iterative refinement.
+            // Take one step of iterative refinement.
             let left = &right - &matrix * &solution;
             solution += &inverted * left;
             if solution.iter().any(|value| !value.is_finite()) {
@@ -306,7 +310,7 @@ impl Segments<'_> {
         for k in (0..m).filter(|&k| self.places[k] != Activity::Inactive) {
             noise[k] = noise_of(&terms, k);
         }
-        // The first function is the constant one: its column contains the integrals of the kernel.
+        // The first function is constant: its column contains the integrals of the kernel.
         let slack = DMatrix::from_fn(nodes, m, |i, row| {
             let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
             blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
@@ -314,7 +318,7 @@ impl Segments<'_> {
         Some(Solved { coefficients, w, rounding, noise, slack })
     }
 
-    /// Finds the first node where the active set does not hold: a monitor is negative by more than tolerance and
+    /// Finds the first node at which the active set does not hold: a monitor is negative by more than tolerance and
     /// rounding explain, as may happen next to a switch.
     fn find_violation(&self, trial: &mut Trial, known: &Known, z: &DMatrix<f64>, solved: &Solved) {
         let Solved { coefficients, w, noise, slack, .. } = solved;
@@ -349,14 +353,14 @@ impl Segments<'_> {
     }
 }
 
-/// The value of a variable at a node.
+/// Returns the value of a variable at a node of the element.
 fn at_node(shape: &Shape, node: usize, coefficients: &DMatrix<f64>, variable: usize) -> f64 {
     let n = coefficients.nrows();
     shape.values.row(node).columns(0, n).iter().zip(&coefficients.column(variable)).map(|(f, c)| f * c).sum()
 }
 
-/// The solution: coefficients of the variables, `w` at all nodes, and the rounding errors of each variable and of its
-/// monitors.
+/// The solution of the equations of an element: coefficients of the variables, `w` at all nodes, and the rounding
+/// errors of each variable and of its monitors.
 struct Solved {
     coefficients: DMatrix<f64>,
     w: DMatrix<f64>,

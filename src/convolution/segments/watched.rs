@@ -1,5 +1,5 @@
-//! The quantities screened on an element: `+-(F + s)`, which the active set requires not to fall below a limit, with a
-//! function `F` of the element and a row `s` of the program, `q` or a bound.
+//! The quantities screened on an element: `+-(F + s)`, which the active set requires not to fall below a limit, with
+//! a function `F` of the element, and with `s` the function `q` of time or a bound.
 
 use super::outputs::{Here, convolve};
 use super::panel::Panel;
@@ -22,26 +22,26 @@ const SHOWN: f64 = 0.1;
 /// halve elements within tolerance.
 const RESOLVED: f64 = 1e-2;
 
-/// The function `F`.
+/// The function `F` in a screened quantity `+-(F + s)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Function {
-    /// A variable.
+    /// A variable of the inequality on the element.
     Variable,
-    /// The convolution `m * z`.
+    /// The convolution `m * z` of the kernel and the variables.
     Memory,
-    /// The negative interpolant of `q` at the nodes.
+    /// The negative interpolant of `q` through its values at the nodes.
     Source,
 }
 
-/// The row `s`.
+/// The term `s` in a screened quantity `+-(F + s)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Beside {
     Constant(f64),
-    /// A row of the program, `q` or a bound, times a factor.
+    /// A row of the forcing, `q` or a bound, times a factor.
     Row(usize, f64),
 }
 
-/// A quantity that must not become negative.
+/// A screened quantity, which must not become negative.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watched {
     pub variable: usize,
@@ -50,12 +50,12 @@ pub(super) struct Watched {
     pub beside: Beside,
     /// The new activity of the variable if the quantity is negative; `None` if `q` or a bound is then not resolved.
     pub to: Option<Activity>,
-    /// The tolerance: the quantity must be at least `-limit`.
+    /// The tolerance on the quantity, which must be at least `-limit`.
     pub limit: f64,
 }
 
 impl Watched {
-    /// The value of `s` for these values of the rows of the program.
+    /// Returns the term `s` of the quantity `+-(F + s)` for the values `rows` of the forcing.
     pub fn beside_at(&self, rows: &[f64]) -> f64 {
         match self.beside {
             Beside::Constant(value) => value,
@@ -63,7 +63,7 @@ impl Watched {
         }
     }
 
-    /// The range of `s`, and of its derivative by time.
+    /// Returns the range of the term `s` of the quantity `+-(F + s)`, and of its derivative with respect to time.
     pub fn beside_over(&self, over: &Over) -> (Interval, Interval) {
         match self.beside {
             Beside::Constant(value) => (Interval::point(value), Interval::point(0.0)),
@@ -76,17 +76,17 @@ impl Watched {
     }
 }
 
-/// The functions `F` of an element, with data for their bounds.
+/// The functions `F` in the quantities screened on an element, with data for their bounds.
 pub(super) struct Functions<'a> {
     pub trial: &'a Trial,
-    /// The coefficients of the negative interpolant of `q`.
+    /// The coefficients of the negative interpolant of `q` through its values at the nodes.
     pub sources: DMatrix<f64>,
-    /// The bounds of `g` and of its derivative, for each term of the kernel.
+    /// The bounds of the smooth factor `g` of the kernel and of its derivative, for each term of the kernel.
     factors: Vec<[f64; 2]>,
 }
 
 impl Segments<'_> {
-    /// The quantities to be screened on an element.
+    /// Returns the quantities to be screened on an element.
     pub(super) fn watch(&self, trial: &Trial) -> Vec<Watched> {
         let mut watched = Vec::new();
         for (k, place) in self.places.iter().enumerate() {
@@ -140,7 +140,7 @@ impl Segments<'_> {
         watched
     }
 
-    /// Prepares the functions of an element.
+    /// Prepares the functions `F` in the quantities screened on an element.
     pub(super) fn functions<'a>(&self, trial: &'a Trial) -> Functions<'a> {
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
@@ -149,7 +149,8 @@ impl Segments<'_> {
         Functions { trial, sources: shape.inverse(n) * trial.sources.rows(0, n) * -1.0, factors: factors.collect() }
     }
 
-    /// Writes the functions at a point: the variables, `m * z`, and the sources.
+    /// Writes the functions of the screened quantities at `theta`: the variables, the convolution `m * z`, and the
+    /// interpolants of `q`.
     pub(super) fn evaluate_functions(
         &mut self,
         functions: &Functions<'_>,
@@ -172,8 +173,8 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// A bound of a function on the ellipse of a panel. The bound of `m * z` assumes `g` to be as smooth as the
-    /// quadrature rules do.
+    /// Bounds a function of the screened quantities on the Bernstein ellipse of a panel. The bound of the convolution
+    /// `m * z` assumes the factor `g` of the kernel to be as smooth as the quadrature rules do.
     pub(super) fn bound_on(&self, functions: &Functions<'_>, watched: &Watched, panel: Panel) -> f64 {
         let (trial, k) = (functions.trial, watched.variable);
         let shape = &self.shapes[trial.shape];
@@ -194,7 +195,7 @@ impl Segments<'_> {
         }
     }
 
-    /// A bound of the change of a function from the beginning of the element up to `theta`.
+    /// Bounds the change of a function of the screened quantities from the beginning of the element up to `theta`.
     pub(super) fn change_up_to(&self, functions: &Functions<'_>, watched: &Watched, theta: f64) -> f64 {
         let (trial, k) = (functions.trial, watched.variable);
         let shape = &self.shapes[trial.shape];
@@ -213,7 +214,7 @@ impl Segments<'_> {
                 let [factor, slope] = functions.factors[place];
                 let all = lag.integral_of_power(self.t - self.start + length);
                 if term.level > 0 {
-                    // The rate of the integral of a variable is the variable itself.
+                    // The time derivative of the integral of a variable is the variable itself.
                     return length * largest(term.level - 1).1 * factor * all;
                 }
                 let (here, anywhere) = largest(0);
@@ -223,7 +224,8 @@ impl Segments<'_> {
         }
     }
 
-    /// The uncertainty of `w` from errors of the variables within the tolerance, from the beginning of the run on.
+    /// Returns the uncertainty of the inequality `w` from errors of the variables within the tolerance since the
+    /// beginning of the run.
     pub(super) fn uncertainty(&self, variable: usize) -> f64 {
         let length = self.t - self.start;
         self.over_entries(variable, |place, column| {

@@ -6,7 +6,7 @@ use numerics::Interval;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// The enclosures of terms over a box of `(t, x, y, z)`.
+/// Encloses terms over a box of `(t, x, y, z)`.
 fn enclose(graph: &Graph, nodes: &[Node], inputs: [Interval; 4]) -> Vec<Interval> {
     let tape = Tape::compile(graph, nodes);
     let mut outputs = vec![Interval::EMPTY; nodes.len()];
@@ -14,7 +14,7 @@ fn enclose(graph: &Graph, nodes: &[Node], inputs: [Interval; 4]) -> Vec<Interval
     outputs
 }
 
-/// The enclosure of `text` for `x` in an interval, `y` on the whole line, and other inputs zero.
+/// Encloses `text` for `x` in an interval, `y` on the whole line, and the other inputs zero.
 fn over(text: &str, lo: f64, hi: f64) -> Interval {
     let (graph, node) = parse(text).unwrap();
     let zero = Interval::point(0.0);
@@ -83,7 +83,7 @@ fn functions_have_their_ranges() {
     ] {
         assert_range(text, domain, lo, hi, defined);
     }
-    // Up to rounding.
+    // Ranges of the remainder are exact up to rounding only.
     for (text, ends, hull) in [("mod(x, 3)", (7.0, 10.0), (0.0, 3.0)), ("mod(x, -3)", (-5.0, 9.0), (-3.0, 0.0))] {
         let found = over(text, ends.0, ends.1);
         assert!((found.lo - hull.0).abs().max((found.hi - hull.1).abs()) < 1e-14 && found.defined, "{text}: {found:?}");
@@ -113,7 +113,7 @@ fn lanes_are_enclosed_as_they_are_evaluated() {
     }
 }
 
-/// Random expressions with all functions of the language.
+/// Generates random expressions with all functions of the language.
 pub(super) fn texts() -> impl Strategy<Value = String> {
     let constants = prop_oneof![(-3.0..3.0f64), prop::sample::select(vec![-2.0, -1.0, 0.0, 0.5, 1.0, 3.0])];
     let leaf = prop_oneof![
@@ -149,7 +149,7 @@ pub(super) fn texts() -> impl Strategy<Value = String> {
             (prop::sample::select(unary.clone()), inner.clone()).prop_map(|(name, a)| format!("({name}({a}))")),
             (prop::sample::select(binary.clone()), inner.clone(), inner.clone()).prop_map(|(name, a, b)| {
                 match name {
-                    // The divisor depends on z, because constant zero divisors are rejected.
+                    // Let the divisor depend on z, because constant zero divisors are rejected.
                     "mod" => format!("mod({a}, {b} + z/3)"),
                     _ if name.len() == 1 => format!("({a} {name} {b})"),
                     _ => format!("{name}({a}, {b})"),
@@ -163,7 +163,7 @@ pub(super) fn texts() -> impl Strategy<Value = String> {
     })
 }
 
-/// Ends of intervals, often of equal sign and often zero, and points in the intervals, often the ends.
+/// Generates ends of intervals, often of equal sign and often zero, and points in the intervals, often the ends.
 fn edges() -> impl Strategy<Value = ([f64; 2], Vec<f64>)> {
     let end = prop_oneof![-4.0..4.0f64, prop::sample::select(vec![-1.0, 0.0, 1.0]), -1e-3..1e-3f64];
     let shares = prop::collection::vec(prop_oneof![0.0..=1.0f64, prop::sample::select(vec![0.0, 1.0])], 6);

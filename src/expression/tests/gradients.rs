@@ -66,11 +66,11 @@ fn functions_that_jump_have_the_derivatives_of_their_pieces() {
     let by_x = |text: &str, x: f64| derivatives(text, [0.0, x, 3.0, 0.0])[1].unwrap_or(0.0);
     assert_eq!(by_x("floor(x) + ceil(x) + round(x) + pwm(x, 1, 0.3)", 0.7), 0.0);
     assert_eq!([-4.0, 4.0].map(|x| by_x("mod(x, y)", x)), [1.0, 1.0]);
-    // 7 = 2*3 + 1, so that mod(7, y) = 7 - 2 y near y = 3.
+    // Since 7 = 2*3 + 1, mod(7, y) = 7 - 2 y near y = 3.
     assert_eq!(derivatives("mod(x, y)", [0.0, 7.0, 3.0, 0.0])[2], Some(-2.0));
     assert_eq!([0.2, 0.7, 1.2].map(|x| by_x("triangle(x, 1)", x)), [2.0, -2.0, 2.0]);
     assert_eq!([0.5, 2.0].map(|x| by_x("if(x > 1, x^3, 2*x)", x)), [2.0, 12.0]);
-    // The root of the branch not taken has no derivative.
+    // In the branch not taken, the root of a negative number has no derivative.
     assert_eq!([-4.0, 4.0].map(|x| by_x("if(x > 0, sqrt(x), 1)", x)), [0.0, 0.25]);
 }
 
@@ -125,8 +125,8 @@ fn a_product_of_400_sines_stays_small() {
     let before = graph.len();
     graph.gradient(node).unwrap();
     assert!(graph.len() <= 4 * before, "{} terms from {before}", graph.len());
-    // Product rule at x = 1/2: the sum of k cos(k x) / sin(k x) times the product, which does not underflow for twenty
-    // factors.
+    // By the product rule at x = 1/2, the derivative is the sum of k cos(k x) / sin(k x) times the product, which
+    // does not underflow for twenty factors.
     let (mut graph, node) = parse(&factors[..20].join("*")).unwrap();
     let derivative = graph.gradient(node).unwrap()[0].1;
     let angles = || (1..=20).map(|k| 0.5 * f64::from(k));
@@ -159,7 +159,8 @@ impl Tree {
         }
     }
 
-    /// `None` if the value is ill-conditioned: near a pole, a kink or the end of a domain, or large.
+    /// Evaluates the expression with dual numbers; returns `None` if the value is ill-conditioned: near a pole, a
+    /// kink or the end of a domain, or large.
     fn dual(&self, inputs: &[Dual64; 4]) -> Option<Dual64> {
         let away = |x: f64| (x.abs() > 1e-2).then_some(());
         let value = match self {

@@ -1,4 +1,4 @@
-//! Messages to users, verbatim.
+//! Error messages of expressions, compared verbatim.
 
 use super::parse;
 

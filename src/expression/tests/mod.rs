@@ -1,4 +1,4 @@
-//! Behaviour of the language as a whole.
+//! Behaviour of the expression language as a whole.
 
 mod enclosures;
 mod gradients;
@@ -12,7 +12,7 @@ mod vectors;
 
 use super::{ExpressionError, Graph, Node, Scope, Tape};
 
-/// A graph and a scope with `t` as input 0 and `x`, `y`, `z` as inputs 1, 2, 3.
+/// Returns a graph and a scope with `t` as input 0 and `x`, `y`, `z` as inputs 1, 2, 3.
 fn space() -> (Graph, Scope) {
     let (mut graph, mut scope) = (Graph::new(), Scope::new());
     for (index, name) in ["t", "x", "y", "z"].into_iter().enumerate() {
@@ -33,13 +33,13 @@ fn evaluate(graph: &Graph, nodes: &[Node], inputs: [f64; 4]) -> Vec<f64> {
     outputs
 }
 
-/// The value of `text` at `(t, x, y, z)`.
+/// Returns the value of `text` at `(t, x, y, z)`.
 fn value(text: &str, inputs: [f64; 4]) -> f64 {
     let (graph, node) = parse(text).unwrap();
     evaluate(&graph, &[node], inputs)[0]
 }
 
-/// The derivatives of `text` with respect to `(t, x, y, z)`; `None` if the gradient has no entry.
+/// Returns the derivatives of `text` with respect to `(t, x, y, z)`; `None` if the gradient has no entry.
 fn derivatives(text: &str, inputs: [f64; 4]) -> [Option<f64>; 4] {
     let (mut graph, node) = parse(text).unwrap();
     let gradient = graph.gradient(node).unwrap();

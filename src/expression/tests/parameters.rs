@@ -23,7 +23,8 @@ const TEXTS: [&str; 14] = [
     "-x*p - y/(-q) - (-z)/r",
 ];
 
-/// The text with parameters, or with their values as numbers, and its derivatives with respect to the inputs.
+/// Parses the text with parameters, or with their values as numbers, and builds its derivatives with respect to the
+/// inputs.
 fn parsed(text: &str, parameters: [f64; 3], are_numbers: bool) -> (Graph, Vec<Node>, Vec<usize>) {
     let (mut graph, mut scope) = super::space();
     for (index, name) in ["p", "q", "r"].into_iter().enumerate() {
@@ -43,7 +44,7 @@ fn values(tape: &mut Tape, inputs: [f64; 4], count: usize) -> Vec<f64> {
     values
 }
 
-/// Equality up to the sign of zeros; NaN equals NaN.
+/// Whether two numbers are equal up to the sign of zeros; NaN equals NaN.
 fn same(a: f64, b: f64) -> bool {
     a == b || a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
@@ -72,7 +73,7 @@ fn an_evaluation_takes_no_more_operations_than_with_numbers() {
 /// The number of operations of all texts and their derivatives: with parameters equal to 1, and with numbers 1.
 const AT_ONE: (usize, usize) = (162, 128);
 
-/// The results of a program at a point, and over a box around it.
+/// Returns the results of a program at a point, and their enclosures over a box around it.
 fn told(tape: &mut Tape, workspace: &mut IntervalWorkspace, count: usize) -> Vec<(f64, Interval)> {
     let inputs = [0.3, 1.7, -0.6, 2.1];
     let ranges = inputs.map(|input| Interval::new(input, input + 0.25));
@@ -83,7 +84,7 @@ fn told(tape: &mut Tape, workspace: &mut IntervalWorkspace, count: usize) -> Vec
 
 #[test]
 fn a_bound_program_has_the_bits_of_one_compiled_anew() {
-    // The last three contain ones, powers of two, equal values, or products of equal value.
+    // The last three sets of parameter values contain ones, powers of two, equal values, or products of equal value.
     let others = [[1.1, 0.4, 2.7], [-2.3, 4.1, 1.9], [3.5, 1.0, 0.25], [2.25, 2.25, 0.75], [1.0, 4.0, 7.0]];
     for text in TEXTS {
         let (graph, nodes, by) = parsed(text, [0.7, 1.3, 2.9], false);

@@ -5,13 +5,13 @@ use super::{Graph, Node, Tape, parse, space};
 use crate::operator::Operator;
 use proptest::prelude::*;
 
-/// Numbers of every kind, including signed zeros, infinities and NaN, which functions treat differently.
+/// Generates numbers of every kind, including signed zeros, infinities and NaN, which functions treat differently.
 fn numbers() -> impl Strategy<Value = f64> {
     let odd = vec![0.0, -0.0, 1.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 5e-324, -5e-324, f64::MAX, 1e-300];
     prop_oneof![4 => -4.0..4.0f64, 1 => -1e-3..1e-3f64, 2 => prop::sample::select(odd)]
 }
 
-/// Bitwise equality; the bits of a NaN are unspecified in Rust.
+/// Whether two numbers are bitwise equal, or both NaN; the bits of a NaN are unspecified in Rust.
 fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
@@ -105,7 +105,7 @@ fn terms_side_by_side_have_the_bits_of_single_evaluations() {
             scope.bind(&format!("c{i}"), graph.constant(0.1 * f64::from(i))).unwrap();
             nodes.push(graph.parse(&format!("sin(x*c{i})*max(y, c{i}) - z/(t + c{i})"), &scope).unwrap());
         }
-        // A chain in which each term depends on the previous one: no lanes.
+        // In a chain each term depends on the previous one, so that no terms can be evaluated together as lanes.
         let mut chain = nodes[0];
         for _ in 0..alone {
             let grown = graph.multiply(chain, chain);

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 const X: [f64; 5] = [0.0, 1.0, 2.5, 3.0, 5.0];
 const Y: [f64; 5] = [1.0, 3.0, 2.0, 2.0, -1.0];
 
-/// A graph with `text`, in which `f` is a table of the given points.
+/// Parses `text` into a graph, with `f` as a table of the given points.
 fn graph_of(text: &str, x: &[f64], y: &[f64], interpolation: Interpolation) -> (Graph, Node) {
     let (mut graph, mut scope) = space();
     scope.bind_table("f", Table::new(x, y, interpolation).unwrap()).unwrap();
@@ -45,11 +45,11 @@ fn cubics_are_those_of_fritsch_and_butland() {
         let found = evaluate(&graph, &[slope], [0.0, x, 0.0, 0.0])[0];
         assert!((found - expected).abs() < 1e-12, "{x}: {found}");
     }
-    // Hermite cubic at the midpoint: the mean of the values plus an eighth of the difference of the slopes times the
-    // width.
+    // The Hermite cubic at the midpoint is the mean of the values plus an eighth of the difference of the slopes
+    // times the width.
     let found = evaluate(&graph, &[node], [0.0, 0.5, 0.0, 0.0])[0];
     assert!((found - (0.5 + (2.0 / 3.0 - 9.0 / 7.0) / 8.0)).abs() < 1e-15, "{found}");
-    // No overshoot: the slope is zero where chords change sign.
+    // The cubic does not overshoot: its slope is zero where chords change sign.
     let between = (0..=1000).map(|k| value("f(t)", Interpolation::Pchip, 5.0 * f64::from(k) / 1000.0));
     assert!(between.into_iter().all(|y| (-1.0..=3.0).contains(&y)));
 }
@@ -87,7 +87,7 @@ fn tables_of_time_switch_at_points_where_they_change_course() {
     };
     assert_eq!(breaks(Interpolation::Linear, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
     assert_eq!(breaks(Interpolation::Pchip, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
-    // No break at the first point (constant before it), and none at 3.0, where the value does not change.
+    // No break occurs at the first point (constant before it), nor at 3.0, where the value does not change.
     assert_eq!(breaks(Interpolation::Previous, &X, &Y), [1.0, 2.5, 5.0]);
     assert_eq!(breaks(Interpolation::Linear, &[0.0, 1.0, 2.0, 4.0], &[1.0, 2.0, 3.0, 3.0]), [0.0, 2.0]);
 }
@@ -138,7 +138,7 @@ fn copies_of_a_graph_keep_their_tables_and_numbers_fold() {
     assert_eq!(graph.value(number), Some(6.0));
 }
 
-/// Points of a table, and the ends of an interval with points between them.
+/// Generates points of a table, and the ends of an interval with points between them.
 fn cases() -> impl Strategy<Value = (Vec<(f64, f64)>, [f64; 2], Vec<f64>)> {
     let points = prop::collection::vec((0.01..2.0f64, -3.0..3.0f64), 2..40);
     (points, prop::array::uniform2(-1.0..40.0f64), prop::collection::vec(0.0..=1.0f64, 20))
@@ -171,7 +171,8 @@ proptest! {
                 }
                 (least, most) = (least.min(values[0]), most.max(values[0]));
             }
-            // All extrema are at points or ends; a jump occurs at the upper end at the latest.
+            // All extrema are at points of the table or ends of the interval; a jump occurs at the upper end at the
+            // latest.
             prop_assert!(ranges[0].lo >= least - 1e-12 && ranges[0].hi <= most + 1e-12, "{interpolation:?}: {:?}", ranges[0]);
         }
     }

@@ -1,4 +1,4 @@
-//! Precedence and values, compared with plain Rust.
+//! Operator precedence and values of expressions, compared with plain Rust.
 
 use super::{parse, value};
 use std::f64::consts::{E, PI};
@@ -94,7 +94,7 @@ fn conditions_bind_as_in_logic() {
         ("if(2 < 1, 3, 4)", 4.0),
         ("if(2 <= 2 and 2 >= 2 and 2 == 2, 3, 4)", 3.0),
         ("if(2 < 2 or 2 > 2 or 2 != 2, 3, 4)", 4.0),
-        // `and` before `or`, `not` before both, comparisons before `not`, sums before comparisons.
+        // Precedence: `and` before `or`, `not` before both, comparisons before `not`, sums before comparisons.
         ("if(1 > 2 and 1 > 2 or 2 > 1, 3, 4)", 3.0),
         ("if(2 > 1 or 1 > 2 and 1 > 2, 3, 4)", 3.0),
         ("if((2 > 1 or 1 > 2) and 1 > 2, 3, 4)", 4.0),
@@ -128,7 +128,7 @@ fn functions_that_jump_have_their_values() {
         assert_eq!(at("ceil(x)"), x.ceil());
         assert_eq!(at("round(x)"), x.round());
     }
-    // As in MATLAB and Modelica: the result has the sign of the divisor.
+    // As in MATLAB and Modelica, the result of `mod` has the sign of the divisor.
     for (text, expected) in
         [("mod(7, 3)", 1.0), ("mod(-7, 3)", 2.0), ("mod(7, -3)", -2.0), ("mod(-7, -3)", -1.0), ("mod(6, 3)", 0.0)]
     {
@@ -218,7 +218,7 @@ fn a_bare_e_belongs_to_the_user() {
 #[test]
 fn equal_subterms_are_computed_once() {
     let (graph, node) = parse("sin(x*y)^2 + sin(y*x)^2 + 3*x - (-3)*x").unwrap();
-    // The operations: x y, sin, square, sum, 3 x, sum, sum.
+    // The operations are: x y, sin, square, sum, 3 x, sum, sum.
     assert_eq!(super::Tape::compile(&graph, &[node]).instructions(), 7);
 }
 

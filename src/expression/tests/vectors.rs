@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A scope with `t`, `y`, the elements `x[-1]` to `x[3]`, `m[1,2]`, and the parameter `n`, which is 3.
+/// Returns a scope with `t`, `y`, the elements `x[-1]` to `x[3]`, `m[1,2]`, and the parameter `n`, which is 3.
 fn scope(graph: &mut Graph) -> Scope {
     let mut scope = Scope::new();
     let names = ["t", "y", "x[-1]", "x[0]", "x[1]", "x[2]", "x[3]", "m[1,2]"];
@@ -84,7 +84,7 @@ fn no_part_of_a_sum_is_a_surprise() {
     let text = "sum(sum(x[i]*m[1, j] for j in 2..2) for i in 1..n) + x[2]";
     for end in 0..=text.len() {
         for start in 0..end {
-            // Any result is accepted; the test is that parsing terminates without a panic.
+            // Accept any result: the test is that parsing terminates without a panic.
             let _ = value_of(&text[start..end]);
         }
     }

@@ -1,5 +1,5 @@
-//! The columns `q = (x, z, 1, e, e')` of the linear forms of a circuit: states, variables, the constant 1, source
-//! values and their time derivatives.
+//! The columns `q = (x, z, 1, e, e')` of the linear forms of a circuit: states `x`, variables `z`, the constant 1,
+//! source values `e` and their time derivatives `e'`.
 //!
 //! If no element stores energy, voltages and currents are functions of the sources alone. The integrals of the sources
 //! are then added as states. The equations do not depend on them, but the error control of the integrals makes the step
@@ -7,23 +7,25 @@
 
 use super::{Element, Law, NormalTree};
 
-/// A variable (port of the reduced circuit), with the index of its element.
+/// A variable `z` of the circuit (a port of the reduced circuit), with the index of its element; `v` and `i` are the
+/// voltage and the current of the element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Port {
-    /// `z = forward - v >= 0`, `G = i`: a diode in the tree.
+    /// A diode in the tree: `z = forward - v >= 0`, `G = i`.
     Blocking(usize),
-    /// `z = i >= 0`, `G = forward - v`: a diode that is a link, or the forward part of a zener that is a link.
+    /// A diode that is a link, or the forward part of a zener that is a link: `z = i >= 0`, `G = forward - v`.
     Conducting(usize),
-    /// `z = -i >= 0`, `G = breakdown + v`: the breakdown part of a zener that is a link.
+    /// The breakdown part of a zener that is a link: `z = -i >= 0`, `G = breakdown + v`.
     BreakingDown(usize),
-    /// `z = v` in an interval, `G = -i`: a zener or a switch in the tree.
+    /// A zener in the tree or a switch: `z = v` in an interval, `G = -i`.
     Voltage(usize),
-    /// `z` is the voltage or current of a dependent source, with `G` given by its [`Dependent`](super::Dependent) law.
+    /// A dependent source: `z` is its voltage or current, and `G` is given by its [`Dependent`](super::Dependent)
+    /// law.
     Source(usize),
 }
 
 impl Port {
-    /// The index of the element.
+    /// Returns the index of the element of the port.
     pub fn element(self) -> usize {
         match self {
             Self::Blocking(k) | Self::Conducting(k) | Self::BreakingDown(k) | Self::Voltage(k) | Self::Source(k) => k,
@@ -31,33 +33,33 @@ impl Port {
     }
 }
 
-/// The columns of the forms, in order.
+/// The columns of the linear forms of a circuit, in order.
 #[derive(Clone, Debug)]
 pub struct Columns {
     /// The elements whose voltage or current is a state: capacitors in the tree and inductors that are links.
     pub states: Vec<usize>,
-    /// The sources whose integral is a state, if there are no other states.
+    /// The sources whose integral is a state, if no element stores energy.
     pub integrals: Vec<usize>,
-    /// The variables `z`.
+    /// The ports whose variables `z` are columns.
     pub ports: Vec<Port>,
     elements: usize,
 }
 
-/// The meaning of a column.
+/// The meaning of a column of the linear forms of a circuit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Column {
     /// A state or a variable, by its index in `(x, z)`.
     Unknown(usize),
     /// The constant 1.
     One,
-    /// The value of the source with this element index.
+    /// The value of the source whose element has this index.
     Source(usize),
-    /// The time derivative of the source with this element index.
+    /// The time derivative of the source whose element has this index.
     Derivative(usize),
 }
 
 impl Columns {
-    /// Chooses states and variables according to the normal tree.
+    /// Chooses states and variables of a circuit according to its normal tree.
     pub fn new(elements: &[Element], tree: &NormalTree) -> Self {
         let (mut states, mut ports) = (Vec::new(), Vec::new());
         for (k, element) in elements.iter().enumerate() {
@@ -82,7 +84,7 @@ impl Columns {
         Self { states, integrals, ports, elements: elements.len() }
     }
 
-    /// The meaning of a column, by its number.
+    /// Returns the meaning of a column, given by its number.
     pub fn at(&self, column: usize) -> Column {
         let Some(source) = column.checked_sub(self.one()) else { return Column::Unknown(column) };
         match source.checked_sub(1) {

@@ -5,12 +5,13 @@
 //! ```
 //!
 //! 1. Known quantities: the voltage of each tree element and the current of each link, except for resistors.
-//! 2. Resistors: removing the resistors from the tree leaves islands of nodes. Their potentials `u`, relative to the
-//!    first island of each group connected by resistors, solve `v = B^T u + v_given`, `B Y v = i_given`, with the
-//!    incidence matrix `B` of the resistors and their conductances `Y`. `B Y B^T` is positive definite, and as sparse
-//!    as the circuit.
+//! 2. Resistors: removing the resistors from the tree leaves islands of nodes. The potentials `u` of the islands,
+//!    relative to the first island of each group connected by resistors, solve `v = B^T u + v_given`, `B Y v =
+//!    i_given`, with the incidence matrix `B` of the resistors and their conductances `Y`. `B Y B^T` is positive
+//!    definite, and as sparse as the circuit.
 //! 3. Storage: charges of capacitors and fluxes of inductors give `M x' = ..`, where capacitors that are links and
-//!    inductors that are in the tree contribute to the elements of their loops and cut sets. `M` is positive definite.
+//!    inductors that are in the tree contribute to the elements of their loops and cut sets. `M` is positive
+//!    definite.
 //! 4. The complementary quantity (current of tree elements, voltage of links) by Kirchhoff's laws; for diodes, it is
 //!    `G`.
 
@@ -19,21 +20,22 @@ use super::solve::solve;
 use super::{Columns, Direction, Element, Fault, Law, NormalTree, Port, Quantity};
 use std::cell::Cell;
 
-/// Limit on the number of terms added during the elimination, and on the number of terms in the solution of one system.
+/// Maximum number of terms added during the elimination of a circuit's unknowns, and of terms in the solution of one
+/// linear system.
 pub(super) const MOST_TERMS: usize = 2_000_000;
 
-/// The equations of a circuit, as forms over its columns.
+/// The equations of a circuit, as linear forms over its [`Columns`].
 #[derive(Clone, Debug)]
 pub struct Equations {
-    /// `x'`, one form per state.
+    /// The time derivatives `x'` of the states, one form per state.
     pub rates: Vec<Form>,
-    /// `G`, one form per variable.
+    /// The inequality functions `G`, one form per variable.
     pub inequality: Vec<Form>,
-    /// The voltage of every element.
+    /// The voltages across all elements, one form per element.
     pub voltages: Vec<Form>,
-    /// The current of every element.
+    /// The currents through all elements, one form per element.
     pub currents: Vec<Form>,
-    /// The voltage of every node.
+    /// The voltages of all nodes relative to ground, one form per node.
     pub nodes: Vec<Form>,
 }
 
@@ -47,11 +49,10 @@ impl Equations {
         Self::along(elements, tree, columns, &Direction::default())
     }
 
-    /// As [`new`](Self::new), with the derivatives of all coefficients along a direction in the space of element
-    /// values.
+    /// Derives the equations as [`new`](Self::new), with the derivatives of all coefficients along a direction in the
+    /// space of element values.
     ///
-    /// # Errors
-    /// As [`new`](Self::new).
+    /// # Errors See [`new`](Self::new).
     pub fn along(
         elements: &[Element],
         tree: &NormalTree,
@@ -93,7 +94,7 @@ impl Equations {
     }
 }
 
-/// Voltages and currents during the elimination; the form of an unknown voltage or current is empty.
+/// Voltages and currents during the elimination; the form of a voltage or current that is not yet known is empty.
 struct Assembly<'a> {
     elements: &'a [Element],
     tree: &'a NormalTree,
@@ -105,7 +106,7 @@ struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Step 1: known voltages of tree elements and known currents of links.
+    /// Step 1 of the elimination: sets the known voltages of tree elements and the known currents of links.
     fn given(
         elements: &'a [Element],
         tree: &'a NormalTree,
@@ -152,12 +153,12 @@ impl<'a> Assembly<'a> {
         Ok(assembly)
     }
 
-    /// `v_l` as the sum over the known voltages of its loop.
+    /// Returns the voltage of link `l` as the sum of the known voltages of its loop.
     fn loop_voltage(&self, l: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.loops[l], &self.voltages, 1.0)
     }
 
-    /// `i_t` as the sum over the known currents of its cut set.
+    /// Returns the current of tree element `t` as the sum of the known currents of its cut set.
     fn cut_current(&self, t: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.cuts[t], &self.currents, -1.0)
     }
@@ -169,14 +170,14 @@ impl<'a> Assembly<'a> {
         Ok(sum)
     }
 
-    /// Deducts added terms from the remaining budget of `MOST_TERMS`.
+    /// Deducts a number of added terms from the remaining budget, `MOST_TERMS` at the start.
     fn spend(&self, terms: usize) -> Result<(), Fault> {
         let left = self.terms_left.get().checked_sub(terms).ok_or(Fault::TooIntertwined(MOST_TERMS))?;
         self.terms_left.set(left);
         Ok(())
     }
 
-    /// Step 2: the voltages and currents of all resistors.
+    /// Step 2 of the elimination: computes the voltages and currents of all resistors.
     fn resistors(&mut self) -> Result<(), Fault> {
         let (tree, elements) = (self.tree, self.elements);
         let is_resistor = |k: &usize| matches!(elements[*k].law, Law::Resistor(_));
@@ -217,7 +218,7 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
-    /// Step 3: `x'`.
+    /// Step 3 of the elimination: computes the time derivatives `x'` of the states.
     fn storage(&self) -> Result<Vec<Form>, Fault> {
         let states = &self.columns.states;
         let mut row_of = vec![usize::MAX; self.elements.len()];
@@ -246,7 +247,8 @@ impl<'a> Assembly<'a> {
         solve(&matrix, right)
     }
 
-    /// The loop of a capacitor that is a link, or the cut set of an inductor in the tree; empty for other elements.
+    /// Returns the loop of a capacitor that is a link, or the cut set of an inductor in the tree; empty for other
+    /// elements.
     fn dependent(&self, k: usize) -> &'a [(usize, f64)] {
         match (&self.elements[k].law, self.tree.contains[k]) {
             (Law::Capacitor(..), false) => &self.tree.loops[k],
@@ -255,12 +257,12 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Resistance, capacitance or inductance in ohms, farads or henries.
+    /// Returns the resistance, capacitance or inductance of element `k` in ohms, farads or henries.
     fn size(&self, k: usize) -> Coefficient {
         self.direction.at(self.elements, k, Quantity::Size)
     }
 
-    /// Step 4: the complementary voltages and currents, once `x'` is known.
+    /// Step 4 of the elimination: computes the complementary voltages and currents from the time derivatives `x'`.
     fn rest(mut self, rates: &[Form]) -> Result<Self, Fault> {
         let mut rate_of = vec![None; self.elements.len()];
         self.columns.states.iter().zip(rates).for_each(|(&k, rate)| rate_of[k] = Some(rate));
@@ -291,7 +293,7 @@ impl<'a> Assembly<'a> {
         Ok(self)
     }
 
-    /// The node voltages, summed along the tree from ground.
+    /// Computes the node voltages, summed along the tree from ground.
     fn nodes(&self) -> Result<Vec<Form>, Fault> {
         let mut nodes = vec![Form::default(); self.tree.nodes()];
         for (node, element, sign, to) in self.tree.outwards() {

@@ -1,16 +1,17 @@
-//! Linear forms: a voltage or a current as a linear combination of the columns of [`Columns`](super::Columns). Each
-//! coefficient has a derivative along one direction in the space of element values, zero if no direction is given.
+//! Linear forms: a voltage or a current of a circuit as a linear combination of the columns of
+//! [`Columns`](super::Columns). Each coefficient has a derivative along one direction in the space of element values,
+//! zero if no direction is given.
 
 use expression::Node;
 use std::collections::BTreeMap;
 use std::ops::{Add, Div, Mul, Neg};
 
-/// A coefficient and its directional derivative (dual number).
+/// A coefficient of a linear form and its directional derivative (dual number).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coefficient {
-    /// The value.
+    /// The value of the coefficient.
     pub value: f64,
-    /// The derivative.
+    /// The derivative of the coefficient along the chosen direction in the space of element values.
     pub slope: f64,
 }
 
@@ -53,16 +54,16 @@ impl Div for Coefficient {
     }
 }
 
-/// A linear form `sum_k c_k q_k`, stored by its nonzero `c_k`.
+/// A linear form `sum_k c_k q_k` over the columns `q_k`, stored by its nonzero coefficients `c_k`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Form {
     coefficients: BTreeMap<usize, Coefficient>,
-    /// The coefficients that depend on parameters, as graph nodes.
+    /// The coefficients of the form that depend on parameters, as graph nodes.
     nodes: BTreeMap<usize, Node>,
 }
 
 impl Form {
-    /// Adds `c q_k`; removes the term if its coefficient becomes zero.
+    /// Adds a term `c q_k` to the form; removes the term if its coefficient becomes zero.
     pub fn add_term(&mut self, k: usize, c: impl Into<Coefficient>) {
         let sum = self.coefficients.get(&k).copied().unwrap_or_default() + c.into();
         if sum == Coefficient::default() {
@@ -72,45 +73,45 @@ impl Form {
         }
     }
 
-    /// Adds `factor` times another form.
+    /// Adds `factor` times another form to this form.
     pub fn add(&mut self, other: &Self, factor: impl Into<Coefficient>) {
         let factor = factor.into();
         other.coefficients.iter().for_each(|(&k, &c)| self.add_term(k, factor * c));
     }
 
-    /// `factor` times this form.
+    /// Returns `factor` times this form.
     pub fn times(&self, factor: impl Into<Coefficient>) -> Self {
         let factor = factor.into();
         let coefficients = self.coefficients.iter().map(|(&k, &c)| (k, factor * c)).collect();
         Self { coefficients, nodes: BTreeMap::new() }
     }
 
-    /// Divides by `divisor`.
+    /// Divides the form by `divisor`.
     pub fn divide(&mut self, divisor: Coefficient) {
         self.coefficients.values_mut().for_each(|c| *c = *c / divisor);
     }
 
-    /// The coefficient `c_k`.
+    /// Returns the coefficient `c_k` of column `k`.
     pub fn coefficient(&self, k: usize) -> f64 {
         self.with_slope(k).value
     }
 
-    /// The coefficient `c_k` with its derivative.
+    /// Returns the coefficient `c_k` of column `k` with its directional derivative.
     pub fn with_slope(&self, k: usize) -> Coefficient {
         self.coefficients.get(&k).copied().unwrap_or_default()
     }
 
-    /// The number of terms.
+    /// Returns the number of terms of the form.
     pub fn len(&self) -> usize {
         self.coefficients.len()
     }
 
-    /// Whether the form is zero.
+    /// Returns whether the form is zero.
     pub fn is_empty(&self) -> bool {
         self.coefficients.is_empty()
     }
 
-    /// The terms `(k, c_k)` in increasing order of `k`.
+    /// Returns the terms `(k, c_k)` of the form in increasing order of `k`.
     pub fn terms(&self) -> impl Iterator<Item = (usize, f64)> {
         self.coefficients.iter().map(|(&k, &c)| (k, c.value))
     }
@@ -121,7 +122,7 @@ impl Form {
         self.nodes.insert(k, node);
     }
 
-    /// The node of coefficient `k`, if it depends on parameters.
+    /// Returns the node of coefficient `k`, if the coefficient depends on parameters.
     pub(super) fn node(&self, k: usize) -> Option<Node> {
         self.nodes.get(&k).copied()
     }

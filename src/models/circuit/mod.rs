@@ -36,58 +36,59 @@ pub use tree::NormalTree;
 
 use expression::Node;
 
-/// The constitutive law of an element.
+/// The constitutive law of a circuit element, a relation between its voltage `v` and its current `i`.
 #[derive(Clone, Debug)]
 pub enum Law {
-    /// `v = R i`, with `R > 0` in ohms.
+    /// A resistor: `v = R i`, with `R > 0` in ohms.
     Resistor(f64),
-    /// `i = C v'`, with `C > 0` in farads; optionally the initial voltage in volts.
+    /// A capacitor: `i = C v'`, with `C > 0` in farads; optionally the initial voltage in volts.
     Capacitor(f64, Option<f64>),
-    /// `v = L i'`, with `L > 0` in henries; optionally the initial current in amperes.
+    /// An inductor: `v = L i'`, with `L > 0` in henries; optionally the initial current in amperes.
     Inductor(f64, Option<f64>),
-    /// `v = E(t)`.
+    /// A voltage source: `v = E(t)`.
     VoltageSource(Node),
-    /// `i = J(t)`.
+    /// A current source: `i = J(t)`.
     CurrentSource(Node),
-    /// Ideal diode: `0 <= i perp forward - v >= 0`.
+    /// An ideal diode: `0 <= i perp forward - v >= 0`.
     Diode {
-        /// The forward voltage at which the diode conducts, in volts, not negative.
+        /// The forward voltage at which the diode conducts, in volts, nonnegative.
         forward: f64,
     },
-    /// Zener diode: a diode that also conducts backwards at `v = -breakdown`.
+    /// A zener diode: a diode that also conducts backwards at `v = -breakdown`.
     Zener {
-        /// The forward voltage at which the diode conducts, in volts, not negative.
+        /// The forward voltage at which the diode conducts, in volts, nonnegative.
         forward: f64,
         /// The breakdown voltage at which the diode conducts backwards, in volts, positive.
         breakdown: f64,
     },
-    /// Switch controlled by time: `v = 0` if closed; if open, `i = 0` unless an arc keeps `|v| <= withstand`.
+    /// A switch controlled by time: `v = 0` if closed; if open, `i = 0` unless an arc keeps `|v| <= withstand`.
     Switch {
-        /// A function of `t` alone: the switch is closed if it is not negative.
+        /// A function of `t` alone: the switch is closed while the function is nonnegative.
         closed: Node,
-        /// The withstand voltage in volts, positive.
+        /// The withstand voltage of the open switch in volts, positive.
         withstand: f64,
     },
-    /// Voltage source whose `v` is a variable, with a [`Dependent`] law in any voltages and currents.
+    /// A voltage source whose voltage `v` is a variable, with a [`Dependent`] law in any voltages and currents.
     DependentVoltage,
-    /// Current source whose `i` is a variable, with a [`Dependent`] law in any voltages and currents.
+    /// A current source whose current `i` is a variable, with a [`Dependent`] law in any voltages and currents.
     DependentCurrent,
-    /// Switch controlled by voltages and currents, whose `v` is a variable: `v = 0` if closed, `i = 0` if open.
+    /// A switch controlled by voltages and currents, whose voltage `v` is a variable: `v = 0` if closed, `i = 0` if
+    /// open.
     DependentSwitch,
 }
 
-/// An element between two nodes; node 0 is ground.
+/// A circuit element between two nodes; node 0 is ground.
 #[derive(Clone, Debug)]
 pub struct Element {
-    /// The first and the second node.
+    /// The nodes `(a, b)` of the element: the voltage is `v_a - v_b`, and the current runs from `a` to `b`.
     pub nodes: (usize, usize),
-    /// The constitutive law.
+    /// The constitutive law of the element.
     pub law: Law,
 }
 
 impl Law {
-    /// The priority of an element for the normal tree, lowest rank first. In loops of capacitors and cut sets of
-    /// inductors, elements with a given initial value become states first.
+    /// Returns the priority of an element for the normal tree, lowest rank first. In loops of capacitors and cut sets
+    /// of inductors, elements with a given initial value become states first.
     fn rank(&self) -> u8 {
         match self {
             Self::VoltageSource(_) | Self::DependentVoltage => 0,

@@ -1,29 +1,31 @@
-//! Element values of a circuit that depend on parameters. The coefficients of the circuit's forms are rational
+//! Element values of a circuit that depend on parameters. The coefficients of the circuit's linear forms are rational
 //! functions of the element values, which are not expanded symbolically: the coefficients are additional graph inputs
-//! after the parameters, and the elimination is repeated to compute them whenever new parameter values are bound.
+//! after the parameters, and the elimination is repeated to compute the coefficients whenever new parameter values
+//! are bound.
 
 use super::{Columns, Direction, Element, Equations, Fault, Form, NormalTree, Quantity};
 use expression::{ExpressionError, Graph, Node, Tape};
 use rustc_hash::FxHashMap;
 
-/// The element values that depend on parameters, as graph nodes by `(element, quantity)`.
+/// The element values that depend on parameters, as graph nodes by `(index of the element, quantity)`.
 #[derive(Clone, Debug, Default)]
 pub struct Terms(pub FxHashMap<(usize, Quantity), Node>);
 
-/// Computes the coefficients of a circuit for new parameter values.
+/// The coefficients of a circuit as functions of its parameters, recomputed for new parameter values.
 #[derive(Clone, Debug)]
 pub struct CircuitParameters {
     elements: Vec<Element>,
     tree: NormalTree,
     columns: Columns,
-    /// The element values that depend on parameters.
+    /// The element values that depend on parameters, as `(index of the element, quantity)`.
     quantities: Vec<(usize, Quantity)>,
-    /// The program of the element values, in the order of `quantities`.
+    /// The program of the element values that depend on parameters, in the order of `quantities`.
     numbers: Tape,
-    /// The derivatives of the element values, as `(index into quantities, parameter)`, and their program.
+    /// The derivatives of the element values, as `(index into quantities, parameter)`, and the program for their
+    /// values.
     slopes: (Vec<(usize, usize)>, Tape),
     parameters: usize,
-    /// The equations at the parameter values of the compilation.
+    /// The circuit equations at the parameter values of the compilation.
     given: Equations,
     /// The coefficients that depend on parameters, as `(form, column)`, with forms numbered as in `Equations::forms`.
     places: Vec<(usize, usize)>,
@@ -34,9 +36,9 @@ pub struct CircuitParameters {
 pub enum Refused {
     /// The value of an element, given by its index, is out of range.
     Number(usize, f64),
-    /// A coefficient that was zero at compilation is not zero any more.
+    /// A coefficient that was zero at compilation is nonzero for the new values.
     Structure,
-    /// The equations cannot be solved.
+    /// The equations of the circuit cannot be solved.
     Fault(Fault),
 }
 
@@ -88,8 +90,8 @@ impl CircuitParameters {
         Ok(Some(found))
     }
 
-    /// The coefficients that depend on parameters: those with a nonzero derivative with respect to an element value in
-    /// `quantities`.
+    /// Returns the coefficients that depend on parameters: those with a nonzero derivative with respect to an element
+    /// value in `quantities`.
     fn varying(&self) -> Vec<(usize, usize)> {
         let mut places = Vec::new();
         for &place in &self.quantities {
@@ -107,7 +109,7 @@ impl CircuitParameters {
         places
     }
 
-    /// The elements with their values at the given parameters.
+    /// Returns the elements with their values at the given parameters.
     fn elements(&self, parameters: &[f64]) -> Result<Vec<Element>, Refused> {
         let (mut elements, mut numbers) = (self.elements.clone(), self.numbers.clone());
         let mut values = vec![0.0; self.quantities.len()];
@@ -123,10 +125,10 @@ impl CircuitParameters {
         Ok(elements)
     }
 
-    /// The parameters, followed by the coefficients that depend on them.
+    /// Returns the parameters, followed by the circuit coefficients that depend on them.
     ///
-    /// # Errors
-    /// If an element value is out of range, a coefficient outside `places` changes, or the equations cannot be solved.
+    /// # Errors If an element value is out of range, a coefficient outside `places` changes, or the equations cannot
+    /// be solved.
     pub fn extended(&self, parameters: &[f64]) -> Result<Vec<f64>, Refused> {
         let elements = self.elements(parameters)?;
         let equations = Equations::new(&elements, &self.tree, &self.columns).map_err(Refused::Fault)?;
@@ -148,7 +150,8 @@ impl CircuitParameters {
         Ok(parameters.iter().copied().chain(coefficients).collect())
     }
 
-    /// The derivatives of the parametric coefficients at the given parameters, one vector per parameter.
+    /// Returns the derivatives of the coefficients that depend on parameters at the given parameters, one vector per
+    /// parameter.
     pub fn slopes(&self, parameters: &[f64]) -> Vec<Vec<f64>> {
         let (places, mut tape) = (&self.slopes.0, self.slopes.1.clone());
         let mut values = vec![0.0; places.len()];
@@ -168,19 +171,19 @@ impl CircuitParameters {
         (0..self.parameters).map(by).collect()
     }
 
-    /// The number of coefficients that depend on parameters.
+    /// Returns the number of coefficients that depend on parameters.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Whether no coefficient depends on parameters.
+    /// Returns whether no coefficient depends on parameters.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }
 }
 
 impl Equations {
-    /// All forms: rates, `G`, voltages, currents, node voltages.
+    /// Returns all linear forms of the circuit: rates, `G`, voltages, currents, node voltages.
     fn forms(&self) -> impl Iterator<Item = &Form> {
         let Self { rates, inequality, voltages, currents, nodes } = self;
         [rates, inequality, voltages, currents, nodes].into_iter().flatten()

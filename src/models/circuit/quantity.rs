@@ -1,15 +1,15 @@
-//! The values of an element, by name.
+//! Access to the numerical values of a circuit element by name.
 
 use super::form::Coefficient;
 use super::{Element, Law};
 use rustc_hash::FxHashMap;
 
-/// The name of a value of an element.
+/// The name of a numerical value of a circuit element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quantity {
-    /// Resistance, capacitance or inductance, in ohms, farads or henries.
+    /// The resistance, capacitance or inductance of the element, in ohms, farads or henries.
     Size,
-    /// Initial voltage or current, in volts or amperes.
+    /// The initial voltage of a capacitor or current of an inductor, in volts or amperes.
     Start,
     /// The forward voltage at which a diode conducts.
     Forward,
@@ -20,13 +20,13 @@ pub enum Quantity {
 }
 
 impl Element {
-    /// The value of a quantity, if the element has it.
+    /// Returns the value of a quantity, if the element has this quantity.
     pub fn quantity(&self, quantity: Quantity) -> Option<f64> {
         let mut law = self.law.clone();
         law.quantity_mut(quantity).map(|value| *value)
     }
 
-    /// Sets a quantity, if the element has it.
+    /// Sets the value of a quantity, if the element has this quantity.
     pub fn set(&mut self, quantity: Quantity, value: f64) {
         if let Some(place) = self.law.quantity_mut(quantity) {
             *place = value;
@@ -47,12 +47,14 @@ impl Law {
     }
 }
 
-/// A direction of differentiation in the space of element values; zero by default.
+/// A direction of differentiation in the space of element values, by `(index of the element, quantity)`; zero by
+/// default.
 #[derive(Clone, Debug, Default)]
 pub struct Direction(pub FxHashMap<(usize, Quantity), f64>);
 
 impl Direction {
-    /// A quantity of element `k` (zero if the element does not have it), with its derivative along the direction.
+    /// Returns a quantity of element `k` (zero if the element does not have it), with its derivative along the
+    /// direction.
     pub(super) fn at(&self, elements: &[Element], k: usize, quantity: Quantity) -> Coefficient {
         let slope = if self.0.is_empty() { 0.0 } else { self.0.get(&(k, quantity)).copied().unwrap_or(0.0) };
         Coefficient { value: elements[k].quantity(quantity).unwrap_or(0.0), slope }

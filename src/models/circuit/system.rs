@@ -1,4 +1,4 @@
-//! The forms of a circuit as a linear complementarity system, and as outputs.
+//! Conversion of the linear forms of a circuit to a linear complementarity system and to outputs.
 
 use super::dependent::Dependent;
 use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port, Quantity, Terms};
@@ -7,12 +7,12 @@ use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::collections::BTreeSet;
 
-/// Converts forms to nodes of a graph with inputs `t`, `x`, `z`.
+/// Converts linear forms of a circuit to nodes of a graph with inputs `t`, `x`, `z`.
 pub struct System<'a> {
     elements: &'a [Element],
     columns: &'a Columns,
     terms: &'a Terms,
-    /// The time derivatives of the sources, for those that occur in a form.
+    /// For each element, the time derivative of its source if a form contains it.
     derivatives: Vec<Option<Node>>,
 }
 
@@ -67,7 +67,7 @@ impl<'a> System<'a> {
         faults
     }
 
-    /// The equations as a linear complementarity system, with its terms that depend on parameters.
+    /// Returns the equations as a linear complementarity system, with the terms that depend on parameters.
     pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> (LinearRows, ParametricTerms) {
         let (mut matrix, mut parametric, mut vanished) = (Vec::new(), Vec::new(), Vec::new());
         let mut bounds = Vec::new();
@@ -123,8 +123,8 @@ impl<'a> System<'a> {
         (rows, terms)
     }
 
-    /// The equations with the laws of dependent sources and switches. The variables `s` of dependent switches follow
-    /// the variables of the circuit.
+    /// Returns the equations with the laws of dependent sources and switches. The variables `s` of dependent switches
+    /// come after the variables of the circuit's ports.
     pub fn dependent_rows(
         &self,
         graph: &mut Graph,
@@ -185,12 +185,12 @@ impl<'a> System<'a> {
         (rows, terms)
     }
 
-    /// A form as a function of `(t, x, z)`.
+    /// Returns a linear form as a function of `(t, x, z)`.
     pub fn output(&self, graph: &mut Graph, form: &Form) -> Node {
         self.node(graph, form, true)
     }
 
-    /// A form as a node, with or without its terms in the unknowns `(x, z)`.
+    /// Returns a linear form as a node, with or without its terms in the unknowns `(x, z)`.
     fn node(&self, graph: &mut Graph, form: &Form, with_unknowns: bool) -> Node {
         let mut sum = graph.constant(0.0);
         for (column, c) in form.terms() {
@@ -209,7 +209,8 @@ impl<'a> System<'a> {
         sum
     }
 
-    /// The given initial values that contradict the values implied by the initial states `x` at time `t`.
+    /// Returns a fault for each given initial voltage or current that contradicts the value implied by the initial
+    /// states `x` at time `t`.
     pub fn contradictions(&self, graph: &mut Graph, equations: &Equations, t: f64, x: &[f64]) -> Vec<Fault> {
         let given: Vec<(usize, f64)> = (0..self.elements.len())
             .filter_map(|k| match self.elements[k].law {
@@ -224,7 +225,7 @@ impl<'a> System<'a> {
         let nodes: Vec<Node> = given.iter().map(|&(k, _)| implied(k)).collect();
         let mut values = vec![0.0; nodes.len()];
         Tape::compile(graph, &nodes).evaluate(t, x, &mut values);
-        // Relative tolerance for initial values, which users may have rounded.
+        // Relative tolerance for the consistency of initial voltages and currents, which users may have rounded.
         const ROUNDING: f64 = 1e-9;
         let pairs = given.into_iter().zip(values);
         pairs
@@ -234,7 +235,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// The value of an independent source.
+/// Returns the value of an independent source as a node; `None` for other elements.
 fn source(element: &Element) -> Option<Node> {
     match element.law {
         Law::VoltageSource(node) | Law::CurrentSource(node) => Some(node),
@@ -247,7 +248,7 @@ fn has_jump(graph: &Graph, element: &Element) -> bool {
     kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign" | "floor" | "round" | "mod" | "previous"))
 }
 
-/// The largest voltage across a switch: zero if closed, `withstand` if open.
+/// Returns the largest voltage that a switch controlled by time admits: zero if closed, `withstand` if open.
 fn open_voltage(graph: &mut Graph, closed: Node, withstand: Node) -> Node {
     let is_closed = graph.heaviside(closed);
     let one = graph.constant(1.0);

@@ -1,7 +1,8 @@
-//! The normal tree of a circuit: a spanning tree with as many voltage sources, then capacitors, switches and diodes as
-//! possible, and with as few inductors and current sources as possible.
+//! The normal tree of a circuit: a spanning tree with as many voltage sources, then capacitors, switches and diodes
+//! as possible, and with as few inductors and current sources as possible.
 //!
-//! Every element outside the tree, a link `l`, closes one loop with the tree, and Kirchhoff's laws are
+//! Every element outside the tree, a link `l`, closes one loop with the tree, and Kirchhoff's laws for tree elements
+//! `t` are
 //!
 //! ```text
 //! v_l = sum_t F_lt v_t,    i_t = -sum_l F_lt i_l
@@ -9,19 +10,21 @@
 
 use super::{Element, Fault, Law};
 
-/// Limit on the number of nonzeros of `F`.
+/// Maximum number of nonzeros of the loop matrix `F`.
 const MOST_ENTRIES: usize = 2_000_000;
 
-/// A normal tree and its loops.
+/// A normal tree of a circuit, with its fundamental loops and cut sets.
 #[derive(Clone, Debug)]
 pub struct NormalTree {
     /// For each element, whether it is in the tree.
     pub contains: Vec<bool>,
-    /// The rows of `F`: for each link, the tree elements `(t, F_lt)` of its loop; empty for tree elements.
+    /// The rows of the loop matrix `F`: for each link, the tree elements `(t, F_lt)` of its loop; empty for tree
+    /// elements.
     pub loops: Vec<Vec<(usize, f64)>>,
-    /// The columns of `F`: for each tree element, the links `(l, F_lt)` of its cut set; empty for links.
+    /// The columns of the loop matrix `F`: for each tree element, the links `(l, F_lt)` of its cut set; empty for
+    /// links.
     pub cuts: Vec<Vec<(usize, f64)>>,
-    /// For each node, the tree element towards ground, with the sign of its voltage in the node voltage.
+    /// For each node, the tree element towards ground, with the sign of the element's voltage in the node voltage.
     parents: Vec<Option<Step>>,
 }
 
@@ -34,10 +37,10 @@ struct Step {
 }
 
 impl NormalTree {
-    /// Builds a normal tree of elements over nodes `0..nodes`.
+    /// Builds a normal tree of the elements over nodes `0..nodes`.
     ///
-    /// # Errors
-    /// Nodes without a path to ground, loops of voltage sources or switches, and cut sets of current sources.
+    /// # Errors Nodes without a path to ground, loops of voltage sources or switches, and cut sets of current
+    /// sources.
     pub fn new(elements: &[Element], nodes: usize) -> Result<Self, Vec<Fault>> {
         let contains = spanning_tree(elements, nodes);
         let parents = parents(elements, &contains, nodes);
@@ -61,13 +64,13 @@ impl NormalTree {
         if faults.is_empty() { Ok(tree) } else { Err(faults) }
     }
 
-    /// The number of nodes.
+    /// Returns the number of nodes of the circuit.
     pub fn nodes(&self) -> usize {
         self.parents.len()
     }
 
-    /// All nodes except ground as `(node, t, sign, parent)`, parents first: the voltage of `node` is that of `parent`
-    /// plus `sign v_t`.
+    /// Returns all nodes except ground as `(node, t, sign, parent)`, parents first: the voltage of `node` is that of
+    /// `parent` plus `sign v_t`.
     pub fn outwards(&self) -> impl Iterator<Item = (usize, usize, f64, usize)> {
         let mut steps: Vec<(usize, Step)> =
             self.parents.iter().enumerate().filter_map(|(node, step)| Some((node, (*step)?))).collect();
@@ -75,8 +78,9 @@ impl NormalTree {
         steps.into_iter().map(|(node, step)| (node, step.element, step.sign, step.to))
     }
 
-    /// The island of each node in the tree without resistors, inductors and current sources. An island is identified by
-    /// the resistor that connects it towards ground; `None` is the first island of a group connected by resistors.
+    /// Returns the island of each node: a component of the tree without its resistors, inductors and current sources.
+    /// An island is identified by the resistor that connects it towards ground; `None` is the first island of a group
+    /// connected by resistors.
     pub fn islands(&self, elements: &[Element]) -> Vec<Option<usize>> {
         let mut islands = vec![None; self.nodes()];
         for (node, element, _, to) in self.outwards() {
@@ -89,7 +93,7 @@ impl NormalTree {
         islands
     }
 
-    /// The voltage between two nodes as a signed sum over tree elements.
+    /// Returns the voltage between two nodes as a signed sum over tree elements `(t, sign)`.
     fn between(&self, (mut a, mut b): (usize, usize)) -> Vec<(usize, f64)> {
         let depth = |node: usize| self.parents[node].map_or(0, |step| step.depth);
         let mut path = Vec::new();
@@ -117,7 +121,7 @@ impl NormalTree {
     }
 }
 
-/// Kruskal's algorithm (1956): adds elements in the order of their rank unless they close a loop.
+/// Kruskal's algorithm (1956): adds elements to the tree in the order of their rank unless they close a loop.
 fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     fn root(leader: &mut [usize], mut node: usize) -> usize {
         while leader[node] != node {
@@ -127,7 +131,7 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
         node
     }
     let mut order: Vec<usize> = (0..elements.len()).collect();
-    // Elements at ground first among equal ranks, for shorter loops.
+    // Elements at ground come first among equal ranks, for shorter loops.
     order.sort_by_key(|&k| (elements[k].law.rank(), elements[k].nodes.0 != 0 && elements[k].nodes.1 != 0));
     let mut leader: Vec<usize> = (0..nodes).collect();
     let mut contains = vec![false; elements.len()];
@@ -140,11 +144,11 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     contains
 }
 
-/// The tree element from each node towards ground, by breadth-first search.
+/// Returns the tree element from each node towards ground, by breadth-first search.
 fn parents(elements: &[Element], contains: &[bool], nodes: usize) -> Vec<Option<Step>> {
     let mut branches = vec![Vec::new(); nodes];
     for (element, &Element { nodes: (a, b), .. }) in elements.iter().enumerate().filter(|&(k, _)| contains[k]) {
-        // A branch from either end; the search below assigns no parent to ground.
+        // Store the branch at both of its ends; the search below assigns no parent to ground.
         branches[a].push((b, Step { element, sign: -1.0, to: a, depth: 0 }));
         branches[b].push((a, Step { element, sign: 1.0, to: b, depth: 0 }));
     }
@@ -178,7 +182,8 @@ mod tests {
     #[test]
     fn a_loop_is_written_in_the_directions_of_its_elements() {
         let diode = |a, b| Element { nodes: (a, b), law: Law::Diode { forward: 0.0 } };
-        // Diodes 1 -> 0 and 1 -> 2 are the tree; the resistor from 2 to 0 has v = -v(1 -> 2) + v(1 -> 0).
+        // Diodes 1 -> 0 and 1 -> 2 are the tree; the resistor from 2 to 0 is a link with `v = -v(1 -> 2) + v(1 ->
+        // 0)`.
         let tree = NormalTree::new(&[diode(1, 0), diode(1, 2), resistor(2, 0)], 3).expect("a tree");
         let mut path = tree.loops[2].clone();
         path.sort_by_key(|&(t, _)| t);

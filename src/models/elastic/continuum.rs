@@ -1,4 +1,5 @@
-//! A body on its grid: material, nodal masses, loads, clamped displacements and possible contacts.
+//! An elastic body on its finite element grid: material, nodal masses, loads, clamped displacements and possible
+//! contacts.
 //!
 //! Displacement components are numbered `node * components + component`.
 
@@ -11,16 +12,16 @@ use problem::{Control, Interrupted};
 /// An elastic or viscoelastic body, discretised in space.
 #[derive(Clone, Debug)]
 pub struct Continuum {
-    /// The finite element grid.
+    /// The finite element grid of the body.
     pub grid: Grid,
     /// The number of displacement components per node: the dimension of the grid, one for a string.
     pub components: usize,
-    /// Mass per volume; mass per length for strings, and for bars, whose cross-section is one.
+    /// The mass per volume; for strings and bars (whose cross-section is one) the mass per length.
     pub density: f64,
-    /// Hooke's law.
+    /// The Lame parameters of Hooke's law.
     pub lame: Lame,
-    /// The relaxation time: the viscous stress is this time multiplied by the elastic stress of the displacement rates;
-    /// zero for an elastic body.
+    /// The relaxation time: the viscous stress is the relaxation time times the elastic stress of the displacement
+    /// rates; zero for an elastic body.
     pub relaxation: f64,
     /// The force on each displacement, a function of `t` alone.
     pub loads: Vec<Node>,
@@ -30,33 +31,33 @@ pub struct Continuum {
     pub contacts: Vec<ContactNode>,
 }
 
-/// A displacement bounded by an obstacle.
+/// A displacement component bounded by an obstacle.
 #[derive(Clone, Debug)]
 pub struct ContactNode {
-    /// The displacement.
+    /// The index of the bounded displacement component.
     pub displacement: usize,
     /// The direction of the bound: 1 if the displacement is bounded above, -1 if below.
     pub towards: f64,
     /// The bound on `towards` times the displacement, a function of `t` alone.
     pub gap: Node,
-    /// The displacements that carry the mass of this displacement, in equal parts; not clamped, and not in contact.
+    /// The displacements that carry the mass of the bounded displacement, in equal parts; they are neither clamped
+    /// nor in contact.
     pub carriers: Vec<usize>,
     /// Coulomb's coefficient of friction; zero for a frictionless contact.
     pub friction: f64,
-    /// The tangential displacements that have a mass and are not clamped: at most two.
+    /// The tangential displacements of the node that have a mass and are not clamped: at most two.
     pub tangential: Vec<usize>,
     /// The index of the grid side of the node.
     pub side: usize,
 }
 
-/// Elements assembled between two polls of [`Control`]: a few milliseconds' work in three dimensions.
+/// Number of elements assembled between two polls of [`Control`]: a few milliseconds' work in three dimensions.
 const BETWEEN_POLLS: usize = 256;
 
 impl Continuum {
-    /// The stiffness matrix `K` of all displacements, including clamped ones.
+    /// Assembles the stiffness matrix `K` of all displacements, including clamped ones.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn stiffness(&self, control: &Control) -> Result<SparseMatrix, Interrupted> {
         let local = self.lame.stiffness(&Element::of(&self.grid, Quadrature::Exact), self.components);
         let mut assembly = Assembly::new(&self.grid, self.components, Neighbours::OfElements);
@@ -69,7 +70,7 @@ impl Continuum {
         Ok(assembly.finish())
     }
 
-    /// The lumped mass of each displacement; zero for displacements with a possible contact.
+    /// Returns the lumped mass of each displacement; zero for displacements with a possible contact.
     pub fn masses(&self) -> Vec<f64> {
         let share = self.density * self.volume_share();
         let mut masses = vec![0.0; self.grid.nodes() * self.components];
@@ -85,7 +86,7 @@ impl Continuum {
         masses
     }
 
-    /// The share of an element's volume that belongs to one corner.
+    /// Returns the share of an element's volume that belongs to one of its corners.
     fn volume_share(&self) -> f64 {
         let element = Element::of(&self.grid, Quadrature::Nodal);
         element.volume() / (1_u32 << self.grid.dimension()) as f64
@@ -128,7 +129,8 @@ mod tests {
             let total: f64 = masses.iter().skip(component).step_by(2).sum();
             assert!((total - 30.0).abs() < 1e-12, "{component}: {total}");
         }
-        // The corner has the mass of a quarter element in the tangential direction, and none in the normal direction.
+        // The corner node has the mass of a quarter element in the tangential direction, and no mass in the normal
+        // direction.
         assert_eq!((masses[0], masses[1]), (1.25, 0.0));
         assert_eq!((masses[8], masses[9]), (2.5, 3.75));
     }

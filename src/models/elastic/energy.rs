@@ -1,36 +1,37 @@
-//! The energies of a body, `T = sum m v^2 / 2` and `V = u^T K u / 2 - f^T u` with the constant loads `f`, and their
-//! balance:
+//! The energies of an elastic body, `T = sum m v^2 / 2` and `V = u^T K u / 2 - f^T u` with the constant loads `f`,
+//! and their balance:
 //!
 //! ```text
 //! d/dt (T + V) = f(t)^T u' - sum n r u_N' - u'^T C u' - q^T v
 //! ```
 //!
-//! The right-hand side is the power of time-dependent loads and of contact forces on moving obstacles, less the viscous
-//! and frictional dissipation.
+//! The right-hand side is the power of time-dependent loads `f(t)` and of contact forces `r` on moving obstacles,
+//! less the viscous and frictional dissipation.
 
 use super::{Continuum, DisplacementIndex, Frictional, Slip, Unknowns};
 use expression::{Graph, Node, Tape};
 use factorisation::SparseMatrix;
 use std::sync::Arc;
 
-/// Energies and powers as functions of time, `(x, z)` and the rates of the displacements in contact.
+/// Energies and powers of an elastic body as functions of time, of `(x, z)`, and of the rates of the displacements in
+/// contact.
 #[derive(Clone, Debug)]
 pub struct EnergyForm {
     places: Arc<[DisplacementIndex]>,
-    /// The mass of each displacement.
+    /// The lumped mass of each displacement component.
     masses: Arc<[f64]>,
     stiffness: Arc<SparseMatrix>,
     relaxation: f64,
-    /// The constant load on each displacement.
+    /// The constant load on each displacement component.
     loads: Arc<[f64]>,
     /// The displacements with time-dependent loads or moving obstacles.
     driven: Vec<usize>,
-    /// The forces on the `driven` displacements.
+    /// The forces on the `driven` displacements, as a program.
     forces: Tape,
     slips: Arc<[Slip]>,
 }
 
-/// The powers in the energy balance.
+/// The powers in the energy balance of an elastic body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Power {
     /// The power supplied by time-dependent loads and moving obstacles.
@@ -42,7 +43,7 @@ pub struct Power {
 }
 
 impl EnergyForm {
-    /// The energies of a body; `reactions` are its contact forces as functions of `t`, `x` and `z`.
+    /// Compiles the energies of an elastic body; `reactions` are its contact forces as functions of `t`, `x` and `z`.
     pub fn new(
         graph: &mut Graph,
         continuum: &Continuum,
@@ -76,7 +77,7 @@ impl EnergyForm {
         }
     }
 
-    /// Kinetic and potential energy at `y = (x, z)`.
+    /// Returns the kinetic and the potential energy at `y = (x, z)`.
     pub fn at(&self, y: &[f64]) -> (f64, f64) {
         let kinetic = self.places.iter().zip(self.masses.iter()).map(|(place, mass)| match *place {
             DisplacementIndex::Inner(_, v) => 0.5 * mass * y[v] * y[v],
@@ -87,12 +88,13 @@ impl EnergyForm {
         (kinetic.sum(), 0.5 * self.quadratic(displacement) - work)
     }
 
-    /// Whether the total energy is conserved: no viscosity, no friction, no time-dependent loads or moving obstacles.
+    /// Returns whether the total energy is conserved: no viscosity, no friction, no time-dependent loads and no
+    /// moving obstacles.
     pub fn is_closed(&self) -> bool {
         self.relaxation == 0.0 && self.driven.is_empty() && self.slips.is_empty()
     }
 
-    /// The powers at `t` and `y = (x, z)`; `rates` is `y'`.
+    /// Returns the powers at `t` and `y = (x, z)`, where `rates` is `y'`.
     pub fn power(&mut self, t: f64, y: &[f64], rates: &[f64]) -> Power {
         let mut forces = vec![0.0; self.driven.len()];
         self.forces.evaluate(t, y, &mut forces);
@@ -107,7 +109,7 @@ impl EnergyForm {
         Power { supplied, viscous, frictional }
     }
 
-    /// `w^T K w`
+    /// Returns the quadratic form `w^T K w` of the stiffness matrix.
     fn quadratic(&self, w: impl Fn(usize) -> f64) -> f64 {
         let columns = 0..self.places.len();
         columns

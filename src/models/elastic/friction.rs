@@ -1,33 +1,33 @@
-//! Coulomb friction between a body and an obstacle at rest. A contact node keeps its mass in tangential directions, and
-//! the friction force `q` obeys the principle of maximum dissipation,
+//! Coulomb friction between an elastic body and an obstacle at rest. A contact node keeps its mass in tangential
+//! directions, and the friction force `q` obeys the principle of maximum dissipation,
 //!
 //! ```text
 //! m v' = .. - q,    |q| <= p,    -<v, q~ - q> >= 0  for all |q~| <= p,    0 = mu r - p
 //! ```
 //!
-//! with the normal force `r`. The friction bound `p` is an algebraic state, so that the convex set depends on states
-//! alone.
+//! with the tangential velocity `v` and the normal force `r`. The friction bound `p` is an algebraic state, so that
+//! the convex set depends on states alone.
 
 use super::{Continuum, DisplacementIndex, Unknowns};
 use crate::LinearRows;
 use expression::Graph;
 use problem::{MovingBound, Shape, Side};
 
-/// A frictional contact.
+/// A frictional contact, with the positions of its unknowns.
 #[derive(Clone, Debug)]
 pub struct Frictional {
-    /// The index of the contact.
+    /// The index of the contact in [`Continuum::contacts`].
     pub contact: usize,
     /// The index of the friction bound `p` in `(x, z)`.
     pub limit: usize,
-    /// The tangential directions.
+    /// The tangential directions of the contact.
     pub slips: Vec<Slip>,
 }
 
 /// A tangential direction of a frictional contact.
 #[derive(Clone, Copy, Debug)]
 pub struct Slip {
-    /// The tangential displacement.
+    /// The index of the tangential displacement component.
     pub displacement: usize,
     /// The index of the tangential velocity in `(x, z)`.
     pub velocity: usize,
@@ -35,7 +35,7 @@ pub struct Slip {
     pub force: usize,
 }
 
-/// Adds friction to the equations of a frictionless body in which contact forces are variables.
+/// Adds friction to the equations of a frictionless body, in the form in which contact forces are variables.
 pub(super) fn add(
     graph: &mut Graph,
     rows: &mut LinearRows,

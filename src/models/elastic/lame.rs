@@ -1,9 +1,9 @@
-//! Hooke's law of an isotropic body, `s = lambda tr(e) I + 2 mu e`.
+//! Hooke's law of an isotropic body: stress `s = lambda tr(e) I + 2 mu e` for the strain `e`.
 
 use crate::finite_elements::Element;
 use nalgebra::DMatrix;
 
-/// The Lame parameters.
+/// The Lame parameters of an isotropic material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lame {
     /// The first Lame parameter `lambda`.
@@ -13,24 +13,25 @@ pub struct Lame {
 }
 
 impl Lame {
-    /// One-dimensional law, stress = `modulus` times strain: Young's modulus of a bar, tension of a string.
+    /// Returns the parameters of a one-dimensional law, stress = `modulus` times strain: Young's modulus of a bar, or
+    /// the tension of a string.
     pub fn axial(modulus: f64) -> Self {
         Self { first: modulus, shear: 0.0 }
     }
 
-    /// A three-dimensional body, or a body in plane strain.
+    /// Returns the parameters of a three-dimensional body, or of a body in plane strain.
     pub fn solid(young: f64, poisson: f64) -> Self {
         let first = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         Self { first, shear: young / (2.0 * (1.0 + poisson)) }
     }
 
-    /// A plate in plane stress.
+    /// Returns the parameters of a plate in plane stress.
     pub fn plane_stress(young: f64, poisson: f64) -> Self {
         Self { first: young * poisson / (1.0 - poisson * poisson), shear: young / (2.0 * (1.0 + poisson)) }
     }
 
-    /// The element stiffness matrix `int s(N_a e_i) : e(N_b e_j)`, for an element with as many directions as
-    /// components; the components of a corner are adjacent.
+    /// Returns the element stiffness matrix `int s(N_a e_i) : e(N_b e_j)` with shape functions `N_a` and unit vectors
+    /// `e_i`, for an element with as many directions as components; the components of a corner are adjacent.
     pub fn stiffness(self, element: &Element, components: usize) -> DMatrix<f64> {
         let gradients: Vec<DMatrix<f64>> =
             (0..components * components).map(|k| element.gradients(k / components, k % components)).collect();
@@ -61,10 +62,10 @@ mod tests {
             0.5 * (u.transpose() * &stiffness * u)[0]
         };
         assert!(energy(&|[x, y, z]| [1.0 - y + z, x, 2.0 - x]).abs() < 1e-10);
-        // Uniaxial stress: strain 1 along x, -nu across.
+        // Uniaxial stress: strain 1 along `x`, and `-nu` (Poisson's ratio) across.
         let volume = 2.0 * 0.5 * 1.5;
         assert!((energy(&|[x, y, z]| [x, -poisson * y, -poisson * z]) - 0.5 * young * volume).abs() < 1e-10);
-        // Pure shear by the angle 1.
+        // Pure shear by the angle 1 has the energy density `shear / 2`.
         let shear = young / (2.0 * (1.0 + poisson));
         assert!((energy(&|[_, y, _]| [y, 0.0, 0.0]) - 0.5 * shear * volume).abs() < 1e-10);
     }

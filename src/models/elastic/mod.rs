@@ -14,14 +14,14 @@
 //! ```
 //!
 //! Without viscosity (`C = 0`), the second equation is a variational inequality with the symmetric positive definite
-//! matrix `K_NN`: `u_N` is a Lipschitz function of `(t, u_I)`, the first equation is an ordinary differential equation
-//! with a Lipschitz right-hand side, and energy is conserved because `r u_N' = 0` almost everywhere. With viscosity,
-//! `u_N` is a state with `C_NN u_N' = .. - n r`, of index 1 with the symmetric positive definite matrix `n C_NN^-1 n`.
-//! With friction, whose bound is a multiple of the contact force `r`, elastic bodies use this second form as well, with
-//! `u_N` as states without mass.
+//! matrix `K_NN`: `u_N` is a Lipschitz function of `(t, u_I)`, the first equation is an ordinary differential
+//! equation with a Lipschitz right-hand side, and energy is conserved because `r u_N' = 0` almost everywhere. With
+//! viscosity, `u_N` is a state with `C_NN u_N' = .. - n r`, of index 1 with the symmetric positive definite matrix `n
+//! C_NN^-1 n`. With friction, whose bound is a multiple of the contact force `r`, elastic bodies use the form with
+//! states `u_N` as well, where `u_N` are states without mass.
 //!
 //! A string may meet an obstacle anywhere. Every other node of the string then has no mass and is bounded by the
-//! obstacle, and the nodes in between rebound with unchanged speed: this is the solution that conserves energy
+//! obstacle, and the nodes in between rebound with unchanged speed, which is the solution that conserves energy
 //! (Schatzman 1980, A hyperbolic problem of second order with unilateral constraints).
 
 mod continuum;

@@ -1,4 +1,4 @@
-//! The differential variational inequality of a body that is discretised in space.
+//! The differential variational inequality of an elastic body that is discretised in space.
 
 use super::friction::{self, Frictional};
 use super::{ContactNode, Continuum, DisplacementIndex, EnergyForm, Unknowns};
@@ -7,27 +7,26 @@ use expression::{Graph, Node};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted, Mass, MovingBound, Side};
 
-/// A body as a linear complementarity system, with the meaning of its unknowns.
+/// An elastic body as a linear complementarity system, with the meaning of its unknowns.
 #[derive(Clone, Debug)]
 pub struct Semidiscrete {
-    /// The equations.
+    /// The equations of the body.
     pub rows: LinearRows,
-    /// The initial states.
+    /// The initial values of the states.
     pub initial: Vec<f64>,
     /// The positions of the displacements in `(x, z)`.
     pub unknowns: Unknowns,
-    /// The energies.
+    /// The kinetic and the potential energy of the body.
     pub energy: EnergyForm,
     /// The force of each contact on the body, a function of `t`, `x` and `z`.
     pub reactions: Vec<Node>,
-    /// The frictional contacts.
+    /// The frictional contacts of the body, with the positions of their unknowns.
     pub rough: Vec<Frictional>,
 }
 
-/// Lowers a body with initial displacements and velocities.
+/// Derives the equations of an elastic body with the given initial displacements and velocities.
 ///
-/// # Errors
-/// If `control` asks to stop.
+/// # Errors If `control` asks to stop.
 pub fn semidiscretise(
     graph: &mut Graph,
     continuum: &Continuum,
@@ -56,7 +55,7 @@ pub fn semidiscretise(
     Ok(Semidiscrete { rows, initial, unknowns, energy, reactions, rough })
 }
 
-/// The loads, plus the elastic forces of clamped displacements on the others.
+/// Returns the load on each displacement, plus the elastic forces of clamped displacements.
 fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffness: &SparseMatrix) -> Vec<Node> {
     let mut held = vec![0.0; continuum.loads.len()];
     for entry in stiffness.triplet_iter() {
@@ -72,7 +71,7 @@ fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffne
     .collect()
 }
 
-/// The data of the equations of a body.
+/// The data from which the equations of an elastic body are derived.
 struct Body<'a> {
     continuum: &'a Continuum,
     unknowns: &'a Unknowns,
@@ -82,7 +81,8 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    /// `u_I' = v,  v' = m^-1 (f - K u)_I;  u_N in K(t),  G = (K u - f)_N`
+    /// Returns the equations with bounded displacements: `u_I' = v,  v' = m^-1 (f - K u)_I;  u_N in K(t),  G = (K u -
+    /// f)_N`
     fn with_bounds(&self, graph: &mut Graph) -> LinearRows {
         let &Unknowns { inner, contact, .. } = self.unknowns;
         let zero = graph.constant(0.0);
@@ -130,7 +130,8 @@ impl Body<'_> {
         }
     }
 
-    /// `u_I' = v,  m v' + C_IN u_N' = (f - K u)_I - C_II v,  C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
+    /// Returns the equations with contact forces as variables: `u_I' = v,  m v' + C_IN u_N' = (f - K u)_I - C_II v,
+    /// C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
     fn with_forces(&self, graph: &mut Graph) -> LinearRows {
         let (inner, nodes) = (self.unknowns.inner, self.continuum.contacts.len());
         let states = self.unknowns.states();
@@ -154,7 +155,7 @@ impl Body<'_> {
                 continue;
             }
             match column.checked_sub(inner) {
-                // The rate of an inner displacement is a state, the rate of a contact displacement is not.
+                // The rate of an inner displacement is a state, and the rate of a contact displacement is not.
                 None => matrix.push((row, column + inner, -relaxation * value)),
                 Some(_) => mass.push((row, column, relaxation * value)),
             }
@@ -177,7 +178,7 @@ impl Body<'_> {
         }
     }
 
-    /// The force of every contact: `r`, or `-n G` in the form with bounded displacements.
+    /// Returns the force of every contact on the body: `r`, or `-n G` in the form with bounded displacements.
     fn reactions(&self, graph: &mut Graph, rows: &LinearRows) -> Vec<Node> {
         let states = self.unknowns.states();
         let contacts = &self.continuum.contacts;
@@ -197,7 +198,7 @@ impl Body<'_> {
         contacts.iter().filter_map(of).collect()
     }
 
-    /// The nonzeros of `K` in all rows and in the columns of unclamped displacements, as
+    /// Returns the nonzeros of the stiffness matrix `K` in all rows and in the columns of unclamped displacements, as
     /// `(displacement, unknown, value)`.
     fn couplings(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         let nonzeros = self.stiffness.triplet_iter().filter(|entry| *entry.val != 0.0);
@@ -205,7 +206,7 @@ impl Body<'_> {
     }
 }
 
-/// The row of the momentum balance of a displacement; `None` if it is clamped.
+/// Returns the row of the momentum balance of a displacement; `None` if the displacement is clamped.
 fn equation(place: DisplacementIndex) -> Option<usize> {
     match place {
         DisplacementIndex::Inner(_, v) => Some(v),

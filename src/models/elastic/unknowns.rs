@@ -1,23 +1,23 @@
-//! Numbering of the unknowns `(x, z)` of a body. The states are `u_I`, `u_I'`, with viscosity or friction also `u_N`,
-//! and the friction bounds. The variables are `u_N` or, with viscosity or friction, the contact forces and the friction
-//! forces.
+//! Numbering of the unknowns `(x, z)` of an elastic body. With the displacements `u_N` that may be in contact and all
+//! others `u_I`, the states are `u_I`, `u_I'`, with viscosity or friction also `u_N`, and the friction bounds. The
+//! variables are `u_N` or, with viscosity or friction, the contact forces and the friction forces.
 
 use super::Continuum;
 
-/// The position of a displacement in `(x, z)`.
+/// The position of a displacement in the vector of unknowns `(x, z)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DisplacementIndex {
-    /// A clamped displacement, with its constant value; not an unknown.
+    /// A clamped displacement, which is not an unknown, with its constant value.
     Clamped(f64),
-    /// A displacement with mass: the index of the displacement and the index of its velocity.
+    /// A displacement with mass: its index in `(x, z)` and the index of its velocity.
     Inner(usize, usize),
-    /// A displacement without mass that may be in contact: its index in `(x, z)`, and its number among such
-    /// displacements.
+    /// A displacement without mass that may be in contact: its index in `(x, z)`, and its number among the
+    /// displacements that may be in contact.
     Contact(usize, usize),
 }
 
 impl DisplacementIndex {
-    /// The index in `(x, z)`; `None` for a clamped displacement.
+    /// Returns the index of the displacement in `(x, z)`; `None` for a clamped displacement.
     pub fn unknown(self) -> Option<usize> {
         match self {
             Self::Clamped(_) => None,
@@ -25,7 +25,7 @@ impl DisplacementIndex {
         }
     }
 
-    /// The value of the displacement, given `y = (x, z)`.
+    /// Returns the value of the displacement, given `y = (x, z)`.
     pub fn value(self, y: &[f64]) -> f64 {
         match self {
             Self::Clamped(value) => value,
@@ -34,23 +34,24 @@ impl DisplacementIndex {
     }
 }
 
-/// The numbering of a body's displacements.
+/// The numbering of the displacements of an elastic body.
 #[derive(Clone, Debug)]
 pub struct Unknowns {
-    /// The position of each displacement.
+    /// The position of each displacement in `(x, z)`.
     pub places: Vec<DisplacementIndex>,
-    /// The length of `u_I`.
+    /// The number of displacements `u_I` with mass.
     pub inner: usize,
-    /// The length of `u_N`.
+    /// The number of displacements `u_N` that may be in contact.
     pub contact: usize,
-    /// The number of frictional contacts.
+    /// The number of frictional contacts of the body.
     pub rough: usize,
-    /// Whether `u_N` are states and contact forces are variables, as needed for viscosity or friction.
+    /// Whether the displacements `u_N` that may be in contact are states and contact forces are variables, as needed
+    /// for viscosity or friction.
     pub has_forces: bool,
 }
 
 impl Unknowns {
-    /// Numbers the displacements; `displacement` are their initial values.
+    /// Numbers the displacements of a body; `displacement` are their initial values.
     pub fn new(continuum: &Continuum, displacement: &[f64]) -> Self {
         let mut is_contact = vec![false; displacement.len()];
         continuum.contacts.iter().for_each(|contact| is_contact[contact.displacement] = true);
@@ -80,12 +81,12 @@ impl Unknowns {
         unknowns
     }
 
-    /// The number of states.
+    /// Returns the number of states.
     pub fn states(&self) -> usize {
         2 * self.inner + if self.has_forces { self.contact } else { 0 } + self.rough
     }
 
-    /// The index of the friction bound of the `k`-th frictional contact.
+    /// Returns the index of the friction bound of the `k`-th frictional contact in `(x, z)`.
     pub fn limit(&self, k: usize) -> usize {
         self.states() - self.rough + k
     }

@@ -5,16 +5,16 @@ use factorisation::SparseMatrix;
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::DMatrix;
 
-/// The nodes coupled by a matrix row.
+/// The nodes that a matrix row couples with its own node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Neighbours {
-    /// The node and its neighbours along the axes: up to `2d + 1` nodes.
+    /// The node and its neighbours along the axes: up to `2d + 1` nodes in `d` dimensions.
     AlongAxes,
-    /// All nodes of the adjacent elements: up to `3^d` nodes.
+    /// All nodes of the adjacent elements: up to `3^d` nodes in `d` dimensions.
     OfElements,
 }
 
-/// A matrix under assembly, with `components` unknowns per node; unknowns of a node are adjacent.
+/// A sparse matrix under assembly, with `components` unknowns per node; the unknowns of a node are adjacent.
 #[derive(Clone, Debug)]
 pub struct Assembly {
     grid: Grid,
@@ -24,7 +24,7 @@ pub struct Assembly {
 }
 
 impl Assembly {
-    /// A zero matrix with the pattern of the given neighbourhoods.
+    /// Creates a zero matrix with the pattern of the given neighbourhoods.
     pub fn new(grid: &Grid, components: usize, neighbours: Neighbours) -> Self {
         let nodes = grid.nodes();
         let mut starts = Vec::with_capacity(nodes * components + 1);
@@ -44,7 +44,7 @@ impl Assembly {
         Self { grid: grid.clone(), components, pattern, values }
     }
 
-    /// Adds `factor` times an element matrix. Its rows and columns are ordered by corner of the element, then by
+    /// Adds `factor` times an element matrix, whose rows and columns are ordered by corner of the element, then by
     /// component.
     pub fn add(&mut self, element: usize, factor: f64, local: &DMatrix<f64>) {
         let Self { grid, components, pattern, values } = self;
@@ -64,7 +64,7 @@ impl Assembly {
         }
     }
 
-    /// The assembled square matrix of size `nodes * components`.
+    /// Returns the assembled square matrix of size `nodes * components`.
     pub fn finish(self) -> SparseMatrix {
         SparseMatrix::new(self.pattern, self.values)
     }

@@ -1,4 +1,5 @@
-//! Element matrices, as tensor products over directions of
+//! Element matrices of multilinear finite elements with shape functions `N_a`, as tensor products over directions of
+//! the one-dimensional matrices
 //!
 //! ```text
 //! m = int N_a N_b = h/6 [2 1; 1 2],    k = int N_a' N_b' = 1/h [1 -1; -1 1],    d = int N_a N_b' = 1/2 [-1 1; -1 1]
@@ -11,16 +12,16 @@
 use super::Grid;
 use nalgebra::{DMatrix, Matrix2};
 
-/// Quadrature of products of shape functions in directions in which neither factor is differentiated.
+/// The quadrature of products of shape functions in directions in which neither factor is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quadrature {
-    /// Exact integration.
+    /// Exact integration of products of shape functions.
     Exact,
     /// The trapezoidal rule, whose points are the nodes.
     Nodal,
 }
 
-/// An element, given by the lengths of its sides.
+/// A box-shaped element, given by the lengths of its sides.
 #[derive(Clone, Debug)]
 pub struct Element {
     sides: Vec<f64>,
@@ -28,22 +29,22 @@ pub struct Element {
 }
 
 impl Element {
-    /// The element of a grid; all elements of a grid are equal.
+    /// Returns the element of a grid; all elements of a grid are equal.
     pub fn of(grid: &Grid, quadrature: Quadrature) -> Self {
         Self { sides: grid.axes().iter().map(|axis| axis.spacing()).collect(), quadrature }
     }
 
-    /// The length, area or volume of the element.
+    /// Returns the length, area or volume of the element.
     pub fn volume(&self) -> f64 {
         self.sides.iter().product()
     }
 
-    /// The mass matrix `int N_a N_b`.
+    /// Returns the mass matrix `int N_a N_b`.
     pub fn mass(&self) -> DMatrix<f64> {
         self.product(|_, h| self.one_dimensional_mass(h))
     }
 
-    /// The matrix `int d_p N_a d_q N_b`.
+    /// Returns the matrix `int d_p N_a d_q N_b` of the derivatives of shape functions in directions `p` and `q`.
     pub fn gradients(&self, p: usize, q: usize) -> DMatrix<f64> {
         let derivative = Matrix2::new(-0.5, 0.5, -0.5, 0.5);
         self.product(|direction, h| match (direction == p, direction == q) {
@@ -54,7 +55,7 @@ impl Element {
         })
     }
 
-    /// The matrix `int N_a d_q N_b`.
+    /// Returns the matrix `int N_a d_q N_b`, with the derivative in direction `q`.
     pub fn derivative(&self, q: usize) -> DMatrix<f64> {
         self.product(|direction, h| match direction == q {
             true => Matrix2::new(-0.5, 0.5, -0.5, 0.5),
@@ -91,7 +92,7 @@ mod tests {
         (grid, element)
     }
 
-    /// The nodal values of a function on the single element.
+    /// Returns the nodal values of a function on a grid of a single element.
     fn nodal(grid: &Grid, u: impl Fn([f64; 3]) -> f64) -> nalgebra::DVector<f64> {
         nalgebra::DVector::from_iterator(8, (0..8).map(|node| u(grid.coordinates(node))))
     }
@@ -101,7 +102,7 @@ mod tests {
         let (grid, element) = element(Quadrature::Exact);
         let (u, v) = (nodal(&grid, |[x, y, _]| x * y), nodal(&grid, |[_, y, z]| y * z));
         let close = |value: f64, expected: f64| assert!((value - expected).abs() < 1e-13, "{value} {expected}");
-        // Moments over [0, 1/2], [1, 5/4], [-2, 0].
+        // Integrals of the coordinate and of its square over [0, 1/2] in `x`, [1, 5/4] in `y` and [-2, 0] in `z`.
         let (x, x2) = (1.0 / 8.0, 1.0 / 24.0);
         let (y, y2) = ((1.5625 - 1.0) / 2.0, (1.953125 - 1.0) / 3.0);
         let (z, z2) = (-2.0, 8.0 / 3.0);

@@ -1,29 +1,29 @@
-//! A grid of equal elements on an interval, a rectangle or a box. In the numbering of nodes and elements, `x` varies
+//! A grid of equal elements on an interval, a rectangle or a box. Nodes and elements are numbered with `x` varying
 //! fastest.
 
 /// A direction of the grid: the interval `[lower, upper]`, divided into equal elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// The lower end.
+    /// The lower end of the interval.
     pub lower: f64,
-    /// The upper end, above `lower`.
+    /// The upper end of the interval, above `lower`.
     pub upper: f64,
-    /// The number of elements, at least one.
+    /// The number of elements along the axis, at least one.
     pub elements: usize,
 }
 
 impl Axis {
-    /// The length of an element.
+    /// Returns the length of an element along the axis.
     pub fn spacing(&self) -> f64 {
         (self.upper - self.lower) / self.elements as f64
     }
 
-    /// The number of nodes, one more than elements.
+    /// Returns the number of nodes along the axis, one more than elements.
     pub fn nodes(&self) -> usize {
         self.elements + 1
     }
 
-    /// The coordinate of node `i`; the last node is exactly at `upper`.
+    /// Returns the coordinate of node `i`; the last node is exactly at `upper`.
     pub fn node(&self, i: usize) -> f64 {
         let part = i as f64 / self.elements as f64;
         self.lower * (1.0 - part) + self.upper * part
@@ -35,75 +35,76 @@ impl Axis {
     }
 }
 
-/// The product of one to three axes.
+/// A grid of equal elements on the product of one to three axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     axes: Vec<Axis>,
 }
 
 impl Grid {
-    /// The grid on the product of one to three axes `x`, `y`, `z`.
+    /// Creates the grid on the product of one to three axes `x`, `y`, `z`.
     pub fn new(axes: Vec<Axis>) -> Self {
         debug_assert!((1..=3).contains(&axes.len()), "{} axes", axes.len());
         Self { axes }
     }
 
-    /// The dimension of the domain.
+    /// Returns the dimension of the domain, one to three.
     pub fn dimension(&self) -> usize {
         self.axes.len()
     }
 
-    /// The axes.
+    /// Returns the axes of the grid.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// The number of nodes.
+    /// Returns the number of nodes of the grid.
     pub fn nodes(&self) -> usize {
         self.axes.iter().map(Axis::nodes).product()
     }
 
-    /// The number of elements.
+    /// Returns the number of elements of the grid.
     pub fn elements(&self) -> usize {
         self.axes.iter().map(|axis| axis.elements).product()
     }
 
-    /// The number of nodes per direction, slowest first: the shape of nodal values as a row-major array.
+    /// Returns the number of nodes per direction, slowest direction first: the shape of nodal values as a row-major
+    /// array.
     pub fn shape(&self) -> Vec<usize> {
         self.axes.iter().rev().map(Axis::nodes).collect()
     }
 
-    /// The index of a node in each direction; zero in directions beyond the dimension.
+    /// Returns the index of a node in each direction; zero in directions beyond the dimension.
     pub fn indices(&self, node: usize) -> [usize; 3] {
         split(node, self.axes.iter().map(Axis::nodes))
     }
 
-    /// The number of the node with these indices.
+    /// Returns the number of the node with the given index in each direction.
     pub fn node(&self, indices: [usize; 3]) -> usize {
         self.axes.iter().zip(indices).rev().fold(0, |node, (axis, i)| node * axis.nodes() + i)
     }
 
-    /// The coordinates of a node; zero in directions beyond the dimension.
+    /// Returns the coordinates of a node; zero in directions beyond the dimension.
     pub fn coordinates(&self, node: usize) -> [f64; 3] {
         let indices = self.indices(node);
         self.fill(|direction, axis| axis.node(indices[direction]))
     }
 
-    /// The coordinates of the centre of an element.
+    /// Returns the coordinates of the centre of an element.
     pub fn centre(&self, element: usize) -> [f64; 3] {
         let indices = split(element, self.axes.iter().map(|axis| axis.elements));
         self.fill(|direction, axis| axis.centre(indices[direction]))
     }
 
-    /// The `2^d` nodes of an element; bit `k` of the corner number is 1 at the upper end of direction `k`.
+    /// Returns the `2^d` nodes of an element; bit `k` of the corner number is 1 at the upper end of direction `k`.
     pub fn corners(&self, element: usize) -> impl Iterator<Item = usize> + '_ {
         let indices = split(element, self.axes.iter().map(|axis| axis.elements));
         let first = self.node(indices);
         (0..1 << self.dimension()).map(move |corner| first + self.offset(corner))
     }
 
-    /// The nodes of the element that contains a point of the domain, with the values of their shape functions at the
-    /// point.
+    /// Returns the nodes of the element that contains a point of the domain, with the values of their shape functions
+    /// at the point.
     pub fn interpolation(&self, point: [f64; 3]) -> Vec<(usize, f64)> {
         let (mut indices, mut parts) = ([0; 3], [0.0; 3]);
         for (direction, axis) in self.axes.iter().enumerate() {
@@ -119,7 +120,7 @@ impl Grid {
         (0..1 << self.dimension()).map(|corner| (first + self.offset(corner), weight(corner))).collect()
     }
 
-    /// The difference of node numbers between a corner of an element and the first corner.
+    /// Returns the difference of node numbers between a corner of an element and the first corner of the element.
     fn offset(&self, corner: usize) -> usize {
         self.node([corner & 1, corner >> 1 & 1, corner >> 2 & 1])
     }
@@ -133,7 +134,7 @@ impl Grid {
     }
 }
 
-/// The digits of a number in a mixed radix, least significant digit first.
+/// Returns the digits of a number in a mixed radix, least significant digit first.
 fn split(mut number: usize, bases: impl Iterator<Item = usize>) -> [usize; 3] {
     let mut digits = [0; 3];
     for (digit, base) in digits.iter_mut().zip(bases) {

@@ -2,43 +2,43 @@
 
 use super::Grid;
 
-/// A side of the domain, normal to an axis.
+/// A side of a rectangular domain, normal to an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Side {
-    /// The normal direction: 0, 1 or 2 for `x`, `y` or `z`.
+    /// The direction of the side's normal: 0, 1 or 2 for `x`, `y` or `z`.
     pub direction: usize,
     /// Whether the side is at the upper end of the axis.
     pub is_upper: bool,
 }
 
-/// A face of an element on a side.
+/// A face of an element on a side of the domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
-    /// The `2^(d-1)` nodes of the face.
+    /// The `2^(d-1)` nodes of the face, in `d` dimensions.
     pub nodes: Vec<usize>,
-    /// The centre of the face.
+    /// The coordinates of the centre of the face.
     pub centre: [f64; 3],
 }
 
 impl Side {
-    /// All sides of a grid of the given dimension, in the order of [`Side::place`].
+    /// Returns all sides of a domain of the given dimension, in the order of [`Side::place`].
     pub fn all(dimension: usize) -> impl Iterator<Item = Self> {
         (0..dimension).flat_map(|direction| [false, true].map(|is_upper| Self { direction, is_upper }))
     }
 
-    /// The name in a specification: `x_min`, `x_max`, `y_min`, ...
+    /// Returns the name of the side in a specification: `x_min`, `x_max`, `y_min`, ...
     pub fn name(self) -> &'static str {
         ["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"][self.place()]
     }
 
-    /// The index of the side in [`Side::all`].
+    /// Returns the index of the side in [`Side::all`].
     pub fn place(self) -> usize {
         2 * self.direction + usize::from(self.is_upper)
     }
 }
 
 impl Grid {
-    /// The nodes on a side, in increasing order.
+    /// Returns the nodes on a side of the grid, in increasing order.
     pub fn nodes_on(&self, side: Side) -> impl Iterator<Item = usize> + '_ {
         let axis = &self.axes()[side.direction];
         let at = if side.is_upper { axis.nodes() - 1 } else { 0 };
@@ -50,7 +50,7 @@ impl Grid {
         })
     }
 
-    /// The faces of elements on a side; they cover the side.
+    /// Returns the faces of elements on a side of the grid; they cover the side.
     pub fn faces_on(&self, side: Side) -> impl Iterator<Item = Face> + '_ {
         let axis = &self.axes()[side.direction];
         let at = if side.is_upper { axis.elements - 1 } else { 0 };
@@ -62,7 +62,7 @@ impl Grid {
         })
     }
 
-    /// The area of an element face on a side; one in one dimension, where the side is a point.
+    /// Returns the area of an element face on a side; one for a one-dimensional grid, where the side is a point.
     pub fn face_area(&self, side: Side) -> f64 {
         let along = self.axes().iter().enumerate().filter(|(direction, _)| *direction != side.direction);
         along.map(|(_, axis)| axis.spacing()).product()

@@ -1,22 +1,22 @@
-//! Coefficients of friction `mu(t, q, v, s)` that vary: in time, from place to place, and with the speed `s` of the slip
-//! (Stribeck 1902). The speed is an input of its own, since `|u_t|` has no derivative where a contact sticks; within a
-//! mode it is smooth.
+//! Coefficients of friction `mu(t, q, v, s)` that vary in time, from place to place, and with the slip speed `s`
+//! (Stribeck 1902). The slip speed is a separate input, since `|u_t|` is not differentiable in `v` at a sticking
+//! contact; within one contact mode it is smooth.
 
 use expression::{ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
 use numerics::Interval;
 
-/// The input of a coefficient that is the speed of the slip, in a system with `n` coordinates: it follows `t`, `q` and
-/// `v`, in the place of an acceleration, on which no coefficient depends.
+/// Returns the graph input for the slip speed of a coefficient of friction, in a system with `n` coordinates: it
+/// follows `t`, `q` and `v`, and takes the index of the first acceleration, on which no coefficient depends.
 pub fn slip_speed_input(n: usize) -> usize {
     1 + 2 * n
 }
 
-/// A coefficient with its derivatives by `(q, v, s)`.
+/// A compiled coefficient of friction with its derivatives with respect to `(q, v, s)`, where `s` is the slip speed.
 #[derive(Clone, Debug)]
 pub(super) struct Coefficient {
     value: Tape,
     slopes: Tape,
-    /// The places of the slopes among `(q, v, s)`.
+    /// The indices in `(q, v, s)` of the structurally nonzero derivatives.
     places: Vec<usize>,
     of_value: IntervalWorkspace,
     of_slopes: IntervalWorkspace,
@@ -51,7 +51,7 @@ impl Coefficient {
         })
     }
 
-    /// Binds new parameter values.
+    /// Binds new parameter values to the compiled programs.
     pub fn bind(&mut self, parameters: &[f64]) {
         for (tape, ranges) in [(&mut self.value, &mut self.of_value), (&mut self.slopes, &mut self.of_slopes)] {
             tape.bind(parameters);
@@ -72,7 +72,7 @@ impl Coefficient {
         self.boxes.extend(x.iter().copied().chain([slip_speed]));
     }
 
-    /// `mu`.
+    /// Evaluates the coefficient of friction.
     pub fn value(&mut self, t: f64, (q, v): (&[f64], &[f64]), slip_speed: f64) -> f64 {
         self.place(q, v, slip_speed);
         let mut mu = [0.0];
@@ -80,7 +80,8 @@ impl Coefficient {
         mu[0]
     }
 
-    /// Writes the derivatives of `mu` by `(q, v, s)`.
+    /// Writes the derivatives of the coefficient of friction with respect to `(q, v, s)`, where `s` is the slip
+    /// speed.
     pub fn slopes(&mut self, t: f64, (q, v): (&[f64], &[f64]), slip_speed: f64, slopes: &mut [f64]) {
         self.place(q, v, slip_speed);
         self.slopes.evaluate(t, &self.inputs, &mut self.values);
@@ -90,7 +91,7 @@ impl Coefficient {
         }
     }
 
-    /// Encloses `mu` over a box.
+    /// Encloses the coefficient of friction over a box of `t`, `x = (q, v)` and slip speeds.
     pub fn enclose(&mut self, t: Interval, x: &[Interval], slip_speed: Interval) -> Interval {
         self.place_box(x, slip_speed);
         let mut mu = [Interval::LINE];
@@ -98,13 +99,15 @@ impl Coefficient {
         mu[0]
     }
 
-    /// Whether `mu` may have a jump in a box, at any speed of the slip.
+    /// Returns whether the coefficient of friction may have a jump in a box of `t` and `x = (q, v)`, at any slip
+    /// speed.
     pub fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
         self.place_box(x, Interval::new(0.0, f64::INFINITY));
         self.jumps.may_be_in(t, &self.boxes)
     }
 
-    /// Encloses the derivatives of `mu` by `(q, v, s)` over a box.
+    /// Encloses the derivatives of the coefficient of friction with respect to `(q, v, s)` over a box of `t`, `x =
+    /// (q, v)` and slip speeds `s`.
     pub fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slip_speed: Interval, slopes: &mut [Interval]) {
         self.place_box(x, slip_speed);
         self.slopes.enclose(t, &self.boxes, &mut self.of_slopes, &mut self.ranges);

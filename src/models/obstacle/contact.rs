@@ -1,14 +1,15 @@
-//! The contact set: where `u` touches an obstacle, and the contact force.
+//! The contact set of an obstacle problem: where the solution `u` touches an obstacle, and the contact force.
 //!
-//! Near the contact set, the gap `g = u - phi` of an exact solution grows as the square of the distance from the free
-//! boundary. The nodal gaps have an additional linear term: at `m` nodes beyond the last node `c` in contact, whose
-//! pressure is reduced, `g_m = kappa h^2 (m (m - 1) / 2 + theta m)` with `0 <= theta <= 1`. The slope of the gap is
-//! linear in position and vanishes at `c + (1/2 - theta) h`, the position of the free boundary between nodes.
+//! Near the contact set, the gap `g = u - phi` of an exact solution to the obstacle `phi` grows as the square of the
+//! distance from the free boundary. The nodal gaps have an additional linear term: at `m` nodes beyond the last node
+//! `c` in contact, whose pressure is reduced, `g_m = kappa h^2 (m (m - 1) / 2 + theta m)` with the grid spacing `h`
+//! and `0 <= theta <= 1`. The slope of the gap is linear in position and vanishes at `c + (1/2 - theta) h`, the
+//! position of the free boundary between nodes.
 
 use super::Semidiscrete;
 use crate::finite_elements::Axis;
 
-/// The contact set at one time.
+/// The contact set of an obstacle problem at one time: where `u` touches an obstacle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Contact {
     /// The length, area or volume of the contact set.
@@ -24,8 +25,8 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Measures the contact set of nodal values `u` within the bounds of the system; `force` is the contact force on
-    /// each node.
+    /// Measures the contact set of nodal values `u`, with the bounds of `K` that the system has evaluated last;
+    /// `force` is the contact force on each node.
     pub fn of(system: &Semidiscrete, u: &[f64], force: &[f64]) -> Self {
         let axes = system.problem.grid.axes();
         let (along, across) = (axes[0], &axes[1..]);
@@ -51,7 +52,7 @@ impl Contact {
     }
 }
 
-/// The length or area represented by the `k`-th grid line along `x`, in the directions across it.
+/// Returns the length or area across the `x` direction that the `k`-th grid line along `x` represents.
 fn width(across: &[Axis], mut k: usize) -> f64 {
     let mut width = 1.0;
     for axis in across {
@@ -65,13 +66,13 @@ fn width(across: &[Axis], mut k: usize) -> f64 {
 /// The nodes of a grid line along `x`.
 struct Line {
     axis: Axis,
-    /// The distance of each node from the nearer obstacle.
+    /// The distance of the nodal value of each node from the nearer obstacle.
     gaps: Vec<f64>,
     touches: Vec<bool>,
 }
 
 impl Line {
-    /// Reads the line that begins at node `first`; returns the number of its nodes in contact.
+    /// Reads the grid line that begins at node `first`; returns the number of its nodes in contact.
     fn read(&mut self, system: &Semidiscrete, u: &[f64], first: usize) -> usize {
         let n = self.gaps.len();
         for (i, (gap, touches)) in self.gaps.iter_mut().zip(&mut self.touches).enumerate() {
@@ -81,15 +82,15 @@ impl Line {
             *touches = *gap == 0.0 && !system.is_given[node];
         }
         let touching = self.touches.iter().filter(|touches| **touches).count();
-        // Nodes with given values are not in contact. At the end of a line, such a node extends an adjacent contact
-        // interval.
+        // Nodes with Dirichlet values are not in contact. At the end of a line, such a node extends an adjacent
+        // contact interval.
         for (end, next) in [(0, 1), (n - 1, n - 2)] {
             self.touches[end] |= system.is_given[first + end] && self.touches[next];
         }
         touching
     }
 
-    /// Visits the contact intervals of the line.
+    /// Calls `visit` with the ends of each contact interval of the grid line.
     fn runs(&self, mut visit: impl FnMut(f64, f64)) {
         let n = self.touches.len();
         let mut start = 0;
@@ -103,8 +104,8 @@ impl Line {
         }
     }
 
-    /// `1/2 - theta`: the distance, in units of `h`, of the free boundary from the last node in contact; `at(m)` is the
-    /// `m`-th node beyond that node.
+    /// Returns `1/2 - theta`: the distance, in units of the grid spacing `h`, of the free boundary from the last node
+    /// in contact; `at(m)` is the `m`-th node beyond the last node in contact.
     fn beyond(&self, at: impl Fn(usize) -> Option<usize>) -> f64 {
         let gap = |m| at(m).filter(|&i| !self.touches[i]).map(|i| self.gaps[i]);
         let (Some(first), Some(second)) = (gap(1), gap(2)) else { return 0.0 };

@@ -10,20 +10,20 @@ pub enum ObstacleDataError {
     NotFinite {
         /// The key of the expression in a specification.
         key: String,
-        /// The value of the expression.
+        /// The value of the expression, NaN or infinite.
         value: f64,
-        /// The position.
+        /// The position of the invalid value.
         at: [f64; 3],
-        /// The time.
+        /// The time of the invalid value.
         t: f64,
     },
-    /// Diffusion is negative: the equation would be ill-posed.
+    /// The diffusion coefficient is negative, so that the equation would be ill-posed.
     NegativeDiffusion {
-        /// The diffusion coefficient.
+        /// The value of the diffusion coefficient.
         value: f64,
-        /// The position.
+        /// The position at which diffusion is negative.
         at: [f64; 3],
-        /// The time.
+        /// The time at which diffusion is negative.
         t: f64,
     },
     /// The lower obstacle is above the upper one.
@@ -32,37 +32,37 @@ pub enum ObstacleDataError {
         lower: f64,
         /// The value of the upper obstacle.
         upper: f64,
-        /// The position.
+        /// The position at which the obstacles cross.
         at: [f64; 3],
-        /// The time.
+        /// The time at which the obstacles cross.
         t: f64,
     },
     /// A Dirichlet value on a side is beyond an obstacle.
     GivenBeyond {
-        /// The side.
+        /// The side of the domain with the Dirichlet condition.
         side: Side,
-        /// The Dirichlet value.
+        /// The Dirichlet value of the condition.
         value: f64,
-        /// The value of the obstacle.
+        /// The value of the violated obstacle.
         bound: f64,
-        /// The position.
+        /// The position of the violation.
         at: [f64; 3],
-        /// The time.
+        /// The time of the violation.
         t: f64,
     },
     /// The initial value is beyond an obstacle.
     InitialBeyond {
-        /// The initial value.
+        /// The initial value of `u`.
         value: f64,
-        /// The value of the obstacle.
+        /// The value of the violated obstacle.
         bound: f64,
-        /// The position.
+        /// The position of the violation.
         at: [f64; 3],
     },
 }
 
 impl ObstacleDataError {
-    /// The key of the invalid value in a specification.
+    /// Returns the key of the invalid value in a specification.
     pub fn key(&self) -> String {
         match self {
             Self::NotFinite { key, .. } => key.clone(),
@@ -73,7 +73,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// A stable error code for programs.
+    /// Returns an error code for programs; it does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "not_finite",
@@ -83,7 +83,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// The expected value, for messages.
+    /// Returns a description of a valid value, for messages.
     pub fn expected(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "a finite value in the whole domain",

@@ -1,4 +1,4 @@
-//! Functions of time and position, given as expressions.
+//! Functions of time and position, given as symbolic expressions.
 
 use expression::{Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
@@ -11,12 +11,12 @@ pub struct Field {
     constant: Option<f64>,
     inputs: Vec<usize>,
     node: Node,
-    /// The derivative by time and its workspace, if the function is smooth.
+    /// The time derivative with its workspace; `None` if the function does not depend on time or is not smooth.
     rate: Option<(Tape, IntervalWorkspace)>,
 }
 
 impl Field {
-    /// Compiles a node of the graph.
+    /// Compiles a node of the graph to a function of time and position.
     pub fn new(graph: &mut Graph, node: Node) -> Self {
         let inputs = graph.inputs(node);
         let tape = Tape::compile(graph, &[node]);
@@ -30,28 +30,28 @@ impl Field {
         Self { enclosures: IntervalWorkspace::new(&tape), tape, constant: graph.value(node), rate, inputs, node }
     }
 
-    /// The value, if the function is constant in time and space.
+    /// Returns the value of the function if it is constant in time and space.
     pub fn constant(&self) -> Option<f64> {
         self.constant
     }
 
-    /// Whether the function depends on time.
+    /// Returns whether the function depends on time.
     pub fn varies_in_time(&self) -> bool {
         self.inputs.contains(&0)
     }
 
-    /// Whether the function depends on the place.
+    /// Returns whether the function depends on position.
     pub fn varies_in_space(&self) -> bool {
         self.inputs.iter().any(|&input| input > 0)
     }
 
-    /// The node of the graph of which the function was compiled.
+    /// Returns the node of the graph from which the function was compiled.
     pub fn node(&self) -> Node {
         self.node
     }
 
-    /// Encloses the values over a time interval at a point; narrower than [`over`](Self::over) where the derivative by
-    /// time can be enclosed.
+    /// Encloses the values of the function over a time interval at a point; narrower than [`over`](Self::over) if the
+    /// time derivative can be enclosed.
     pub fn over_time(&mut self, t: Interval, at: [f64; 3]) -> Interval {
         let at = at.map(Interval::point);
         let direct = self.over(t, &at);
@@ -67,14 +67,15 @@ impl Field {
         Interval { lo: direct.lo.max(by_rate.lo), hi: direct.hi.min(by_rate.hi), defined: true }
     }
 
-    /// Encloses the values over a time interval and a box.
+    /// Encloses the values of the function over a time interval and a box of positions.
     pub fn over(&mut self, t: Interval, at: &[Interval; 3]) -> Interval {
         let mut value = [Interval::EMPTY];
         self.tape.enclose(t, at, &mut self.enclosures, &mut value);
         value[0]
     }
 
-    /// The value at a time and a position; NaN or infinite outside the domain of the expression.
+    /// Returns the value of the function at a time and a position; NaN or infinite outside the domain of the
+    /// expression.
     pub fn at(&mut self, t: f64, [x, y, z]: [f64; 3]) -> f64 {
         match self.constant {
             Some(value) => value,

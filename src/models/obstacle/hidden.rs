@@ -1,36 +1,38 @@
-//! Hidden motion: bounds on the motion of nodes between the stages of a step, which the error estimate does not detect.
+//! Hidden motion: bounds on the motion of nodes between the stages of a TR-BDF2 step, which the error estimate does
+//! not detect.
 //!
 //! The error estimate of a node on an obstacle is zero for any step size, and all estimates are small in a steady
-//! state, so that steps grow. A short pulse of the source may then lie between the stages. To detect it, three
-//! contributions are added to the error:
+//! state, so that steps grow. A short pulse of the source may then lie between the stages. To detect such motion,
+//! three contributions are added to the error, from the solution at three times (beginning, stage and end of the
+//! step):
 //!
-//! - A node in contact with different obstacles at two of the three times (beginning, stage, end), or out of contact at
-//!   the stage alone, contributes its displacement range.
+//! - A node in contact with different obstacles at two of the three times, or out of contact at the stage alone,
+//!   contributes its displacement range.
 //! - Nodes in contact at all three times are proven to stay in contact in between, or contribute a bound on their
 //!   possible displacement: [`Resting`].
 //! - Nodes contribute their displacements by variations of the data that the three times miss: [`Unseen`].
 //!
-//! The parabola of a node may enter an obstacle that moves within its range at the three times: where obstacles depend on
-//! time, every free node contributes its penetration at [points in between](BETWEEN).
+//! An obstacle that moves may meet the parabola through the values of a node at the three times: where obstacles
+//! depend on time, every free node contributes the penetration of its parabola at [points in between](BETWEEN).
 
 use super::resting::{Moment, Resting};
 use super::unseen::Unseen;
 use super::{GAMMA, ObstacleError, Semidiscrete};
 use problem::Control;
 
-/// Parts of a step at which moving obstacles are compared with the parabolas of nodes: quarters of the time to the stage, and
-/// the middle of the time behind it.
+/// Fractions of a step at which moving obstacles are compared with the parabolas of nodes: quarters of the time from
+/// the beginning to the stage, and the middle of the time from the stage to the end.
 const BETWEEN: [f64; 4] = [0.25 * GAMMA, 0.5 * GAMMA, 0.75 * GAMMA, 0.5 * (1.0 + GAMMA)];
 
-/// Workspace for data at times between the stages.
+/// Workspace for bounds on the motion of nodes between the stages of a step.
 pub struct Hidden {
     kept: Kept,
     resting: Resting,
-    /// The search for variations of the data.
+    /// The search for variations of the data between the beginning, the stage and the end of a step.
     pub unseen: Unseen,
 }
 
-/// Copies of the vectors at the end of a step.
+/// Copies of the obstacles at the nodes at the end of a step.
 #[derive(Default)]
 struct Kept {
     lower: Vec<f64>,
@@ -39,22 +41,23 @@ struct Kept {
 
 /// The solution at the beginning, the stage and the end of a step.
 pub struct Seen<'a> {
-    /// The three times.
+    /// The times of the beginning, the stage and the end of the step.
     pub times: [f64; 3],
-    /// The nodal values at the three times.
+    /// The nodal values at the beginning, the stage and the end of the step.
     pub values: [&'a [f64]; 3],
-    /// The forces and contact states at the three times.
+    /// The contact forces and contact states of the nodes at the beginning, the stage and the end of the step.
     pub moments: &'a [Moment; 3],
 }
 
 impl Seen<'_> {
-    /// The smallest and the largest value of a node at the three times.
+    /// Returns the smallest and the largest value of a node at the beginning, the stage and the end of the step.
     fn range(&self, node: usize) -> (f64, f64) {
         let of = self.values.iter().map(|values| values[node]);
         of.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)))
     }
 
-    /// The value at `t` of the parabola through values at the three times.
+    /// Returns the value at time `t` of the parabola through the values `a`, `b`, `c` at the beginning, the stage and
+    /// the end of the step.
     pub fn parabola(&self, t: f64, [a, b, c]: [f64; 3]) -> f64 {
         let part = (t - self.times[0]) / (self.times[2] - self.times[0]);
         let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
@@ -64,17 +67,17 @@ impl Seen<'_> {
 }
 
 impl Hidden {
-    /// Allocates the workspace for a system.
+    /// Allocates the workspace for a semidiscrete system.
     pub fn new(system: &Semidiscrete) -> Self {
         let resting = Resting::new(system.weights.len());
         Self { kept: Kept::default(), resting, unseen: Unseen::new(&system.problem) }
     }
 
-    /// The root mean square over the domain of the hidden motion of nodes in a step. Bounds on resting nodes are not
-    /// refined below `negligible`. The vectors of `system` must be those of the end of the step, and are restored.
+    /// Returns the root mean square over the domain of the hidden motion of nodes in a step. Bounds on resting nodes
+    /// are not refined below `negligible`. The vectors of `system` must be those of the end of the step, and are
+    /// restored.
     ///
-    /// # Errors
-    /// If data between the stages are not finite or contradict each other, or if `control` asks to stop.
+    /// # Errors If data between the stages are not finite or contradict each other, or if `control` asks to stop.
     pub fn error(
         &mut self,
         system: &mut Semidiscrete,
@@ -101,7 +104,7 @@ impl Hidden {
         Ok((weighted.sum::<f64>() / system.weights.iter().sum::<f64>()).sqrt())
     }
 
-    /// Raises `moved` to the penetrations of the parabolas of nodes into obstacles between the stages.
+    /// Raises `moved` to the penetrations of the parabolas of nodes into obstacles at times between the stages.
     fn look_at_obstacles(
         &mut self,
         system: &mut Semidiscrete,

@@ -1,5 +1,5 @@
 //! The nodal load vector `f`: the source at element centres and the inflow through the faces of sides, distributed to
-//! their nodes. It is evaluated at a time, or enclosed over a time interval.
+//! their nodes. The load is evaluated at a time, or enclosed over a time interval.
 
 use super::semidiscrete::{finite, go_on, side_key};
 use super::{Condition, Field, Obstacle, ObstacleError};
@@ -7,20 +7,20 @@ use crate::finite_elements::{Element, Quadrature, Side};
 use numerics::Interval;
 use problem::Control;
 
-/// The contribution of an element or a face to each of its nodes: `part` times the value of `field` at `at`.
+/// The contribution of an element or a boundary face to the load on each of its nodes: `part` times the value of
+/// `field` at the position `at`.
 struct Share<'a> {
     field: &'a mut Field,
-    /// The side of a face; `None` for an element.
+    /// The side of the domain for a face; `None` for an element.
     side: Option<Side>,
     at: [f64; 3],
     part: f64,
     nodes: &'a [usize],
 }
 
-/// Evaluates `f` at time `t`.
+/// Evaluates the load vector `f` at time `t`.
 ///
-/// # Errors
-/// If a value is not finite, or if `control` asks to stop.
+/// # Errors If a value is not finite, or if `control` asks to stop.
 pub(super) fn load_at(
     problem: &mut Obstacle,
     load: &mut [f64],
@@ -38,10 +38,9 @@ pub(super) fn load_at(
     })
 }
 
-/// Encloses `f` over a time interval, at the `wanted` nodes.
+/// Encloses the load vector `f` over a time interval, at the `wanted` nodes.
 ///
-/// # Errors
-/// If `control` asks to stop.
+/// # Errors If `control` asks to stop.
 pub(super) fn load_over(
     problem: &mut Obstacle,
     wanted: &[bool],
@@ -59,7 +58,7 @@ pub(super) fn load_over(
     })
 }
 
-/// Visits the contributions of all elements and faces.
+/// Visits the contributions of all elements and boundary faces to the load vector.
 fn each(
     problem: &mut Obstacle,
     t: f64,

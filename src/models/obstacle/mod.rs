@@ -1,4 +1,4 @@
-//! The parabolic obstacle problem: find `u` between `phi` and `psi` with
+//! The parabolic obstacle problem: find `u` between the obstacles `phi` and `psi` with
 //!
 //! ```text
 //! u_t - div(a grad u) + b . grad u + c u = f + w,    0 <= w where u = phi,  w <= 0 where u = psi,  w = 0 elsewhere

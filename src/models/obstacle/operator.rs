@@ -1,13 +1,14 @@
-//! Assembly of `A(t)` from coefficients at element centres, with exponential fitting: along each direction, `a` is
-//! raised to
+//! Assembly of the operator matrix `A(t)` from coefficients at element centres, with exponential fitting: along each
+//! direction, the diffusion `a` is raised to
 //!
 //! ```text
 //! a* = a p coth p,    p = |b| h / (2a),
 //! ```
 //!
-//! so that in one dimension with constant `a`, `b` and `f` the nodal values of a stationary `u` are exact (Allen and
-//! Southwell 1955; Scharfetter and Gummel 1969). The method is of second order if the grid resolves `a / b`, and free
-//! of oscillations otherwise. With nodal quadrature, off-diagonal entries are never positive.
+//! with the advection `b` and the element length `h`, so that in one dimension with constant `a`, `b` and `f` the
+//! nodal values of a stationary `u` are exact (Allen and Southwell 1955; Scharfetter and Gummel 1969). The method is
+//! of second order if the grid resolves `a / b`, and free of oscillations otherwise. With nodal quadrature,
+//! off-diagonal entries are never positive.
 
 use super::semidiscrete::{finite, go_on};
 use super::{Field, Obstacle, ObstacleDataError, ObstacleError};
@@ -16,10 +17,9 @@ use factorisation::SparseMatrix;
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// Assembles `A` at time `t`; `matrix` must be zero.
+/// Assembles the operator matrix `A` at time `t`; `matrix` must be zero.
 ///
-/// # Errors
-/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+/// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn stiffness(
     problem: &mut Obstacle,
     mut matrix: Assembly,
@@ -53,10 +53,9 @@ pub(super) fn stiffness(
     Ok(matrix.finish())
 }
 
-/// Checks all coefficients of `A` at time `t`.
+/// Checks all coefficients of the operator at time `t`.
 ///
-/// # Errors
-/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+/// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), ObstacleError> {
     let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
     for index in 0..grid.elements() {
@@ -72,7 +71,7 @@ pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Contr
     Ok(())
 }
 
-/// `a` and `b` along one direction.
+/// Returns the diffusion `a` and the advection `b` along one direction.
 fn coefficients(
     diffusion: &mut Field,
     advection: Option<&mut Field>,
@@ -87,10 +86,9 @@ fn coefficients(
     Ok((a, b))
 }
 
-/// The largest element Peclet number `|b| h / (2a)` at time `t`.
+/// Returns the largest element Peclet number `|b| h / (2a)` at time `t`.
 ///
-/// # Errors
-/// If `control` asks to stop.
+/// # Errors If `control` asks to stop.
 pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, ObstacleError> {
     let Obstacle { grid, diffusion, advection, .. } = problem;
     let mut largest = 0.0_f64;
@@ -108,14 +106,14 @@ pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Resu
     Ok(largest)
 }
 
-/// `a p coth p` for `p = flow / (2a)`.
+/// Returns the fitted diffusion `a p coth p` for `p = flow / (2a)`, where `flow` is `|b| h`.
 fn fitted(a: f64, flow: f64) -> f64 {
-    // Here p coth p - 1 = p^2/3 - .. is below rounding, and the formula would divide zero by zero if flow and a are
-    // zero.
+    // For small `p`, `p coth p - 1 = p^2/3 - ..` is below rounding, and the formula would divide zero by zero if
+    // `flow` and `a` are zero.
     if flow <= 1e-8 * a {
         return a;
     }
-    // For a = 0, p is infinite and the result is flow / 2.
+    // For `a = 0`, `p` is infinite and the result is `flow / 2`.
     0.5 * flow / (0.5 * flow / a).tanh()
 }
 

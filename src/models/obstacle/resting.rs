@@ -1,20 +1,21 @@
-//! Proof that nodes in contact at the beginning, the stage and the end of a step stay in contact in between.
+//! Proof that nodes in contact at the beginning, the stage and the end of a TR-BDF2 step stay in contact in between.
 //!
-//! A node stays in contact while the contact force, the force from its neighbours less `f`, is not adhesive. The force
-//! from the neighbours is known at the three times and interpolated by a parabola; `f` is enclosed over subintervals of
-//! the step, in interval arithmetic. Subintervals in which the contact force may be adhesive are bisected, the worst
-//! first, until the displacement of the nodes caused by all of them is negligible: contact is then proven. If the limit
-//! on subintervals is reached, the remaining displacement is added to the error of the step.
+//! A node stays in contact while the contact force, the force from its neighbours less the load `f`, is not adhesive.
+//! The force from the neighbours is known at the three times and interpolated by a parabola; `f` is enclosed over
+//! subintervals of the step, in interval arithmetic. Subintervals in which the contact force may be adhesive are
+//! bisected, the worst first, until the displacement of the nodes caused by all of them is negligible: contact is
+//! then proven. If the limit on subintervals is reached, the remaining displacement is added to the error of the
+//! step.
 
 use super::load::load_over;
 use super::{ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
-/// Limit on the number of bisections per step.
+/// Maximum number of bisections of a step in the proof of contact.
 const PARTS: usize = 64;
 
-/// Rounding error of the forces on a node, relative to their terms.
+/// Rounding error of the forces on a node, relative to the magnitude of their terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Contact states and forces of all nodes at one time of a step.
@@ -22,21 +23,21 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 pub struct Moment {
     /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// The contact force on each node.
+    /// The contact force on each node, upwards.
     pub force: Vec<f64>,
     /// The displacement of each node due to its contact force, with neighbours fixed.
     pub kept: Vec<f64>,
-    /// The load `f`.
+    /// The load vector `f` at the nodes.
     pub load: Vec<f64>,
 }
 
 impl Moment {
-    /// Allocates vectors for `nodes` nodes.
+    /// Allocates vectors for the given number of nodes.
     pub fn new(nodes: usize) -> Self {
         Self { held: vec![0; nodes], force: vec![0.0; nodes], kept: vec![0.0; nodes], load: vec![0.0; nodes] }
     }
 
-    /// The force on a node from its neighbours: contact force plus load.
+    /// Returns the force on a node from its neighbours, which is the sum of contact force and load.
     fn push(&self, node: usize) -> f64 {
         self.force[node] + self.load[node]
     }
@@ -46,29 +47,28 @@ impl Moment {
 struct Part {
     from: f64,
     to: f64,
-    /// The nodes concerned, with bounds on their displacements.
+    /// The nodes whose contact force may be adhesive, with bounds on their displacements.
     moved: Vec<(usize, f64)>,
-    /// The root mean square of the displacements over the domain.
+    /// The root mean square of the bounds over the domain.
     size: f64,
 }
 
-/// Workspace of the proof.
+/// Workspace of the proof that nodes stay in contact.
 pub struct Resting {
     wanted: Vec<bool>,
     load: Vec<Interval>,
 }
 
 impl Resting {
-    /// Allocates the workspace for `nodes` nodes.
+    /// Allocates the workspace for the given number of nodes.
     pub fn new(nodes: usize) -> Self {
         Self { wanted: vec![false; nodes], load: vec![Interval::point(0.0); nodes] }
     }
 
-    /// Adds to `moved` bounds on the displacement, between the given times, of nodes in contact at all of them. Adds
-    /// nothing if the root mean square of the bounds is below `negligible`.
+    /// Adds to `moved` bounds on the displacement, between the beginning, the stage and the end of a step, of nodes
+    /// in contact at all three times. Adds nothing if the root mean square of the bounds is below `negligible`.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn bound(
         &mut self,
         system: &mut Semidiscrete,
@@ -113,7 +113,8 @@ impl Resting {
         Ok(())
     }
 
-    /// Bounds the displacement, in a subinterval, of nodes in contact at all three times; `None` if contact is proven.
+    /// Bounds the displacement, in a subinterval, of nodes in contact at the beginning, the stage and the end of the
+    /// step; `None` if contact is proven.
     fn part(
         &mut self,
         system: &mut Semidiscrete,
@@ -134,7 +135,7 @@ impl Resting {
             let (first, whole) = ((b - a) / middle, (c - a) / end);
             let bend = (whole - first) / (end - middle);
             let push = [from, to].map(|t| a + (t - times[0]) * (first + bend * (t - times[1])));
-            // Lower bound of the parabola: its chord less `bend (to - from)^2 / 4`.
+            // Lower bound of the parabola on the subinterval: its chord less `bend (to - from)^2 / 4`.
             let least = push[0].min(push[1]) - 0.25 * bend.max(0.0) * (to - from).powi(2);
             let load = self.load[node];
             let most = if side > 0.0 { load.hi } else { -load.lo };

@@ -1,4 +1,5 @@
-//! Semidiscretisation in space: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
+//! Semidiscretisation of an obstacle problem in space: the mass matrix `M`, the operator `A(t)`, the load `f(t)`, and
+//! the bounds of `K(t)` at the nodes of the grid.
 
 use super::load::load_at;
 use super::operator::{check_coefficients, stiffness};
@@ -7,47 +8,48 @@ use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted};
 
-/// The equations of the nodal values `u`, with matrices and vectors at the time of their last evaluation.
+/// The equations of the nodal values `u` of an obstacle problem, with matrices and vectors at the time of their last
+/// evaluation.
 pub struct Semidiscrete {
-    /// The problem.
+    /// The obstacle problem before discretisation.
     pub problem: Obstacle,
-    /// The mass matrix `M`.
+    /// The mass matrix `M` of the finite elements.
     pub mass: SparseMatrix,
-    /// The operator `A`, with the pattern of `M`.
+    /// The operator matrix `A`, with the sparsity pattern of `M`.
     pub stiffness: SparseMatrix,
-    /// The load `f`, with the inflow through the sides.
+    /// The load vector `f`, including the inflow through the sides.
     pub load: Vec<f64>,
-    /// The set `K`; both bounds of a node with a Dirichlet condition are equal to the given value.
+    /// The set `K` between the obstacles; both bounds of a node with a Dirichlet condition are equal to the given
+    /// value.
     pub set: ConvexSet,
-    /// The integral of each shape function.
+    /// The integral of each shape function over the domain.
     pub weights: Vec<f64>,
     /// For each node, whether `u` is given by a Dirichlet condition.
     pub is_given: Vec<bool>,
-    /// A zero matrix for the assembly of `A`.
+    /// A zero matrix with the sparsity pattern of `A`, as start of its assembly.
     blank: Assembly,
     has_operator: bool,
     has_vectors: bool,
     varying: Varying,
 }
 
-/// Which parts of the equations depend on time.
+/// Which parts of the semidiscrete equations depend on time.
 struct Varying {
     operator: bool,
     load: bool,
     set: bool,
 }
 
-/// Elements assembled between two polls of [`Control`]: about a millisecond's work.
+/// Number of elements assembled between two polls of [`Control`]: about a millisecond's work.
 const AT_ONCE: usize = 1 << 13;
 
-/// Relative tolerance for values beyond an obstacle, which count as values on the obstacle.
+/// Relative tolerance for violations of an obstacle: values beyond it by less are treated as values on the obstacle.
 const ROUNDING: f64 = 1e-10;
 
 impl Semidiscrete {
     /// Assembles the mass matrix. [`Self::operator_at`] and [`Self::vectors_at`] evaluate `A`, `f` and `K`.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn new(problem: Obstacle, control: &Control) -> Result<Self, Interrupted> {
         let grid = &problem.grid;
         let n = grid.nodes();
@@ -92,20 +94,19 @@ impl Semidiscrete {
         })
     }
 
-    /// Whether `f` depends on time.
+    /// Returns whether the load `f` depends on time.
     pub(super) fn load_varies(&self) -> bool {
         self.varying.load
     }
 
-    /// Whether `K` depends on time.
+    /// Returns whether the set `K` depends on time.
     pub(super) fn set_varies(&self) -> bool {
         self.varying.set
     }
 
-    /// Evaluates `A` at time `t`; returns whether `A` was assembled anew.
+    /// Evaluates the operator matrix `A` at time `t`; returns whether it was assembled anew.
     ///
-    /// # Errors
-    /// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+    /// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
     pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, ObstacleError> {
         if self.has_operator && !self.varying.operator {
             return Ok(false);
@@ -115,11 +116,10 @@ impl Semidiscrete {
         Ok(true)
     }
 
-    /// Evaluates `f` and `K` at time `t`.
+    /// Evaluates the load `f` and the set `K` at time `t`.
     ///
-    /// # Errors
-    /// If a value is not finite, if obstacles cross, if a Dirichlet value is beyond an obstacle, or if `control` asks
-    /// to stop.
+    /// # Errors If a value is not finite, if obstacles cross, if a Dirichlet value is beyond an obstacle, or if
+    /// `control` asks to stop.
     pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         if self.varying.load || !self.has_vectors {
             load_at(&mut self.problem, &mut self.load, t, control)?;
@@ -131,30 +131,27 @@ impl Semidiscrete {
         Ok(())
     }
 
-    /// Evaluates `K` alone at time `t`.
+    /// Evaluates the set `K` alone at time `t`.
     ///
-    /// # Errors
-    /// As for [`Self::vectors_at`].
+    /// # Errors See [`Self::vectors_at`].
     pub(super) fn bounds_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         set_at(&mut self.problem, &mut self.set, &self.is_given, t, control)
     }
 
-    /// The initial nodal values, with Dirichlet values on the sides. `f` and `K` must have been evaluated at the
-    /// initial time.
+    /// Returns the initial nodal values, with Dirichlet values on the sides. The load `f` and the set `K` must have
+    /// been evaluated at the initial time.
     ///
-    /// # Errors
-    /// If a value is not finite, if a value is beyond an obstacle (the worst is reported), or if `control` asks to
-    /// stop.
+    /// # Errors If a value is not finite, if a value is beyond an obstacle (the worst is reported), or if `control`
+    /// asks to stop.
     pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, ObstacleError> {
         initial(&mut self.problem, &self.set, &self.is_given, t, control)
     }
 }
 
 impl Obstacle {
-    /// Checks all data at the initial time `t`, initial values included, without assembling matrices.
+    /// Checks all data of the problem at the initial time `t`, initial values included, without assembling matrices.
     ///
-    /// # Errors
-    /// The first invalid value, or an interruption if `control` asks to stop.
+    /// # Errors The first invalid value, or an interruption if `control` asks to stop.
     pub fn check(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         let n = self.grid.nodes();
         check_coefficients(self, t, control)?;
@@ -165,7 +162,7 @@ impl Obstacle {
         Ok(())
     }
 
-    /// For each node, whether `u` is given by a Dirichlet condition.
+    /// Returns for each node whether `u` is given by a Dirichlet condition.
     fn is_given(&self) -> Vec<bool> {
         let mut is_given = vec![false; self.grid.nodes()];
         for (side, condition) in Side::all(self.grid.dimension()).zip(&self.conditions) {
@@ -177,7 +174,7 @@ impl Obstacle {
     }
 }
 
-/// The initial nodal values, with Dirichlet values on the sides.
+/// Returns the initial nodal values, with Dirichlet values on the sides.
 fn initial(
     problem: &mut Obstacle,
     set: &ConvexSet,
@@ -201,7 +198,7 @@ fn initial(
     worst.1.map_or(Ok(u), |error| Err(error.into()))
 }
 
-/// Evaluates the bounds of `K` at time `t`.
+/// Evaluates the bounds of the set `K` at time `t`.
 fn set_at(
     problem: &mut Obstacle,
     set: &mut ConvexSet,
@@ -257,15 +254,14 @@ fn varies(field: &Field) -> bool {
     field.varies_in_time()
 }
 
-/// The specification key of a boundary condition.
+/// Returns the key of a boundary condition in a specification.
 pub(super) fn side_key(side: Side, kind: &str) -> String {
     format!("boundary/{}/{kind}", side.name())
 }
 
-/// The value of a field.
+/// Returns the value of a field at a time and a position.
 ///
-/// # Errors
-/// If the value is not finite.
+/// # Errors If the value is not finite.
 pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, ObstacleDataError> {
     let value = field.at(t, at);
     if value.is_finite() { Ok(value) } else { Err(ObstacleDataError::NotFinite { key: key.to_owned(), value, at, t }) }

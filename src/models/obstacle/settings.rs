@@ -2,7 +2,7 @@
 
 use super::ObstacleDataError;
 
-/// The settings of a run.
+/// The settings of the time integration of an obstacle problem.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// The tolerance for the root mean square error of a step over the domain, relative to the largest `|u|`.
@@ -11,58 +11,58 @@ pub struct Settings {
     pub atol: f64,
     /// The fixed step size; `None` for adaptive steps.
     pub step: Option<f64>,
-    /// The first step to try.
+    /// The size of the first step; `None` for a default.
     pub first_step: Option<f64>,
-    /// The longest step.
+    /// The maximum step size.
     pub max_step: f64,
-    /// The minimum step size; the run fails below it.
+    /// The minimum step size, below which the run fails.
     pub min_step: f64,
     /// The tolerance for the natural-map residual of a stage, relative to the largest `|u|`.
     pub vi_tolerance: f64,
 }
 
-/// Why a step failed.
+/// Why the time integration of an obstacle problem failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ObstacleError {
-    /// Data of the problem are invalid.
+    /// The data of the obstacle problem are invalid.
     #[error("{0}")]
     ObstacleDataError(ObstacleDataError),
-    /// The step size fell to the rounding level of `t`, or below the minimum.
+    /// The step size fell to the rounding level of `t`, or below the minimum step size.
     #[error("the step size fell to {h:e} at t = {t:?}: {why}")]
     StepTooSmall {
-        /// The time.
+        /// The time at the beginning of the rejected step.
         t: f64,
-        /// The step size.
+        /// The step size that was too small.
         h: f64,
-        /// The reason for the last rejection.
+        /// The reason for which the last step was rejected.
         why: &'static str,
     },
-    /// The variational inequality of a stage was not solved, with a fixed step size.
+    /// The variational inequality of a stage was not solved, in a run with a fixed step size.
     #[error("the inequality at a stage was not solved at t = {t:?}, step {h:e}: {why}")]
     Unsolved {
-        /// The time.
+        /// The time at the beginning of the step.
         t: f64,
-        /// The step size.
+        /// The size of the step.
         h: f64,
-        /// The reason.
+        /// The reason for which the inequality was not solved.
         why: &'static str,
     },
-    /// The factors of the matrix do not fit into memory.
+    /// The factors of the stage matrix do not fit into memory.
     #[error("the factors of a matrix of {nodes} nodes do not fit into memory")]
     Memory {
-        /// The number of rows of the matrix.
+        /// The number of rows of the matrix, one per node.
         nodes: usize,
     },
     /// The run was interrupted through [`Control`](problem::Control).
     #[error("stopped at t = {t:?}")]
     Interrupted {
-        /// The time.
+        /// The time that the run had reached.
         t: f64,
     },
 }
 
 impl ObstacleError {
-    /// A stable error code for programs.
+    /// Returns an error code for programs; it does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::ObstacleDataError(error) => error.code(),
@@ -74,29 +74,30 @@ impl ObstacleError {
     }
 }
 
-/// Statistics of a run.
+/// Statistics of the time integration of an obstacle problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// Accepted steps.
+    /// The number of accepted steps.
     pub accepted: u64,
-    /// Steps rejected because their error was too large.
+    /// The number of steps rejected because their error was too large.
     pub inaccurate: u64,
-    /// Steps rejected because a variational inequality was not solved.
+    /// The number of steps rejected because a variational inequality was not solved.
     pub unsolved: u64,
-    /// Evaluations of `f` and `K`.
+    /// The number of evaluations of the load `f` and the set `K`.
     pub vectors: u64,
-    /// Evaluations of `A`.
+    /// The number of evaluations of the operator matrix `A`.
     pub operators: u64,
-    /// Matrices `M + d h A` set up.
+    /// The number of stage matrices `M + d h A` that were set up.
     pub matrices: u64,
-    /// Variational inequalities solved.
+    /// The number of variational inequalities solved.
     pub solves: u64,
-    /// Active sets tried, over all solves.
+    /// The number of active sets tried, over all variational inequalities.
     pub passes: u64,
-    /// Fixed steps with hidden motion of nodes between the stages above tolerance.
+    /// The number of fixed-size steps in which the hidden motion of nodes between the stages exceeds the tolerance.
     pub unproven: u64,
-    /// Sum of the estimated errors of steps of a given size, relative to the largest `|u|`.
+    /// The sum of the estimated errors of fixed-size steps, relative to the largest `|u|`.
     pub given_steps: f64,
-    /// The largest natural-map residual, with rows divided by their diagonal entry, relative to the largest `|u|`.
+    /// The largest natural-map residual of a stage, with rows divided by their diagonal entry, relative to the
+    /// largest `|u|`.
     pub residual: f64,
 }

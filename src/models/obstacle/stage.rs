@@ -1,4 +1,5 @@
-//! The variational inequality of a stage: with `s = d h` and the explicit part `base` of the stage,
+//! The variational inequality of a stage of TR-BDF2 for the nodal values `U`: with `s = d h`, where `d` is the
+//! diagonal coefficient of the method and `h` the step size, and the explicit part `base` of the stage,
 //!
 //! ```text
 //! U in K,    <S U + q, V - U> >= 0  for all V in K,    S = M + s A,    q = -M base - s f,
@@ -11,15 +12,15 @@ use factorisation::SparseMatrix;
 use problem::Control;
 use vi::{ActiveSet, Outcome, Unsuitable};
 
-/// Solver of the variational inequalities of stages, with the matrix and the active set of the last stage.
+/// A solver of the variational inequalities of stages, with the matrix and the active set of the last stage.
 pub struct Stage {
     /// The contact force on each node; zero at nodes with Dirichlet conditions.
     pub force: Vec<f64>,
     /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// The displacement of each node due to its contact force, with neighbours fixed.
+    /// The displacement of each node due to its contact force, with its neighbours fixed.
     pub kept: Vec<f64>,
-    /// Statistics.
+    /// The numbers of matrices, solves and active sets so far.
     pub work: Work,
     matrix: SparseMatrix,
     shape: Vec<usize>,
@@ -27,32 +28,32 @@ pub struct Stage {
     q: Vec<f64>,
 }
 
-/// Statistics of the solver.
+/// Statistics of the solver of stage inequalities.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
-    /// Matrices set up.
+    /// The number of stage matrices set up.
     pub matrices: u64,
-    /// Variational inequalities solved.
+    /// The number of variational inequalities solved.
     pub solves: u64,
-    /// Active sets tried.
+    /// The number of active sets tried.
     pub passes: u64,
 }
 
-/// Why a variational inequality was not solved.
+/// Why the variational inequality of a stage was not solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unsolved {
-    /// The solve was interrupted through [`Control`].
+    /// The solve of the stage was interrupted through [`Control`].
     Interrupted,
-    /// The factors do not fit into memory.
+    /// The factors of the stage matrix do not fit into memory.
     Memory,
-    /// A diagonal entry is not positive.
+    /// A diagonal entry of the stage matrix is not positive.
     Singular,
-    /// No active set was found.
+    /// The iteration found no active set that solves the inequality.
     NoSolution,
 }
 
 impl Stage {
-    /// Allocates the solver for a system.
+    /// Allocates the solver for a semidiscrete system.
     pub fn new(system: &Semidiscrete) -> Self {
         let n = system.load.len();
         Self {
@@ -67,12 +68,12 @@ impl Stage {
         }
     }
 
-    /// Solves the inequality from the initial guess `u`, which is replaced by the solution. Returns the natural-map
-    /// residual, with rows divided by their diagonal entry, relative to the largest `|u|`. `system` must be evaluated
-    /// at the time of the stage; `changed` states whether `A` has changed since the last call.
+    /// Solves the stage inequality from the initial guess `u`, which is replaced by the solution. Returns the
+    /// natural-map residual, with rows divided by their diagonal entry, relative to the largest `|u|`. `system` must
+    /// be evaluated at the time of the stage; `shift` is `s = d h`, and `changed` states whether `A` has changed
+    /// since the last call.
     ///
-    /// # Errors
-    /// The reason why the inequality was not solved.
+    /// # Errors The reason why the inequality was not solved.
     pub fn solve(
         &mut self,
         system: &Semidiscrete,
@@ -118,8 +119,8 @@ impl Stage {
         Ok(residual / largest)
     }
 
-    /// Sets `error = S^-1 M difference` on free nodes, zero on nodes in contact or with Dirichlet conditions. Returns
-    /// whether the solve succeeded.
+    /// Sets `error = S^-1 M difference` on free nodes, with the stage matrix `S`, and zero on nodes in contact or
+    /// with Dirichlet conditions. Returns whether the solve succeeded.
     pub fn damp(&mut self, system: &Semidiscrete, difference: &[f64], error: &mut [f64], control: &Control) -> bool {
         error.fill(0.0);
         add_product(1.0, &system.mass, difference, error);
@@ -143,7 +144,7 @@ impl Stage {
     }
 }
 
-/// Adds `factor A x` to `y`.
+/// Adds the product `factor A x` with a sparse matrix `A` to `y`.
 fn add_product(factor: f64, matrix: &SparseMatrix, x: &[f64], y: &mut [f64]) {
     for (j, &x) in x.iter().enumerate() {
         let rows = matrix.symbolic().row_idx_of_col_raw(j);

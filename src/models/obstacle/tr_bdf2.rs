@@ -29,13 +29,13 @@ use hybrid::Breaks;
 use problem::Control;
 use std::f64::consts::SQRT_2;
 
-/// The abscissa of the first stage.
+/// The abscissa of the first stage, relative to the step.
 pub const GAMMA: f64 = 2.0 - SQRT_2;
-/// The diagonal of the method.
+/// The diagonal coefficient `d` of TR-BDF2.
 const D: f64 = 0.5 * GAMMA;
-/// The weights `a_31 = a_32`.
+/// The weights `a_31 = a_32` of TR-BDF2.
 const W: f64 = 0.25 * SQRT_2;
-/// The weights of the third-order companion less those of the method.
+/// The weights of the embedded third-order method less those of TR-BDF2, for error estimation.
 const E: [f64; 3] = [(1.0 - W) / 3.0 - W, (3.0 * W + 1.0) / 3.0 - W, D / 3.0 - D];
 
 /// The default initial step size, relative to the integration interval.
@@ -47,15 +47,15 @@ const FIXED: f64 = 1e-3;
 /// Hidden motion below this fraction of the error tolerance is not refined further.
 const NEGLIGIBLE: f64 = 0.1;
 
-/// The length of the implicit Euler step that gives the initial slope, relative to the first step: short compared with
-/// the accuracy of the run, and yet a step into `K`.
+/// The length of the implicit Euler step that computes the initial slope, relative to the first step: short enough
+/// not to affect the accuracy of the run, yet a step that projects onto `K`.
 const INITIAL: f64 = 1e-3;
 
-/// The TR-BDF2 stepper and its state.
+/// The TR-BDF2 stepper of an obstacle problem, with its state.
 pub struct TrBdf2<'c> {
-    /// The equations, evaluated at the current time.
+    /// The semidiscrete equations, with vectors evaluated at the current time.
     pub system: Semidiscrete,
-    /// The current time.
+    /// The time that the run has reached.
     pub t: f64,
     /// The nodal values at the current time.
     pub u: Vec<f64>,
@@ -63,27 +63,28 @@ pub struct TrBdf2<'c> {
     pub force: Vec<f64>,
     /// The start time of the last step, the nodal values at that time, and the nodal values at the first stage.
     pub last: (f64, Vec<f64>, Vec<f64>),
-    /// Statistics.
+    /// Statistics of the run.
     pub counts: Counts,
     end: f64,
     settings: Settings,
     control: &'c Control,
     stage: Stage,
-    /// The step to try next.
+    /// The size of the next step to attempt.
     h: f64,
     /// The slopes `k_j` at the beginning of the step and at both stages.
     slopes: [Vec<f64>; 3],
     /// The explicit part `u + h sum_{j<i} a_ij k_j` of a stage.
     base: Vec<f64>,
-    /// The error estimate of the step.
+    /// The error estimate of the step at each node.
     error: Vec<f64>,
-    /// The nodal values of both stages.
+    /// The nodal values at both stages of the step that is attempted.
     trial: [Vec<f64>; 2],
-    /// The forces at the beginning of the step and at both stages. `accept` swaps the first and the last.
+    /// The contact states and forces at the beginning of the step and at both stages. `accept` swaps the first and
+    /// the last.
     moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
-    /// The least distance of a free node from the obstacles at the current time.
+    /// The least distance of a node without Dirichlet value from the obstacles at the current time.
     gap: f64,
     breaks: Breaks,
     /// Whether no step has been made since a breakpoint.
@@ -92,11 +93,11 @@ pub struct TrBdf2<'c> {
     pub changes: Vec<(f64, ContactChange)>,
 }
 
-/// The result of a step attempt.
+/// The result of an attempted TR-BDF2 step.
 enum Attempt {
-    /// The error of the step, in units of the tolerance.
+    /// Both stages were solved; the error of the step, in units of the tolerance.
     Made(f64),
-    /// A stage was not solved, with the reason.
+    /// The variational inequality of a stage was not solved, for the given reason.
     Unsolved(&'static str),
 }
 
@@ -146,15 +147,15 @@ impl<'c> TrBdf2<'c> {
         Ok(stepper)
     }
 
-    /// The coefficients of `part` and `part^2` in the displacement of a node that came into contact within the last
-    /// step; `None` for other nodes.
+    /// Returns the coefficients of `part` and `part^2` in the displacement of a node that came into contact within
+    /// the last step, where `part` is the fraction of the step; `None` for other nodes.
     fn approach(&self, node: usize) -> Option<[f64; 2]> {
         let (start, before, middle) = &self.last;
         let [at_end, at_middle, at_start] = &self.moments;
         if at_start.held[node] != 0 || at_end.held[node] == 0 {
             return None;
         }
-        // `accept` has swapped the slopes at the beginning and the end of the step.
+        // Since the step was accepted, `slopes[2]` holds the slope at its beginning.
         let change = (self.t - start) * self.slopes[2][node];
         let bends = at_middle.held[node] == 0;
         let curvature = (middle[node] - before[node] - GAMMA * change) / (GAMMA * GAMMA);
@@ -209,8 +210,8 @@ impl<'c> TrBdf2<'c> {
         Ok(Attempt::Made(if error == 0.0 { 0.0 } else { error / size }))
     }
 
-    /// The largest `|u|` at both ends of the step; if `u` is zero, the largest displacement that the load causes in a
-    /// step.
+    /// Returns the largest `|u|` at both ends of the step; if `u` is zero, the largest displacement that the load
+    /// causes in a step of size `h`.
     fn largest(&self, h: f64) -> f64 {
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
         if largest > 0.0 {
@@ -220,15 +221,16 @@ impl<'c> TrBdf2<'c> {
         loads.fold(0.0, |largest, (load, weight)| largest.max(h * load.abs() / weight))
     }
 
-    /// The hidden motion of nodes between the stages, resolved to the fraction `NEGLIGIBLE` of `size`.
+    /// Returns the hidden motion of nodes between the stages of a step, resolved to the fraction `NEGLIGIBLE` of
+    /// `size`.
     fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, ObstacleError> {
         let times = [self.t, self.t + GAMMA * h, next];
         let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
         self.hidden.error(&mut self.system, &seen, NEGLIGIBLE * size, self.control)
     }
 
-    /// Solves stage `i` from the initial guess `trial[i]` and computes its slope; the inner error is the reason for a
-    /// failed solve.
+    /// Solves stage `i` from the initial guess `trial[i]` and computes its slope; the inner error is the reason why
+    /// the inequality was not solved.
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, ObstacleError> {
         self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;
@@ -259,9 +261,9 @@ impl<'c> TrBdf2<'c> {
         Ok(Ok(()))
     }
 
-    /// The root mean square error estimate of the step, with stiff components damped by the matrix of the stages. The
-    /// position of a node that came into contact at the end of the step is exact, unless its error without the obstacle
-    /// exceeds its displacement by the obstacle: the excess is its error.
+    /// Returns the root mean square error estimate of the step, with stiff components damped by the matrix of the
+    /// stages. The position of a node that came into contact at the end of the step is exact, unless its error
+    /// without the obstacle exceeds its displacement by the obstacle: the excess is its error.
     fn error(&mut self, h: f64) -> f64 {
         let Self { slopes: [a, b, c], base: difference, error, moments, system, stage, control, .. } = self;
         for (i, difference) in difference.iter_mut().enumerate() {
@@ -283,8 +285,8 @@ impl<'c> TrBdf2<'c> {
     }
 
     /// Local extrapolation: adds the error estimate `e_1` of the accepted step to its end, for third order. The
-    /// estimate is damped once more, `S e = M e_1` with `S = M + d h A` on free nodes, to keep the method A- and
-    /// L-stable; the slope changes by `-M^-1 A e = -(e_1 - e) / (d h)`. Nodes in contact are not changed.
+    /// estimate is damped once more to `e` by `S e = M e_1` with `S = M + d h A` on free nodes, to keep the method A-
+    /// and L-stable; the slope changes by `-M^-1 A e = -(e_1 - e) / (d h)`. Nodes in contact are not changed.
     fn extrapolate(&mut self, h: f64) {
         let Self { base: once, error, trial: [_, last], slopes: [.., slope], system, stage, control, .. } = self;
         once.copy_from_slice(error);
@@ -297,7 +299,7 @@ impl<'c> TrBdf2<'c> {
         }
     }
 
-    /// Appends the step of size `h` to `next`.
+    /// Accepts the attempted step of size `h`, which ends at time `next`, as the last step of the run.
     fn append(&mut self, h: f64, next: f64) {
         if self.settings.step.is_none() {
             self.extrapolate(h);

@@ -1,12 +1,13 @@
-//! Variations of the data within a step that its three times miss: no error estimate detects a pulse of a coefficient, of
-//! the source or of a bound between the beginning, the stage and the end of a step.
+//! Variations of the data within a step that its beginning, stage and end miss: no error estimate detects a pulse of
+//! a coefficient, of the source or of a bound between the beginning, the stage and the end of a step.
 //!
 //! Each datum that depends on time is enclosed over the step, at every place where the equations use it. Unless the
-//! enclosure shows that the values at the three times [show](numerics::is_seen) its course, the step is bisected, the part
-//! with the widest enclosure first, until the parts that remain cannot matter. The time integral of the deviations from the
-//! parabola through the three values, those upwards and those downwards apart, is then a change of the operator or of the
-//! load, and displaces nodes by what it makes of `u`. Given values displace by the deviation itself, bounds by the depth to
-//! which the parabola of `u` lies beyond them.
+//! enclosure shows that the values at these three times [represent](numerics::is_seen) the datum over the step, the
+//! step is bisected, the part with the widest enclosure first, until the contribution of the undecided parts is
+//! negligible. The deviation of the datum from the parabola through its three values is integrated over time,
+//! separately for positive and negative deviations. The integral is a change of the operator or of the load, and
+//! displaces nodes accordingly. Dirichlet values displace their nodes by the deviation itself, and obstacles by the
+//! depth to which the parabola of `u` lies beyond them.
 
 use super::hidden::Seen;
 use super::semidiscrete::go_on;
@@ -16,15 +17,16 @@ use nalgebra::DMatrix;
 use numerics::{Interval, is_seen};
 use problem::Control;
 
-/// Limit on the number of bisections of a step, per datum and place. A part that is still undecided contributes the width of
-/// its enclosure.
+/// Maximum number of bisections of a step, per datum and place. A part that is still undecided contributes the width
+/// of its enclosure.
 const PARTS: usize = 64;
 
-/// Largest deviation of a datum from the parabola through its values at the three times, relative to its range there:
-/// within it, these show its course, and the error estimate bounds its error.
+/// Largest deviation of a datum from the parabola through its values at the beginning, the stage and the end of a
+/// step, relative to the range of these values, that is ignored: the error estimate bounds the effect of smaller
+/// deviations.
 const SHOWN: f64 = 0.1;
 
-/// A datum of the equations.
+/// A datum of the obstacle problem: a coefficient, the source, a boundary value or an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Datum {
     Source,
@@ -37,30 +39,31 @@ enum Datum {
     Upper,
 }
 
-/// The search of one run.
+/// The search of one run for variations of the data that steps miss.
 pub struct Unseen {
-    /// The data that depend on time.
+    /// The data of the problem that depend on time.
     data: Vec<Datum>,
-    /// The fraction of the step at which the first variation begins that its times miss, if one has been found.
+    /// The fraction of the step at which the first variation of the data begins that the beginning, the stage and the
+    /// end of the step miss; `None` if none is found.
     pub begin: Option<f64>,
 }
 
-/// A part of a step in which a datum is not decided.
+/// A part of a step in which sampled values do not represent a datum closely enough.
 struct Part {
     from: f64,
     to: f64,
     range: Interval,
-    /// The possible effect of the datum in the part.
+    /// A bound on the effect of the datum in the part.
     size: f64,
 }
 
-/// Values of a datum that show its course between their times, and the parts where none do.
+/// Samples of a datum in the parts of a step where they represent it, and the parts where they do not.
 struct Course {
     shown: Vec<([f64; 3], [f64; 3])>,
     open: Vec<Part>,
 }
 
-/// Time integrals of the deviations of a datum from its parabola, upwards and downwards.
+/// The time integrals of the deviations of a datum from its parabola, upwards and downwards.
 #[derive(Clone, Copy, Default)]
 struct Missed {
     above: f64,
@@ -68,7 +71,7 @@ struct Missed {
 }
 
 impl Unseen {
-    /// Finds the data that depend on time.
+    /// Collects the data of the problem that depend on time.
     pub fn new(problem: &Obstacle) -> Self {
         let Obstacle { diffusion, advection, reaction, source, lower, upper, conditions, grid, .. } = problem;
         let single = [
@@ -88,11 +91,10 @@ impl Unseen {
         Self { data: all.filter(|(_, field)| field.varies_in_time()).map(|(datum, _)| datum).collect(), begin: None }
     }
 
-    /// Adds to `moved` the displacements of nodes by what the step misses of the data; those below `negligible` are not
-    /// refined.
+    /// Adds to `moved` the displacements of nodes caused by variations of the data that the step misses;
+    /// displacements below `negligible` are not refined.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn bound(
         &mut self,
         system: &mut Semidiscrete,
@@ -122,7 +124,8 @@ impl Unseen {
         self.begin = Some(self.begin.map_or(part, |begin| begin.min(part)));
     }
 
-    /// Displacements of given values from their parabolas.
+    /// Adds to `moved` the deviations of Dirichlet values on a side from the parabolas through their values at the
+    /// beginning, the stage and the end of the step.
     fn given(
         &mut self,
         system: &mut Semidiscrete,
@@ -149,7 +152,7 @@ impl Unseen {
         }
     }
 
-    /// Depths to which the parabolas of nodes lie beyond a bound.
+    /// Raises `moved` to the depths to which the parabolas of nodes lie beyond an obstacle.
     fn bounds(
         &mut self,
         system: &mut Semidiscrete,
@@ -194,7 +197,8 @@ impl Unseen {
                     };
                     let (from, to, depth) = parts[worst];
                     let middle = 0.5 * (from + to);
-                    // Samples that reach a quarter of the depth tell it well enough for the size of the step.
+                    // Stop bisecting once a sampled depth is at least a quarter of the bound on the depth, which is
+                    // accurate enough to choose the step size.
                     if depth <= negligible.max(4.0 * deepest) || middle <= from || middle >= to {
                         break;
                     }
@@ -219,7 +223,8 @@ impl Unseen {
         Ok(())
     }
 
-    /// Displacements by changes of the load or of the operator.
+    /// Adds to `moved` the displacements of nodes caused by changes of the load or of the operator that the step
+    /// misses.
     fn forces(
         &mut self,
         system: &mut Semidiscrete,
@@ -233,7 +238,7 @@ impl Unseen {
         let times = seen.times;
         let h = times[2] - times[0];
         let values = if shape.is_load() { &seen.values[..1] } else { &seen.values[..] };
-        // The displacement of the nodes by a unit of the time integral of the datum.
+        // The largest displacement of a node caused by a unit of the time integral of the datum.
         let unit = values.iter().flat_map(|u| shape.displacements(system, u, |_| 1.0));
         let unit = unit.fold(0.0_f64, |largest, by| largest.max(by.abs()));
         if unit == 0.0 && open.len() == shape.places.len() {
@@ -285,7 +290,8 @@ impl Unseen {
     }
 }
 
-/// The places at which the values at the three times do not show the course of a datum; only the first of equal ones.
+/// Returns the places at which the values of a datum at the beginning, the stage and the end of a step do not
+/// represent it over the step; only the first place if the datum does not vary in space.
 fn open_places(
     problem: &mut Obstacle,
     datum: Datum,
@@ -329,8 +335,9 @@ fn field(problem: &mut Obstacle, datum: Datum) -> Option<&mut Field> {
 }
 
 impl Course {
-    /// Bisects the step until what remains undecided is `allowed` in all, or the limit is reached. `part` weighs the width of
-    /// an enclosure by the length over which it holds.
+    /// Samples and encloses a datum over a step, and bisects the step until the effect of the undecided parts is at
+    /// most `allowed` in all, or the limit on bisections is reached. `part` weights the width of an enclosure by the
+    /// length of time over which it holds.
     fn of(field: &mut Field, at: [f64; 3], times: [f64; 3], allowed: f64, part: impl Fn(f64) -> f64) -> Self {
         let mut course = Self { shown: Vec::new(), open: Vec::new() };
         let [begin, _, end] = times;
@@ -374,14 +381,16 @@ impl Course {
         }
     }
 
-    /// Deviation of a value from the parabola through those at the three times, unless these show it.
+    /// Returns the deviation of a value from the parabola through the values at the beginning, the stage and the end
+    /// of the step; zero if it is a small fraction of the range of these values.
     fn off(seen: &Seen<'_>, known: [f64; 3], t: f64, value: f64) -> f64 {
         let [least, most] = [f64::min, f64::max].map(|of| known.into_iter().fold(known[0], of));
         let off = value - seen.parabola(t, known);
         if off.abs() > SHOWN * (most - least) { off } else { 0.0 }
     }
 
-    /// The largest deviation, where `visit` is told of each and of its time.
+    /// Returns the largest deviation of the datum from its parabola; `visit` is called with the begin of each part
+    /// and the deviation in it.
     fn deviations(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> f64 {
         let mut largest = 0.0_f64;
         for (times, values) in &self.shown {
@@ -398,7 +407,8 @@ impl Course {
         largest
     }
 
-    /// The time integrals of the deviations, where `visit` is told of each and of its time.
+    /// Returns the time integrals of the deviations of the datum from its parabola; `visit` is called with the begin
+    /// of each part and the deviation in it.
     fn integrals(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> Missed {
         let mut missed = Missed::default();
         for (times, values) in &self.shown {
@@ -420,18 +430,18 @@ impl Course {
     }
 }
 
-/// How the values of a datum at its places act on the nodes.
+/// The places where a datum is evaluated, and how its values act on the nodes.
 struct Shape {
     places: Vec<[f64; 3]>,
     action: Action,
 }
 
 enum Action {
-    /// A share of the value for each corner of an element.
+    /// The datum at the centre of an element is a load; each corner of the element receives this share of its value.
     Elements(f64),
-    /// A share of the value for each node of a face.
+    /// The datum at the centre of a face is a load; each node of the face receives this share of its value.
     Faces(f64, Vec<Face>),
-    /// An element matrix that is multiplied by `-u`.
+    /// The datum is a coefficient: its value times an element matrix acts on `-u`.
     Matrix(DMatrix<f64>),
 }
 
@@ -460,7 +470,7 @@ impl Shape {
         !matches!(self.action, Action::Matrix(_))
     }
 
-    /// The displacements of all nodes by the time integrals `of` the datum at its places.
+    /// Returns the displacements of all nodes for the time integrals `of` the datum at its places.
     fn displacements(&self, system: &Semidiscrete, u: &[f64], of: impl Fn(usize) -> f64) -> Vec<f64> {
         let grid = &system.problem.grid;
         let mut forces = vec![0.0; u.len()];

@@ -1,9 +1,9 @@
 //! Forces and torques on a body as functions of time and of the motion of bodies.
 //!
-//! A step evaluates them at its midpoint, with mean velocities: their work `f . v + l . w` is then exactly the change
-//! of the kinetic energy. Newton's method uses their derivatives with respect to velocity and position of the body
-//! itself. Terms that depend on orientations or on other bodies are treated by fixed-point iteration, which converges
-//! if they change little within a step.
+//! A time step evaluates the forces and torques at its midpoint, with mean velocities: their work `f . v + l . w` is
+//! then exactly the change of the kinetic energy. Newton's method uses the derivatives of force and torque with
+//! respect to velocity and position of the body on which they act. Terms that depend on orientations or on other
+//! bodies are treated by fixed-point iteration, which converges if the terms change little within a step.
 
 use super::frame::Frame;
 use super::midpoint::{apart, join};
@@ -17,34 +17,35 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 /// origin, and angular velocity; indices into [`OF_BODY`].
 pub const DERIVED: [usize; 9] = [0, 1, 2, 7, 8, 9, 10, 11, 12];
 
-/// The number of outputs of a program: force, torque, and the derivatives of their six components.
+/// The number of outputs of the program of an action: force, torque, and the derivatives of their six components.
 pub const OUTPUTS: usize = 6 * (1 + DERIVED.len());
 
-/// A force and a torque on a body.
+/// A force and a torque on a body that depend on time and on the motion of bodies.
 #[derive(Clone, Debug)]
 pub struct Action {
-    /// The body acted upon, then the other bodies that the program depends on: indices in the multibody system, and
-    /// centres of mass in the user's body frames.
+    /// The body on which the action acts, then the other bodies on which its program depends: indices in the
+    /// multibody system, and centres of mass in the user's body frames.
     pub bodies: Vec<(usize, Vector3<f64>)>,
-    /// Force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t` and the state of each body.
+    /// The program of force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t` and the state
+    /// of each body.
     pub program: Tape,
-    /// The point of application relative to the centre of mass, in the frame of the body.
+    /// The point of application relative to the centre of mass, in the body frame.
     pub at: Vector3<f64>,
-    /// Whether force and torque are given in the frame of the body.
+    /// Whether force and torque are given in the body frame.
     pub is_local: bool,
 }
 
-/// A body at the midpoint of a step.
+/// The state of a body at the midpoint of a time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Middle {
-    /// The centre of mass and the orientation.
+    /// The position of the centre of mass and the orientation.
     pub pose: Isometry3<f64>,
-    /// The mean velocity and angular velocity.
+    /// The mean velocity and angular velocity of the step.
     pub velocities: Vector6<f64>,
 }
 
 impl Middle {
-    /// The midpoint between two motions, with their mean frame and mean velocities.
+    /// Computes the state at the midpoint between two motions, with their mean frame and mean velocities.
     pub fn new(start: &Motion, end: &Motion, mean: &Frame, velocities: &Vector6<f64>) -> Self {
         let half = start.pose.rotation.nlerp(&end.pose.rotation, 0.5);
         Self { pose: Isometry3::from_parts(mean.at.into(), half), velocities: *velocities }
@@ -52,8 +53,8 @@ impl Middle {
 }
 
 impl Action {
-    /// Force and torque about the centre of mass, and their derivative with respect to the mean velocities of a step
-    /// `h`; `middles` are the bodies in the order of `bodies`.
+    /// Evaluates force and torque about the centre of mass, and their derivative with respect to the mean velocities
+    /// of a step of size `h`; `middles` are the states of the bodies in the order of `bodies`.
     pub fn evaluate(
         &mut self,
         t: f64,
@@ -83,8 +84,8 @@ impl Action {
         let torque = axes * Vector3::from_column_slice(&values[3..]) + arm.cross(&force);
         let mut matrix = Matrix6::zeros();
         for k in 0..2 {
-            // The origin is at `x - o` with velocity `v - w x o`; the centre of mass has moved by `v h / 2` at the
-            // midpoint.
+            // The origin of the body frame is at `x - o` with velocity `v - w x o`, where `o` is the vector from the
+            // origin to the centre of mass; the centre of mass has moved by `v h / 2` at the midpoint.
             let by_velocity = axes * (block(k, 3) + block(k, 0) * (0.5 * h));
             let by_omega = axes * (block(k, 6) + (block(k, 3) + block(k, 0) * (0.5 * h)) * origin.cross_matrix());
             matrix.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&by_velocity);
@@ -96,7 +97,7 @@ impl Action {
         (join(&force, &torque), matrix)
     }
 
-    /// Whether force and torque are finite at the initial states of the bodies.
+    /// Returns whether force and torque are finite at the initial states of the bodies.
     pub fn is_finite_at(&self, t: f64, bodies: &[Body]) -> bool {
         let of = |&(place, _): &(usize, Vector3<f64>)| {
             let body = &bodies[place];
@@ -107,7 +108,7 @@ impl Action {
     }
 }
 
-/// The first input with the state of a body, by the index of the body in [`Action::bodies`].
+/// Returns the index of the first input with the state of a body, given its index in [`Action::bodies`].
 pub const fn inputs_of(place: usize) -> usize {
     1 + place * OF_BODY.len()
 }

@@ -1,5 +1,5 @@
-//! One contact between two bodies: its frame, its lever arms, and the velocity of the second body relative to the first
-//! at the contact point,
+//! One contact between two bodies: its frame `E` (normal `n` and tangents `t_1`, `t_2`), its lever arms `r`, and the
+//! velocity of the second body relative to the first at the contact point,
 //!
 //! ```text
 //! u = E (v_2 + w_2 x r_2 - v_1 - w_1 x r_1) + b,    E = [n t_1 t_2]^T
@@ -13,59 +13,62 @@ use super::scene::{Law, Patch};
 use nalgebra::{Matrix3, Vector3};
 use vi::coulomb::{Reach, Role};
 
-/// The smallest identity of a joint stop; contact points of surfaces are numbered from zero.
+/// The smallest identity number of a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
 
-/// The bit of the identity of a torque, beside that of its contact point.
+/// The bit that distinguishes the identity number of the torque of a contact patch from that of its force.
 const TORQUES: u64 = 1 << 62;
 
-/// A contact within one step.
+/// A contact between two bodies within one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact {
     /// Indices of both bodies among the moving bodies; `None` for a body that is fixed or has prescribed motion.
     pub bodies: [Option<u32>; 2],
-    /// `E`: the normal from the first body to the second, and two tangents; with directions of friction, the second tangent
-    /// has the length of their ratio.
+    /// The contact frame `E`: the normal from the first body to the second, and two tangents, as rows. With
+    /// anisotropic friction, the length of the second tangent is the ratio of the coefficients in both directions.
     pub frame: Matrix3<f64>,
-    /// The contact point, in world coordinates.
+    /// The position of the contact point, in world coordinates.
     pub position: Vector3<f64>,
     /// The lever arms from the centres of mass to the contact point.
     pub arms: [Vector3<f64>; 2],
-    /// Whether impulses are angular: of the stop of a hinge, with a gap about the normal in radians, or of a torque.
+    /// Whether impulses are angular: for the stop of a hinge, whose gap is an angle about the normal in radians, and
+    /// for the torque of a contact patch.
     pub turns: bool,
-    /// The role in the law: a contact at a point, or the force or the torque of a patch. The torque of a patch follows its
-    /// force; its frame has the axes of drilling and rolling, with the length of a radius of gyration.
+    /// The role in the contact law: a contact at a point, or the force or the torque of a contact patch. The torque
+    /// of a patch follows its force in the list of contacts; the rows of its frame are the axes of drilling and
+    /// rolling, with the length of a radius of gyration.
     pub role: Role,
-    /// The reference size for gaps: that of the smaller body, or one radian for angles.
+    /// The reference length for gaps: the size of the smaller body, or one radian for angles.
     pub size: f64,
     /// The gap between the surfaces at the beginning of the step.
     pub gap: f64,
-    /// Friction and restitution.
+    /// The contact law: friction and restitution.
     pub law: Law,
-    /// The contribution `b` of bodies with prescribed motion to `u`, averaged over the step.
+    /// The contribution `b` of bodies with prescribed motion to the relative velocity `u`, averaged over the step.
     pub surface: Vector3<f64>,
-    /// The identity of the contact: both bodies and the contact point.
+    /// The identity of the contact: the indices of both bodies and the identity number of the contact point.
     pub key: (u32, u32, u64),
-    /// The smooth part of the surface that a sphere touches.
+    /// The index of the smooth part of the surface that a sphere touches.
     pub feature: u32,
-    /// The normal and tangential impulse; the initial guess is the impulse of the last step.
+    /// The normal and tangential impulses; the initial guess is the impulse of the last step.
     pub impulse: Vector3<f64>,
-    /// `u` at the end of the last step, before forces act.
+    /// The relative velocity `u` at the end of the last step, before forces act.
     pub before: Vector3<f64>,
-    /// A bias added to the free normal velocity.
+    /// A bias added to the normal velocity without contact impulses.
     pub bias: f64,
-    /// The tolerance below which a gap counts as closed.
+    /// The tolerance below which the gap counts as closed.
     pub no_gap: f64,
-    /// The gap at the end of the step.
+    /// The gap at the end of the step, predicted from velocities.
     pub gap_at_end: f64,
     /// The work of the contact over the step by normal and tangential components, in joules.
     pub work: Vector3<f64>,
-    /// What the normal velocity after an impact lacks of what Newton's law gives it.
+    /// The difference by which the normal velocity after an impact falls short of the velocity that Newton's impact
+    /// law requires.
     pub lacks: f64,
 }
 
 impl Contact {
-    /// Builds the contact at a detected contact point, with its frame.
+    /// Builds the contact at a detected contact point, with the given frame.
     pub fn new(
         point: &ContactPoint,
         frame: Matrix3<f64>,
@@ -102,12 +105,12 @@ impl Contact {
         contact
     }
 
-    /// `u`, for given velocities `(v, w)` of the bodies.
+    /// Returns the relative velocity `u` for given velocities `(v, w)` of the bodies.
     pub fn velocity(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         self.surface + self.change(of)
     }
 
-    /// The change of `u`, for given changes of the velocities `(v, w)` of the bodies.
+    /// Returns the change of the relative velocity `u` for given changes of the velocities `(v, w)` of the bodies.
     pub fn change(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         let at = |side: usize| {
             self.bodies[side].map_or_else(Vector3::zeros, |body| {
@@ -118,8 +121,8 @@ impl Contact {
         self.frame * (at(1) - at(0))
     }
 
-    /// The frictionless contact for position correction: velocities stand for displacements, and penetration becomes a
-    /// bias.
+    /// Returns the frictionless contact for position correction, in which velocities stand for displacements, and
+    /// penetration becomes a bias.
     pub fn of_displacements(self) -> Self {
         Self {
             gap: self.gap.max(0.0),
@@ -132,9 +135,10 @@ impl Contact {
         }
     }
 
-    /// The force and the torque of a contact on a patch; `turning` are the angular velocities of both bodies where these are
-    /// prescribed. The rows of the torque have the length of a mean radius of gyration of both bodies, so that they weigh
-    /// in the law as those of the force do, however small or large the patch is.
+    /// Returns the force and the torque of a contact on a patch; `turning` are the angular velocities of both bodies
+    /// if they are prescribed, else zero. The rows of the torque have the length of a mean radius of gyration of both
+    /// bodies, so that they weigh in the contact law as the rows of the force do, however small or large the patch
+    /// is.
     pub fn on(self, patch: &Patch, moving: &[Motion], turning: [Vector3<f64>; 2]) -> [Self; 2] {
         let bodies = || self.bodies.iter().flatten().map(|&body| &moving[body as usize]);
         let linear: f64 = bodies().map(|motion| motion.mass.recip()).sum();
@@ -163,29 +167,29 @@ impl Contact {
         [Self { role: Role::Force(reach), ..self }, torque.carried(turning)]
     }
 
-    /// Whether this is the torque of a patch.
+    /// Returns whether the contact is the torque of a contact patch.
     pub fn is_torque(&self) -> bool {
         self.role == Role::Torque
     }
 
-    /// Adds the surface velocities of bodies with prescribed motion.
+    /// Adds the surface velocities of bodies with prescribed motion to the relative velocity.
     pub fn carried(self, surfaces: [Vector3<f64>; 2]) -> Self {
         let surface = self.frame * (surfaces[1] - surfaces[0]);
         Self { surface, before: self.before + surface, ..self }
     }
 
-    /// Predicts the gap at the end of a step `h` with the given mean velocities.
+    /// Predicts the gap at the end of a step of size `h` with the given mean velocities.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
-        // A torque closes with its force.
+        // The torque of a patch has no gap of its own; the patch is closed if its force is.
         self.gap_at_end = if self.is_torque() { f64::INFINITY } else { self.gap + h * self.velocity(of).x };
     }
 
-    /// The speed of the slip of `u`.
+    /// Returns the slip speed for a relative velocity `u`.
     pub fn slip_speed(&self, u: &Vector3<f64>) -> f64 {
         u.y.hypot(if self.law.grain.is_some() { u.z / self.frame.row(2).norm() } else { u.z })
     }
 
-    /// The components of an impulse in world axes.
+    /// Returns the components, in the contact frame, of an impulse given in world axes.
     pub fn components(&self, impulse: &Vector3<f64>) -> Vector3<f64> {
         let mut components = self.frame * impulse;
         if self.law.grain.is_some() || self.is_torque() {
@@ -196,27 +200,29 @@ impl Contact {
         components
     }
 
-    /// Whether the contact is a stop of a joint.
+    /// Returns whether the contact is a stop of a joint.
     pub fn is_stop(&self) -> bool {
         self.key.2 >= STOPS
     }
 
-    /// Whether surfaces that were apart at the beginning of the step strike in it.
+    /// Returns whether an open contact closes with an impulse within the step.
     pub fn strikes(&self) -> bool {
         !self.is_torque() && self.impulse.x > 0.0 && self.gap > self.no_gap
     }
 
-    /// The time from the beginning of the step to that at which the approach there closes the gap; infinite without an approach.
+    /// Returns the time from the beginning of the step until the gap closes at the initial approach velocity;
+    /// infinite without an approach.
     pub fn closes_after(&self) -> f64 {
         if self.before.x < 0.0 { self.gap / -self.before.x } else { f64::INFINITY }
     }
 
-    /// Whether the contact is closed at the end of the step.
+    /// Returns whether the contact is closed at the end of the step.
     pub fn stays_closed(&self) -> bool {
         self.gap_at_end <= self.no_gap
     }
 
-    /// `J^T r` for one side: impulse and angular impulse on the body.
+    /// Returns the contribution of one side to `J^T r`: the impulse and the angular impulse of the contact impulse
+    /// `r` on the body.
     pub fn wrench(&self, side: usize, r: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let impulse = self.frame.tr_mul(r) * if side == 0 { -1.0 } else { 1.0 };
         if self.turns {
@@ -225,13 +231,14 @@ impl Contact {
         (impulse, self.arms[side].cross(&impulse))
     }
 
-    /// The block `A` of `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
+    /// Returns the block `A` of the contact Jacobian `J` for the angular velocity of one side: `u = +-(E v + A w)`,
+    /// `A = -E [r]x`.
     pub fn angular(&self, side: usize) -> Matrix3<f64> {
         if self.turns { self.frame } else { -self.frame * self.arms[side].cross_matrix() }
     }
 }
 
-/// Marks the torques of patches where their forces are marked.
+/// Marks the torques of contact patches whose forces are marked.
 pub(super) fn mark_torques(contacts: &[Contact], marked: &mut [bool]) {
     for k in 1..marked.len() {
         if contacts[k].is_torque() {
@@ -240,9 +247,9 @@ pub(super) fn mark_torques(contacts: &[Contact], marked: &mut [bool]) {
     }
 }
 
-/// The contact frame, with normal and tangents as rows. The first tangent is the projection of the x axis onto the
-/// tangent plane (of the y axis if the normal is nearly the x axis), so that the frame varies smoothly while a body
-/// rotates and is aligned with the user's axes.
+/// Returns the contact frame for a normal, with normal and tangents as rows. The first tangent is the projection of
+/// the x axis onto the tangent plane (of the y axis if the normal is nearly the x axis), so that the frame varies
+/// smoothly while a body rotates and is aligned with the user's axes.
 pub(super) fn frame(normal: &Vector3<f64>) -> Matrix3<f64> {
     let along = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let first = (along - normal * normal.dot(&along)).normalize();

@@ -1,9 +1,11 @@
-//! The Delassus operator of the contacts of an island, `W = J M^-1 J^T`. Two contacts on the same body with mass `m`
-//! and inverse inertia `I^-1` are coupled by
+//! The Delassus operator of the contacts of an island, `W = J M^-1 J^T`. Two contacts `i` and `j` on the same body
+//! with mass `m` and inverse inertia `I^-1` are coupled by
 //!
 //! ```text
 //! W_ij = s_i s_j (E_i E_j^T / m + A_i I^-1 A_j^T),    s = -1 on the first side, +1 on the second
 //! ```
+//!
+//! with the contact frame `E` and the block `A` of `J` for the angular velocity.
 
 use super::contact::Contact;
 use super::motion::Motion;
@@ -11,24 +13,24 @@ use nalgebra::Matrix3;
 use problem::Control;
 use vi::coulomb::{BlockMatrix, Factored, Grip, Mobility};
 
-/// Rows assembled between two polls of [`Control`].
+/// Number of block rows assembled between two polls of [`Control`].
 const ROWS_AT_ONCE: usize = 1 << 6;
 
-/// One side of a contact.
+/// One side of a contact, with its rows of the Jacobian for one body.
 struct Touch {
     body: u32,
     contact: u32,
-    /// `s E`.
+    /// The block `s E` of the Jacobian for the velocity of the body.
     linear: Matrix3<f64>,
-    /// `s A`.
+    /// The block `s A` of the Jacobian for the angular velocity of the body.
     angular: Matrix3<f64>,
 }
 
-/// A block of `W` with its row and column.
+/// A block of the Delassus operator with its block row and block column.
 pub type Block = (usize, usize, Matrix3<f64>);
 
-/// `W` as the blocks of a sparse matrix, with two blocks for a pair of contacts that share two bodies. `None` if
-/// `control` asks to stop.
+/// Returns the Delassus operator as the blocks of a sparse matrix, with two blocks for a pair of contacts that share
+/// two bodies. `None` if `control` asks to stop.
 pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<Vec<Block>> {
     let mut touches: Vec<Touch> = Vec::with_capacity(2 * contacts.len());
     for (k, contact) in contacts.iter().enumerate() {
@@ -51,7 +53,8 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
         start += group.len();
     }
     let mut blocks = Vec::with_capacity(touches.iter().map(|touch| on_body[touch.body as usize].len()).sum());
-    // Assembled by rows, so that blocks are almost sorted: only the two bodies of each row have to be merged.
+    // Assemble by rows, so that blocks are almost sorted: only the blocks of the two bodies of each row have to be
+    // merged.
     for (i, contact) in contacts.iter().enumerate() {
         if i % ROWS_AT_ONCE == 0 {
             control.go_on().ok()?;
@@ -72,12 +75,12 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
     Some(blocks)
 }
 
-/// `W` of an island without joints; `None` if `control` asks to stop.
+/// Returns the Delassus operator of an island without joints as a sparse matrix; `None` if `control` asks to stop.
 pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<BlockMatrix> {
     BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving, control)?)
 }
 
-/// `W` of an island without joints, in factors.
+/// Returns the Delassus operator of an island without joints in factored form, by bodies and contact Jacobians.
 pub fn factors(contacts: &[Contact], moving: &[Motion]) -> Factored {
     let mobility = |motion: &Motion| Mobility { linear: motion.mass.recip(), angular: motion.mobility };
     let grip = |contact: &Contact| Grip { bodies: contact.bodies, frame: contact.frame, arms: contact.arms };

@@ -1,5 +1,6 @@
-//! Drives: springs, dampers, motors and servos along the free coordinate of a hinge or a slider, or along the distance
-//! of two points. A drive adds one equation between its impulse `L` and the change of the coordinate over a step.
+//! Drives: springs, dampers, motors and servos along the free coordinate of a hinge or a slider, or along the
+//! distance between two points. A drive adds one equation between its impulse `L` and the change of the coordinate
+//! over a step.
 //!
 //! A motor that prescribes the coordinate requires `c = 0` at the end of a step, as joints do, where `c` is the
 //! deviation from the prescribed value. All other drives are force laws, averaged over the step, with the coordinate
@@ -18,142 +19,142 @@ use super::joint::{Alpha, Beta, Equation};
 use super::signals::SignalStep;
 use nalgebra::Vector3;
 
-/// The largest change of an angle within a step, in radians. The angle must be determined by its sine, which fails
-/// beyond a right angle; steps with larger changes do not resolve the motion either.
+/// Maximum change of an angle within a step, in radians. The change is computed from its sine, which is not unique
+/// beyond a right angle; a step with a larger change does not resolve the motion either.
 const MOST_ANGLE: f64 = 1.0;
 
-/// A coordinate between two bodies.
+/// A scalar coordinate of the relative position of two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coordinate {
-    /// The angle of a direction of the first body in the plane of two directions of the second body, from the first of
-    /// them towards the second.
+    /// The angle of a direction fixed in the first body, measured in the plane of two orthogonal directions of the
+    /// second body, from the first of the two towards the second.
     Angle {
-        /// The direction in the first body.
+        /// The direction in the frame of the first body.
         first: Vector3<f64>,
-        /// Two orthogonal directions in the second body.
+        /// The two orthogonal directions in the frame of the second body.
         second: [Vector3<f64>; 2],
     },
     /// The displacement of the first body's anchor from the second body's anchor, along a direction of the second body.
     Distance(Vector3<f64>),
-    /// The distance between the anchors.
+    /// The distance between the anchors of the two bodies.
     Length,
-    /// The product of a direction of the first body and one of the second, which are orthogonal where nothing has turned:
-    /// the sine of a small rotation about the third direction.
+    /// The scalar product of a direction of the first body and a direction of the second, which are orthogonal
+    /// without relative rotation: the sine of a small rotation about the third direction.
     Product {
-        /// The direction in the first body.
+        /// The direction in the frame of the first body.
         first: Vector3<f64>,
-        /// The direction in the second body.
+        /// The direction in the frame of the second body.
         second: Vector3<f64>,
     },
 }
 
-/// A drive along a coordinate.
+/// A drive along a coordinate between two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// The coordinate.
+    /// The coordinate along which the drive acts.
     pub coordinate: Coordinate,
-    /// The law of the drive.
+    /// The law of the drive: a prescribed motion or a force law.
     pub law: DriveLaw,
-    /// The limits of the coordinate.
+    /// The limits of the drive's coordinate.
     pub limits: Limits,
 }
 
-/// The limits of a coordinate: stops of a joint, which act as frictionless contacts.
+/// The limits of the coordinate of a joint: stops, which act as frictionless contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The smallest value.
+    /// The smallest value of the coordinate that the stops admit.
     pub lower: f64,
-    /// The largest value.
+    /// The largest value of the coordinate that the stops admit.
     pub upper: f64,
     /// The coefficient of restitution in Newton's impact law, from 0 to 1.
     pub restitution: f64,
 }
 
 impl Limits {
-    /// No limits.
+    /// A coordinate without limits.
     pub const NONE: Self = Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, restitution: 0.0 };
 }
 
 /// The law of a drive. Functions of time are given by their index among the signals of the multibody system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DriveLaw {
-    /// The coordinate is a prescribed function of time.
+    /// The coordinate is a prescribed function of time, the signal with this index.
     Position(usize),
-    /// The rate of the coordinate is a prescribed function of time.
+    /// The rate of the coordinate is a prescribed function of time, the signal with this index.
     Velocity(usize),
-    /// The force follows a law.
+    /// The force along the coordinate follows a force law.
     Force(ForceLaw),
 }
 
-/// A force law along a coordinate.
+/// A force law along a coordinate: spring, damper, servo and an additional force.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceLaw {
-    /// The spring stiffness, in newtons per metre or newton metres per radian.
+    /// The stiffness of the spring, in newtons per metre or newton metres per radian.
     pub stiffness: f64,
-    /// The damping, in newton seconds per metre or newton metre seconds per radian.
+    /// The coefficient of the damper, in newton seconds per metre or newton metre seconds per radian.
     pub damping: f64,
-    /// The coordinate at which the spring has no force.
+    /// The value of the coordinate at which the spring has no force.
     pub rest: f64,
-    /// A servo, with its own stiffness and damping and a bound on its force.
+    /// A servo, with its own stiffness and damping and a bound on its force; `None` without a servo.
     pub servo: Option<Servo>,
-    /// An additional force, as the index of a signal.
+    /// An additional force, as the index of a signal; `None` without one.
     pub effort: Option<usize>,
 }
 
-/// A force towards a moving target.
+/// A servo: a force towards a moving target value of the coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// The target, as the index of a signal.
+    /// The target value, as the index of a signal.
     pub target: usize,
-    /// The stiffness, in the unit of a spring stiffness.
+    /// The stiffness of the servo, in newtons per metre or newton metres per radian.
     pub stiffness: f64,
-    /// The damping of the rate relative to the target.
+    /// The damping coefficient of the servo, for the rate of the coordinate relative to that of the target.
     pub damping: f64,
-    /// The bound on the force; infinite if unbounded.
+    /// The bound on the magnitude of the servo's force; infinite if unbounded.
     pub most: f64,
 }
 
-/// The state of a drive between steps.
+/// The state of a drive that is carried from step to step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveState {
-    /// The coordinate; angles include full revolutions.
+    /// The coordinate of the drive; angles include full revolutions.
     pub coordinate: f64,
     /// The integral of the prescribed rate of a motor.
     pub target: f64,
 }
 
-/// A drive within one step.
+/// The data of a drive that are fixed within one step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Driving {
-    /// The coordinate at the beginning of the step.
+    /// The value of the drive's coordinate at the beginning of the step.
     pub start: f64,
-    /// The coordinate at which the equation is zero: the value prescribed by a motor at the end of the step, otherwise
-    /// the value at the beginning.
+    /// The value of the coordinate at which the equation of the drive is zero: the value prescribed by a motor at the
+    /// end of the step, otherwise the value at the beginning.
     pub reference: f64,
-    /// The rate prescribed by a motor at the end of the step.
+    /// The rate of the coordinate prescribed by a motor at the end of the step.
     pub rate: f64,
-    /// The mean target and the mean target rate of a servo over the step.
+    /// The target of a servo at the midpoint of the step, and the mean rate of the target over the step.
     servo: [f64; 2],
-    /// The additional force at the midpoint of the step.
+    /// The additional force of the drive at the midpoint of the step.
     effort: f64,
 }
 
 /// The energy exchanged by a drive over a step, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Done {
-    /// The work of motors, servos and efforts.
+    /// The work of motors, servos and additional forces.
     pub drives: f64,
     /// The energy dissipated by dampers.
     pub damped: f64,
 }
 
-/// The value of a force law at a change of its coordinate.
+/// The forces of a drive for a given change of its coordinate over a step.
 struct At {
     force: f64,
-    /// The derivative of the force with respect to the change.
+    /// The derivative of the total force with respect to the change of the coordinate.
     slope: f64,
     damper: f64,
-    /// The force of servo and effort, without spring and damper.
+    /// The force of servo and additional force, without spring and damper.
     active: f64,
 }
 
@@ -175,12 +176,13 @@ impl ForceLaw {
 }
 
 impl Drive {
-    /// Whether the drive prescribes the coordinate.
+    /// Returns whether the drive prescribes the motion of the coordinate.
     pub fn prescribes(&self) -> bool {
         !matches!(self.law, DriveLaw::Force(_))
     }
 
-    /// The bilinear equation for a reference value; `None` for the distance of two points, which is not bilinear.
+    /// Returns the bilinear equation of the drive for a reference value of the coordinate; `None` for the distance
+    /// between two points, which is not bilinear.
     pub(super) fn equation(&self, reference: f64) -> Option<Equation> {
         match self.coordinate {
             Coordinate::Angle { first, second: [along, across] } => {
@@ -195,14 +197,14 @@ impl Drive {
         }
     }
 
-    /// The constant to subtract from the bilinear form: the reference of a distance or a product; zero for an angle, whose
-    /// reference is part of the form.
+    /// Returns the constant to subtract from the bilinear form of the drive: the reference value of a distance or a
+    /// product; zero for an angle, whose reference value is part of the form.
     pub fn offset(&self, reference: f64) -> f64 {
         if matches!(self.coordinate, Coordinate::Distance(_) | Coordinate::Product { .. }) { reference } else { 0.0 }
     }
 
-    /// The coordinate for given frames and difference `apart` of the anchors; angles are chosen, up to revolutions,
-    /// nearest to `near`.
+    /// Returns the coordinate for given frames and difference `apart` of the anchors; of the angles that differ by
+    /// full revolutions, the one nearest to `near`.
     pub fn value(&self, [first_frame, second_frame]: [&Frame; 2], apart: &Vector3<f64>, near: f64) -> f64 {
         match self.coordinate {
             Coordinate::Angle { first, second: [along, across] } => {
@@ -216,7 +218,7 @@ impl Drive {
         }
     }
 
-    /// Prepares the drive for a step that begins at the coordinate `start`.
+    /// Prepares the drive for a step that begins at the value `start` of the coordinate.
     pub fn begin(&self, start: f64, state: &DriveState, course: &SignalStep) -> Driving {
         let mut driving = Driving { start, reference: start, ..Driving::default() };
         match self.law {
@@ -238,8 +240,8 @@ impl Drive {
         driving
     }
 
-    /// The change of the coordinate for a value of the equation, and its derivative; `None` if the change is larger
-    /// than `MOST_ANGLE`.
+    /// Returns the change of the coordinate for a value `c` of the equation, and the derivative of the change; `None`
+    /// if the change exceeds `MOST_ANGLE`.
     fn change(&self, c: f64) -> Option<(f64, f64)> {
         if !matches!(self.coordinate, Coordinate::Angle { .. }) {
             return Some((c, 1.0));
@@ -247,12 +249,12 @@ impl Drive {
         (c.abs() < MOST_ANGLE.sin()).then(|| (c.asin(), 1.0 / (1.0 - c * c).sqrt()))
     }
 
-    /// Linearises the force law at a value `c` of the equation and an impulse, as `slope dc/h + weight dL = -rest`;
-    /// returns `[slope, weight, rest]`, or `None` if the step is too long.
+    /// Linearises the force law at a value `c` of the equation and an impulse `L`, as `slope dc/h + weight dL =
+    /// -rest`; returns `[slope, weight, rest]`, or `None` if the step is too long.
     pub fn linearise(&self, driving: &Driving, c: f64, impulse: f64, h: f64) -> Option<[f64; 3]> {
         let DriveLaw::Force(law) = &self.law else { return Some([1.0, 0.0, c / h]) };
         let (change, by_c) = self.change(c)?;
-        // sin d / d, and its derivative with respect to c.
+        // The ratio `sin d / d` for the change `d` of the angle, and its derivative with respect to `c`.
         let (ratio, of_ratio) = if c == change {
             (1.0, 0.0)
         } else if change.abs() < 1e-4 {
@@ -265,8 +267,8 @@ impl Drive {
         Some([slope * h, ratio, impulse * ratio - h * at.force])
     }
 
-    /// The state at the end of a step and the energy exchanged in it; `c` is the value of the equation at the end, and
-    /// `work` is the work of the impulse over the step.
+    /// Returns the state of the drive at the end of a step and the energy exchanged in the step; `c` is the value of
+    /// the equation at the end, and `work` is the work of the impulse over the step.
     pub fn end(&self, driving: &Driving, c: f64, work: f64, h: f64) -> (DriveState, Done) {
         let DriveLaw::Force(law) = &self.law else {
             let state = DriveState { coordinate: driving.reference, target: driving.reference };
@@ -279,7 +281,7 @@ impl Drive {
         (DriveState { coordinate, target: coordinate }, done)
     }
 
-    /// The total damping coefficient of damper and servo.
+    /// Returns the total damping coefficient of damper and servo.
     pub fn damping(&self) -> f64 {
         match &self.law {
             DriveLaw::Force(law) => law.damping + law.servo.map_or(0.0, |servo| servo.damping),
@@ -287,7 +289,7 @@ impl Drive {
         }
     }
 
-    /// The potential energy of the spring, in joules.
+    /// Returns the potential energy of the spring, in joules.
     pub fn potential(&self, coordinate: f64) -> f64 {
         match &self.law {
             DriveLaw::Force(law) => 0.5 * law.stiffness * (coordinate - law.rest).powi(2),
@@ -295,7 +297,8 @@ impl Drive {
         }
     }
 
-    /// The mean force along the coordinate over a step, from the impulse and the value of the equation at the end.
+    /// Returns the mean force along the coordinate over a step, from the impulse and the value of the equation at the
+    /// end.
     pub fn force(&self, c: f64, impulse: f64, h: f64) -> f64 {
         let ratio = self.change(c).filter(|(change, _)| *change != 0.0).map_or(1.0, |(change, _)| c / change);
         impulse * ratio / h

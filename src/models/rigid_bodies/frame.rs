@@ -6,26 +6,26 @@
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// The centre of mass of a body, and its axes as columns.
+/// The position of the centre of mass of a body, and its axes as columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// The centre of mass.
+    /// The position of the centre of mass.
     pub at: Vector3<f64>,
-    /// The axes of the body, as columns.
+    /// The axes of the body frame in the world, as columns.
     pub axes: Matrix3<f64>,
 }
 
 impl Frame {
-    /// The frame of the world.
+    /// The frame of the world: the origin with the coordinate axes.
     pub const WORLD: Self =
         Self { at: Vector3::new(0.0, 0.0, 0.0), axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
 
-    /// The frame of a body at a pose.
+    /// Returns the frame of a body at a pose.
     pub fn of(pose: &Isometry3<f64>) -> Self {
         Self { at: pose.translation.vector, axes: pose.rotation.to_rotation_matrix().into_inner() }
     }
 
-    /// The mean of two frames.
+    /// Returns the arithmetic mean of two frames, whose axes are not orthonormal in general.
     pub fn mean(&self, other: &Self) -> Self {
         Self { at: 0.5 * (self.at + other.at), axes: 0.5 * (self.axes + other.axes) }
     }

@@ -1,14 +1,15 @@
-//! Friction between two materials beyond a constant coefficient: coefficients that vary, and directions.
+//! Friction between two materials beyond a constant isotropic coefficient: coefficients that vary, and anisotropy.
 //!
-//! The coefficient of a contact is that at the end of the step, at the place of the contact at its beginning. With a
-//! direction `a` in the contact plane and a ratio `c`, friction forces form an ellipse,
+//! The coefficient `mu` of a contact is evaluated at the end of the step, at the position of the contact at the
+//! beginning of the step. With a direction `a` in the contact plane and a ratio `c` of the coefficient across `a` to
+//! that along `a`, friction forces are in an ellipse,
 //!
 //! ```text
 //! (r_1/mu)^2 + (r_2/(c mu))^2 <= r_n^2,    r_1 along a,    r_2 across
 //! ```
 //!
-//! In coordinates `r_2/c`, with the velocity `c u_2`, it is the disk of Coulomb's law, with the same power; the second
-//! tangent of the contact frame is therefore multiplied by `c`.
+//! In coordinates `r_2/c`, with the velocity `c u_2`, the ellipse is the disk of Coulomb's law, with the same power
+//! of the force; the second tangent of the contact frame is therefore multiplied by `c`.
 
 use super::contact::frame;
 use contact::law::admissible;
@@ -16,24 +17,24 @@ use expression::{IntervalWorkspace, Tape};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use numerics::Interval;
 
-/// The number of inputs of a coefficient that varies, after the time: the place of the contact, and the speed of the slip.
+/// The number of inputs of a varying coefficient of friction besides time: the position of the contact, and the slip
+/// speed.
 pub const INPUTS: usize = 4;
 
-/// A coefficient of friction that varies.
+/// A coefficient of friction that varies in time, with the position of the contact, or with the slip speed.
 #[derive(Clone, Debug)]
 pub struct Coefficient {
-    /// The program, with the inputs `t`, the place of the contact in world coordinates, and the speed of the slip. It has
-    /// one output, or two whose geometric mean is the coefficient.
+    /// The program of the coefficient, with the inputs `t`, the position of the contact in world coordinates, and the
+    /// slip speed. It has one output, or two outputs whose geometric mean is the coefficient.
     pub program: Tape,
-    /// Whether there are two outputs.
+    /// Whether the program has two outputs.
     pub is_mean: bool,
 }
 
 impl Coefficient {
-    /// The coefficient of a contact.
+    /// Evaluates the coefficient of a contact.
     ///
-    /// # Errors
-    /// Its value, if that is negative or not finite.
+    /// # Errors The value of the coefficient if it is negative or not finite.
     pub fn at(&mut self, t: f64, place: &Vector3<f64>, slip_speed: f64) -> Result<f64, f64> {
         let inputs: [f64; INPUTS] = [place.x, place.y, place.z, slip_speed];
         let mut out = [0.0; 2];
@@ -44,7 +45,7 @@ impl Coefficient {
         if self.is_mean { Ok((first * of(out[1])?).sqrt()) } else { Ok(first) }
     }
 
-    /// Encloses the coefficient over an interval of time and a box of places.
+    /// Encloses the coefficient over an interval of time and a box of contact positions.
     pub fn enclose(&self, t: Interval, place: &[Interval], slip_speed: f64, boxes: &mut IntervalWorkspace) -> Interval {
         let inputs = [place[0], place[1], place[2], Interval::point(slip_speed)];
         let mut out = [Interval::LINE; 2];
@@ -54,33 +55,35 @@ impl Coefficient {
     }
 }
 
-/// The axes of a direction of friction.
+/// The axes in which a direction of anisotropic friction is fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxesOfGrain {
-    /// Those of the world.
+    /// The axes of the world.
     World,
-    /// Those of the body with this material; of both bodies with it, of that which stands first in the scene.
+    /// The axes of the body with this material; if both bodies have it, of the body that comes first in the system.
     Material(usize),
-    /// Those of the body that stands first in the scene.
+    /// The axes of the body that comes first in the system.
     First,
 }
 
-/// Friction whose coefficient depends on the direction.
+/// Anisotropic friction, whose coefficient depends on the slip direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grain {
-    /// The direction of the given coefficient, projected onto the contact plane.
+    /// The direction to which the given coefficient belongs, projected onto the contact plane.
     pub along: Vector3<f64>,
-    /// The axes of `along`.
+    /// The axes in which the direction `along` is given.
     pub axes: AxesOfGrain,
-    /// The coefficient across `along`, divided by that along it.
+    /// The coefficient across the direction `along`, divided by the coefficient along it.
     pub ratio: f64,
 }
 
-/// The sine of the angle to the normal below which a direction has no projection on the contact plane.
+/// The sine of the angle between a direction and the contact normal below which the projection of the direction onto
+/// the contact plane is treated as zero.
 const UPRIGHT: f64 = 1e-6;
 
 impl Grain {
-    /// The frame of a contact: the normal and the first tangent have unit length, the second the length `ratio`.
+    /// Returns the frame of a contact: the normal and the first tangent have unit length, the second tangent has the
+    /// length `ratio`.
     pub fn frame(&self, normal: &Vector3<f64>, materials: [usize; 2], poses: [&Isometry3<f64>; 2]) -> Matrix3<f64> {
         let along = match self.axes {
             AxesOfGrain::World => self.along,

@@ -1,6 +1,7 @@
-//! One step of one island: a set of bodies coupled by contacts and joints, solved together.
+//! One time step of one island: a set of bodies coupled by contacts and joints, solved together.
 //!
-//! Without joints, with `v_free = v + h M^-1 f` and the contact law `r = L(W, J v_free, ..)`,
+//! Without joints, with the velocities `v_free = v + h M^-1 f` before contact and the contact law `r = L(W, J v_free,
+//! ..)`,
 //!
 //! ```text
 //! v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
@@ -33,27 +34,28 @@ use vi::coulomb::{Role, mean_speed};
 /// Data shared by all islands of a multibody system.
 #[derive(Debug)]
 pub struct Mechanism<'a> {
-    /// All joints.
+    /// The joints of the system.
     pub joints: &'a [Joint],
-    /// All linkages.
+    /// The linkages: sets of bodies connected by joints.
     pub linkages: Vec<Linkage>,
-    /// The linkage of a body without joints.
+    /// The linkage that represents a single body without joints.
     pub alone: Linkage,
     /// For each joint, the index of its linkage.
     pub of_joint: Vec<u32>,
     /// The gravitational acceleration, in metres per second squared.
     pub gravity: Vector3<f64>,
-    /// Functions of time that drive joints.
+    /// The functions of time that drive joints.
     pub signals: &'a Signals,
-    /// The bodies with prescribed motion, from the beginning of the step on.
+    /// The bodies with prescribed motion, with their poses at the beginning of the step.
     pub grounds: Vec<Ground>,
-    /// The parts of another run, if those of this one are to be at least twice as long.
+    /// The parts of the steps of another run, if the steps of the current run are to be divided into parts at least
+    /// twice as long.
     pub exceeded: Option<MadeParts>,
 }
 
 impl<'a> Mechanism<'a> {
-    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies, `given` those
-    /// among the bodies with prescribed motion.
+    /// Collects the mechanism of a multibody system; `places` are the indices of its bodies among the `moving`
+    /// bodies, `given` are their indices among the bodies with prescribed motion.
     pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Self {
         let linkages = Linkage::all(&scene.joints, places, given, moving);
         let mut of_joint = vec![0; scene.joints.len()];
@@ -72,31 +74,33 @@ impl<'a> Mechanism<'a> {
         }
     }
 
-    /// The motion of the prescribed body number `k` over a part of the step.
+    /// Returns the motion of the body with index `k` among the prescribed ones over a part of the step, of length `h`
+    /// from time `t`.
     pub fn grounding(&self, k: u32, t: f64, h: f64) -> Grounding {
         self.grounds.get(k as usize).map_or(Grounding::WORLD, |ground| ground.over(t, h, self.signals))
     }
 }
 
-/// The state of a linkage between steps.
+/// The state of a linkage that is carried from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct Carried {
-    /// The forces of its joints in the last step.
+    /// The constraint forces of the linkage's joints in the last step.
     pub tensions: Vec<Vector6<f64>>,
-    /// The largest kinetic energy so far, in joules.
+    /// The largest kinetic energy of the linkage so far, in joules.
     pub largest_energy: f64,
-    /// The longest step to try without contacts, and with contacts, by the parts in which the last steps were solved.
+    /// The longest step sizes to try without and with contacts, according to the parts into which the last steps were
+    /// divided.
     pub parts: Parts,
-    /// The accelerations of its bodies in the last step without contacts, if that was the last; else empty.
+    /// The accelerations of the linkage's bodies in the last step if it had no contacts; otherwise empty.
     pub accelerations: Vec<Vector6<f64>>,
-    /// The states of the drives of its joints.
+    /// The states of the drives of the linkage's joints.
     pub states: Vec<DriveState>,
-    /// The reactions of its joints in the last step.
+    /// The reactions of the linkage's joints in the last step.
     pub reactions: Vec<Reaction>,
 }
 
 impl Carried {
-    /// The initial state of a linkage.
+    /// Returns the initial state of a linkage.
     pub fn of(linkage: &Linkage, scene: &MultibodySystem) -> Self {
         let coordinate = |&joint: &u32| scene.joints[joint as usize].coordinate_at_start(&scene.bodies);
         let state = |joint| DriveState { coordinate: coordinate(joint), target: 0.0 };
@@ -113,13 +117,13 @@ impl Carried {
     }
 }
 
-/// The longest steps to try, in seconds. They are lengths, not numbers of halvings, so that they keep their meaning
-/// where a whole step is taken in parts.
+/// The longest step sizes to try, in seconds. Lengths, unlike numbers of halvings, keep their meaning if a whole step
+/// is divided into parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parts {
-    /// Without contacts.
+    /// The longest step size to try without contacts.
     pub free: f64,
-    /// With contacts.
+    /// The longest step size to try with contacts.
     pub pushed: f64,
 }
 
@@ -130,25 +134,25 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// The smaller of both, by kind.
+    /// Returns the smaller of both step sizes without contacts, and of both with contacts.
     pub fn shortest(self, other: Self) -> Self {
         Self { free: self.free.min(other.free), pushed: self.pushed.min(other.pushed) }
     }
 }
 
-/// Mean velocities and joint impulses, by linkage, of an attempt at a step.
+/// The mean velocities of bodies and the joint impulses by linkage, from an attempt at a step.
 #[derive(Debug)]
 struct Guess {
     mean: Vec<Vector6<f64>>,
     impulses: Vec<Vec<Vector6<f64>>>,
 }
 
-/// Work and dissipation in a step, in joules.
+/// The work of forces and drives in a step, and the energy dissipated by dampers, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// The work of forces.
+    /// The work of applied forces.
     pub forces: f64,
-    /// The work of drives: motors and servos.
+    /// The work of motors, servos and additional forces along joint coordinates.
     pub drives: f64,
     /// The energy dissipated by dampers.
     pub damped: f64,
@@ -162,20 +166,20 @@ impl std::ops::AddAssign for Work {
     }
 }
 
-/// Why an island was not solved.
+/// Why the equations of an island were not solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unsolved {
-    /// The equations of the joints have no solution.
+    /// The constraint equations of the joints have no solution.
     Joints,
-    /// The step is too long for the equations of the joints.
+    /// The step is too long for the constraint equations of the joints.
     TooLong,
     /// A coefficient of friction is negative or not finite.
     Friction {
         /// The indices of both bodies among all bodies.
         bodies: [usize; 2],
-        /// The coefficient.
+        /// The value of the coefficient.
         mu: f64,
-        /// The place of the contact.
+        /// The position of the contact.
         place: [f64; 3],
     },
 }
@@ -183,65 +187,67 @@ pub enum Unsolved {
 /// The bodies, contacts and joints of an island, copied so that islands can be solved in parallel.
 #[derive(Debug)]
 pub struct Island {
-    /// The indices of its bodies among all moving bodies.
+    /// The indices of the island's bodies among all moving bodies.
     pub bodies: Vec<u32>,
-    /// Its bodies. Before the solve, velocities include the forces if the island is explicit (no joints or
-    /// motion-dependent forces). After the solve, velocities are those at the end of the step and, for an implicit
-    /// island, poses as well.
+    /// The motions of the island's bodies. Before the solve, velocities include the forces if the island is explicit
+    /// (no joints or motion-dependent forces). After the solve, velocities are those at the end of the step and, for
+    /// an implicit island, poses as well.
     pub moving: Vec<Motion>,
-    /// Its contacts; bodies are indices into `moving`.
+    /// The island's contacts; their bodies are indices into `moving`.
     pub contacts: Vec<Contact>,
-    /// The indices of its contacts among all contacts.
+    /// The indices of the island's contacts among all contacts.
     pub sources: Vec<u32>,
-    /// The indices of its joints among all joints.
+    /// The indices of the island's joints among all joints.
     pub joints: Vec<u32>,
-    /// The indices of its linkages among all linkages, in ascending order.
+    /// The indices of the island's linkages among all linkages, in ascending order.
     pub linkages: Vec<u32>,
-    /// The states of its linkages.
+    /// The states of the island's linkages.
     pub carried: Vec<Carried>,
-    /// The motion-dependent forces on its bodies, with the indices of their bodies.
+    /// The motion-dependent forces on the island's bodies, with the indices of the bodies on which each depends.
     pub actions: Vec<(Action, Vec<u32>)>,
-    /// The current time of its bodies.
+    /// The time that the island's bodies have reached.
     pub t: f64,
-    /// The work of drives and forces.
+    /// The work of drives and forces in the step.
     pub done: Work,
-    /// The largest kinetic energy of its bodies, in joules.
+    /// The largest kinetic energy of the island's bodies, in joules.
     pub largest_energy: f64,
-    /// The longest steps to try.
+    /// The longest step sizes to try without and with contacts.
     pub parts: Parts,
-    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
-    /// they happen at once.
+    /// Whether the island belongs to a comparison run, in which impacts within one step that happen at different
+    /// times follow the sequential impact law, for comparison with a run that treats them as simultaneous.
     pub is_beside: bool,
-    /// The change of velocity by gravity in the step: what approaches more slowly is no impact, but a contact that goes on.
+    /// The velocity change by gravity within the step: a contact that closes more slowly is not an impact, but a
+    /// persistent contact.
     kick: f64,
-    /// Whether the step cannot be shortened: it is tried however long it is.
+    /// Whether the step must not be divided further, and is attempted whatever its length.
     pub is_shortest: bool,
-    /// The accelerations of its bodies in the last step, where they are known.
+    /// The accelerations of the island's bodies in the last step, where they are known.
     accelerations: Vec<Option<Vector6<f64>>>,
-    /// The solution of the last attempt at the step, with which the next one begins.
+    /// The result of the last attempt at the step, as initial guess of the next attempt.
     guess: Option<Guess>,
-    /// The number of steps.
+    /// The number of parts into which the step was divided.
     pub steps: u64,
-    /// The parts in which it made its step, if the step is implicit.
+    /// The begin and end times of the parts into which the step was divided, if the island is implicit.
     pub made: Vec<[f64; 2]>,
-    /// The time in which they are not at least twice as long as those of the run that they should exceed.
+    /// In a comparison run with longer steps, the total time in parts that are not at least twice as long as those of
+    /// the first run.
     pub repeated: f64,
-    /// The number of Newton iterations, in accepted and rejected steps.
+    /// The number of Newton iterations in accepted and rejected steps.
     pub newton: u64,
-    /// The friction cone or its approximation.
+    /// The friction cone or its polyhedral approximation.
     pub cone: Cone,
-    /// The law of simultaneous impacts.
+    /// The impact law for several impacts in one step.
     pub impact_law: ImpactLaw,
-    /// The coefficients of friction that vary.
+    /// The varying coefficients of friction.
     pub coefficients: Vec<Coefficient>,
-    /// The report of the contact solver, if there were contacts.
+    /// The report of the contact solver; `None` if there were no contacts.
     pub report: Option<Report>,
-    /// Why the island was not solved, if it was not.
+    /// Why the island was not solved; `None` if it was solved.
     pub unsolved: Option<Unsolved>,
 }
 
 impl Island {
-    /// An empty island.
+    /// Creates an island without bodies.
     pub fn new(cone: Cone, impact_law: ImpactLaw, coefficients: &[Coefficient]) -> Self {
         Self {
             bodies: Vec::new(),
@@ -292,12 +298,14 @@ impl Island {
         (self.report, self.unsolved) = (None, None);
     }
 
-    /// Whether the step is implicit (midpoint rule): with joints, or forces that depend on the motion.
+    /// Returns whether the island is integrated by the implicit midpoint rule: it has joints, or forces that depend
+    /// on the motion.
     pub fn is_implicit(&self) -> bool {
         !(self.joints.is_empty() && self.actions.is_empty())
     }
 
-    /// Solves for the impulses and applies them to the velocities; an implicit island also moves its bodies.
+    /// Solves for the impulses of the step and applies them to the velocities; for an implicit island, also moves its
+    /// bodies.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         (self.is_beside, self.kick) = (mechanism.exceeded.is_some(), h * mechanism.gravity.norm());
         if self.is_implicit() {
@@ -305,9 +313,10 @@ impl Island {
             return;
         }
         self.steps = 1;
-        // On interruption the caller discards the island.
+        // If the solve is interrupted, the caller discards the island.
         let is_rough = self.contacts.iter().any(|contact| contact.law.is_rough());
-        // The sweeps over factors solve rows one by one, but force and torque of a patch share one set.
+        // The sweeps over the factored operator solve contacts one by one, but force and torque of a contact patch
+        // share one friction set.
         let has_patches = self.contacts.iter().any(Contact::is_torque);
         let (blocks, factors);
         let matrix = if !has_patches && is_factored(self.contacts.len(), is_rough.then_some(self.cone)) {
@@ -343,7 +352,7 @@ impl Island {
         }
     }
 
-    /// The roles of the contacts in the law; empty if all are contacts at points.
+    /// Returns the roles of the contacts in the contact law; empty if all are contacts at points.
     fn roles(&self) -> Vec<Role> {
         if self.contacts.iter().any(Contact::is_torque) {
             self.contacts.iter().map(|contact| contact.role).collect()
@@ -352,14 +361,14 @@ impl Island {
         }
     }
 
-    /// Sets the coefficients that vary to those of the end of the step, for contacts with the velocities `u`; returns false if
-    /// one is negative or not finite.
+    /// Evaluates the varying coefficients of friction at the end of the step, for contacts with the relative
+    /// velocities `u`; returns false if one is negative or not finite.
     fn take_coefficients(&mut self, u: &[Vector3<f64>], h: f64, mu: &mut [f64]) -> bool {
         for (k, (contact, mu)) in self.contacts.iter().zip(mu).enumerate() {
             let Some(place) = contact.law.varying else { continue };
             let t = self.t + h;
             let slip = contact.slip_speed(&u[k]);
-            // On a patch, the mean of the speeds.
+            // On a contact patch, use the mean of the slip speeds over the patch.
             let slip =
                 if let Role::Force(reach) = contact.role { mean_speed(slip, reach.drill * u[k + 1].x) } else { slip };
             match self.coefficients[place as usize].at(t, &contact.position, slip) {
@@ -375,10 +384,9 @@ impl Island {
         true
     }
 
-    /// Solves the contact law for the free velocities `free`, from the initial guess `r`, by the selected law of impacts. In a
-    /// run for comparison, impacts that one step makes at once although they happen one after the other follow the
-    /// sequential law, so that the runs differ by what the order of the
-    /// impacts is worth.
+    /// Solves the contact law for the relative velocities `free` before contact, from the initial guess `r`, by the
+    /// selected impact law. In a comparison run, impacts within one step that happen one after the other follow the
+    /// sequential impact law, so that the runs differ by the effect of the order of impacts.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses(
         &mut self,
@@ -402,8 +410,9 @@ impl Island {
         self.impulses_by(ImpactLaw::Sequential, delassus, free, gap, rebounds, h, r, law, control)
     }
 
-    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times, at more
-    /// than the speed that a step makes. One that no body approaches closes after another has been struck.
+    /// Returns whether contacts that are open at the beginning of the step, and have the impulses `r`, close at
+    /// different times, with an approach velocity above the velocity change by gravity within a step. A contact
+    /// without initial approach closes after another contact has been struck.
     fn strikes_in_turn(&self, r: &[Vector3<f64>]) -> bool {
         let is_struck =
             |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
@@ -416,7 +425,7 @@ impl Island {
                 first = Some((time, approach));
                 continue;
             };
-            // Gaps that differ by less than their tolerance close at once.
+            // Contacts whose gaps differ by less than the gap tolerance close at the same time.
             let apart = (time - other).abs() * approach.max(speed);
             if (apart > contact.no_gap || apart.is_nan()) && approach.max(speed) > self.kick {
                 return true;
@@ -425,7 +434,7 @@ impl Island {
         false
     }
 
-    /// Solves the contact law by one of the laws of impacts.
+    /// Solves the contact law by the given impact law.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses_by(
         &mut self,

@@ -1,4 +1,5 @@
-//! Joints: constraints `c(q) = 0` between two bodies, or a body and the world, with anchors and axes fixed in each.
+//! Joints: constraints `c(q) = 0` between two bodies, or between a body and the world, with anchors and axes fixed in
+//! each.
 //!
 //! | joint | equations |
 //! |---|---|
@@ -7,11 +8,12 @@
 //! | slider | no relative rotation, and the anchors differ along the axis only |
 //! | fixed | no relative rotation, and the anchors coincide |
 //!
-//! Here `t_1` and `t_2` are normal to the axis of the hinge in one body, and `a` is the axis in the other.
+//! In the equations of a hinge, `t_1` and `t_2` are normal to its axis in one body, and `a` is the axis in the other
+//! body.
 //!
 //! Every equation is a product `alpha . beta` of two vectors: `alpha` is constant or fixed in the second body, `beta`
-//! is the difference of the anchors or fixed in the first body. The time derivative of `c` is `G v`; each row of `G` is
-//! a wrench on each body. Evaluated at the mean frames of a step, `G` is the discrete gradient of `c`.
+//! is the difference of the anchors or fixed in the first body. The time derivative of `c` is `G v`; each row of `G`
+//! is a wrench on each body. Evaluated at the mean frames of a step, `G` is the discrete gradient of `c`.
 
 use super::drive::{Coordinate, Drive, DriveLaw, Limits};
 use super::frame::Frame;
@@ -19,89 +21,92 @@ use super::scene::Body;
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use std::collections::HashSet;
 
-/// The kind of a joint, with its degrees of freedom.
+/// The kind of a joint, by its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Three rotations are free.
+    /// A ball joint: three rotations are free.
     Ball,
-    /// One rotation is free.
+    /// A hinge: one rotation is free.
     Hinge,
-    /// One translation is free.
+    /// A slider: one translation is free.
     Slider,
-    /// No relative motion is free.
+    /// A rigid connection without relative motion.
     Fixed,
 }
 
 /// A joint between a moving body and another body or the world.
 #[derive(Clone, Debug)]
 pub struct Joint {
-    /// The bodies; `None` is the world.
+    /// The indices of the joined bodies; `None` is the world.
     pub bodies: (usize, Option<usize>),
-    /// The anchors, in the frames of the bodies or the world.
+    /// The anchors of the joint, in the frames of the bodies or the world.
     pub(super) anchors: [Vector3<f64>; 2],
-    /// The constraint equations; at most six, including the equation of the drive.
+    /// The constraint equations without that of the drive; at most six together with it.
     pub(super) equations: Vec<Equation>,
-    /// The drive along the free coordinate, or between the anchors; adds one equation.
+    /// The drive along the free coordinate or between the anchors, which adds one equation; `None` without a drive.
     pub drive: Option<Drive>,
-    /// Whether contacts between the bodies are excluded.
+    /// Whether contacts between the two bodies are excluded.
     pub separates: bool,
-    /// The prefix of the output names; `None` if the joint has no outputs.
+    /// The prefix of the joint's output names; `None` if the joint has no outputs.
     pub name: Option<String>,
-    /// The names of the only outputs of a spring or a part of a bushing: its coordinate and its force.
+    /// For a spring or one direction of a bushing, the names of its coordinate and its force, which are its only
+    /// outputs.
     pub labels: Option<[&'static str; 2]>,
 }
 
 /// The mean reaction of a joint on its first body over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reaction {
-    /// The force in world axes, in newtons.
+    /// The reaction force in world axes, in newtons.
     pub force: Vector3<f64>,
-    /// The torque about the anchor, in newton metres.
+    /// The reaction torque about the anchor, in newton metres.
     pub torque: Vector3<f64>,
     /// The free coordinate of a hinge or slider, or the length of a spring.
     pub coordinate: f64,
-    /// The force or torque along the coordinate.
+    /// The force or torque of the drive along the coordinate.
     pub effort: f64,
 }
 
-/// A constraint equation `alpha . beta = 0`.
+/// A bilinear constraint equation `alpha . beta = 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Equation {
     pub alpha: Alpha,
     pub beta: Beta,
 }
 
-/// The first factor of an equation.
+/// The first factor `alpha` of a constraint equation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Alpha {
-    /// A direction of the world.
+    /// A direction fixed in the world.
     World(Vector3<f64>),
-    /// A direction in the frame of the second body.
+    /// A direction fixed in the second body, in its frame.
     Second(Vector3<f64>),
 }
 
-/// The second factor of an equation.
+/// The second factor `beta` of a constraint equation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Beta {
-    /// The anchor of the first body less that of the second.
+    /// The position of the first body's anchor less that of the second body's anchor.
     Apart,
-    /// A direction in the frame of the first body.
+    /// A direction fixed in the first body, in its frame.
     First(Vector3<f64>),
 }
 
-/// The value of an equation, and its derivative with respect to the velocity and the angular velocity of each body.
+/// The value of a constraint equation, and its derivative with respect to the velocity and the angular velocity of
+/// each body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// The value `c`.
+    /// The value `c` of the constraint.
     pub value: f64,
-    /// The derivative with respect to the velocity of the first body; the negative of that of the second body.
+    /// The derivative of the rate `c'` with respect to the velocity of the first body; that for the second body is
+    /// its negative.
     pub force: Vector3<f64>,
-    /// The derivatives with respect to the angular velocities.
+    /// The derivatives of the rate `c'` with respect to the angular velocities of both bodies.
     pub torques: [Vector3<f64>; 2],
 }
 
 impl Row {
-    /// The rate `c'` for given velocity and angular velocity of each body.
+    /// Returns the rate `c'` of the constraint for given velocity and angular velocity of each body.
     pub fn velocity(&self, of: [(Vector3<f64>, Vector3<f64>); 2]) -> f64 {
         let [(v, w), (other_v, other_w)] = of;
         self.force.dot(&(v - other_v)) + self.torques[0].dot(&w) + self.torques[1].dot(&other_w)
@@ -109,7 +114,7 @@ impl Row {
 }
 
 impl Joint {
-    /// A joint at a point and along an axis in world coordinates, for the initial poses of the bodies.
+    /// Creates a joint at a point and along an axis in world coordinates, for the initial poses of the bodies.
     pub fn new(
         kind: JointKind,
         bodies: (usize, Option<usize>),
@@ -138,19 +143,20 @@ impl Joint {
         Self { bodies, anchors, equations, drive: None, separates: true, name: None, labels: None }
     }
 
-    /// Adds a drive along the free coordinate.
+    /// Sets the drive along the free coordinate of the joint.
     #[must_use]
     pub fn with_drive(self, drive: Option<Drive>) -> Self {
         Self { drive, ..self }
     }
 
-    /// Sets the name of the outputs.
+    /// Sets the prefix of the joint's output names.
     #[must_use]
     pub fn with_name(self, name: Option<String>) -> Self {
         Self { name, ..self }
     }
 
-    /// The initial rate of a coordinate that is prescribed by the drive; `None` for other joints.
+    /// Returns the initial rate of the coordinate that the drive prescribes; `None` for joints without a prescribed
+    /// coordinate.
     pub fn rate(&self, all: &[Body]) -> Option<f64> {
         let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
         let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
@@ -158,7 +164,8 @@ impl Joint {
         Some(self.driven([&first.0, &second.0], 0.0)?.velocity([first.1, second.1]))
     }
 
-    /// A force along the line between two points, given in world coordinates for the initial poses of the bodies.
+    /// Creates a force along the line between two points, given in world coordinates for the initial poses of the
+    /// bodies.
     pub fn spring(bodies: (usize, Option<usize>), all: &[Body], at: [Vector3<f64>; 2], law: DriveLaw) -> Self {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
@@ -167,8 +174,8 @@ impl Joint {
         Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None, labels }
     }
 
-    /// A part of a bushing: a spring and a damper along the axis number `k` of `axes` (0 to 2), or about it (3 to 5), given
-    /// at the initial poses of the bodies.
+    /// Creates one direction of a bushing: a spring and a damper along the axis number `k` of `axes` (0 to 2), or
+    /// about it (3 to 5), given at the initial poses of the bodies.
     pub fn bushing(
         bodies: (usize, Option<usize>),
         all: &[Body],
@@ -179,7 +186,8 @@ impl Joint {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = poses.map(|pose| pose.inverse_transform_point(&at.into()).coords);
         let axis = |side: usize, i: usize| poses[side].rotation.inverse() * (axes * Vector3::ith(i % 3, 1.0));
-        // A rotation of the first body by `a` about axis `i` moves its axis `i + 1` along the axis `i + 2` of the second.
+        // A rotation of the first body by a small angle about axis `i` moves its axis `i + 1` along axis `i + 2` of
+        // the second body.
         let coordinate = match k {
             0..3 => Coordinate::Distance(axis(1, k)),
             _ => Coordinate::Product { first: axis(0, k + 1), second: axis(1, k + 2) },
@@ -190,7 +198,8 @@ impl Joint {
         Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None, labels }
     }
 
-    /// The free coordinate of a hinge or a slider, zero at the initial poses of the bodies.
+    /// Returns the free coordinate of a hinge or a slider, zero at the initial poses of the bodies; `None` for other
+    /// joints.
     pub fn coordinate(
         kind: JointKind,
         bodies: (usize, Option<usize>),
@@ -209,7 +218,7 @@ impl Joint {
         }
     }
 
-    /// The initial value of the coordinate of the drive; zero without a drive.
+    /// Returns the initial value of the drive's coordinate; zero without a drive.
     pub(super) fn coordinate_at_start(&self, all: &[Body]) -> f64 {
         let second = self.bodies.1.map_or(Frame::WORLD, |body| Frame::of(&all[body].pose));
         let frames = [&Frame::of(&all[self.bodies.0].pose), &second];
@@ -217,7 +226,7 @@ impl Joint {
         self.drive.as_ref().map_or(0.0, |drive| drive.value(frames, &apart, 0.0))
     }
 
-    /// The names of the outputs.
+    /// Returns the names of the joint's outputs.
     pub fn output_names(&self) -> Vec<String> {
         let Some(name) = &self.name else { return Vec::new() };
         let keys: &[&str] = match (&self.labels, &self.drive) {
@@ -228,14 +237,14 @@ impl Joint {
         keys.iter().map(|key| format!("{name}.{key}")).collect()
     }
 
-    /// For each output, whether it is the coordinate or the length.
+    /// Returns, for each output of the joint, whether it is a coordinate or a length rather than a force.
     pub fn are_coordinates(&self) -> Vec<bool> {
         let of_joint = |name: &String| name.ends_with(".coordinate");
         let names = self.output_names();
         names.iter().enumerate().map(|(k, name)| if self.labels.is_some() { k == 0 } else { of_joint(name) }).collect()
     }
 
-    /// Appends the outputs in the order of [`output_names`](Self::output_names).
+    /// Appends the outputs of the joint to `out` in the order of [`output_names`](Self::output_names).
     pub fn outputs(&self, reaction: &Reaction, out: &mut Vec<f64>) {
         if self.name.is_none() {
             return;
@@ -247,13 +256,13 @@ impl Joint {
         out.extend(if self.drive.is_some() { &ends[..] } else { &[] });
     }
 
-    /// The number of equations, including the equation of the drive.
+    /// Returns the number of constraint equations, including the equation of the drive.
     pub(super) fn rank(&self) -> usize {
         self.equations.len() + usize::from(self.drive.is_some())
     }
 
-    /// The derivative of the coordinate of a drive at the coordinate `value`; `apart` is the difference of the anchors.
-    /// `None` for coincident points of a length.
+    /// Returns the derivative of a drive's coordinate at the coordinate `value`; `apart` is the difference of the
+    /// anchors. `None` for a distance between anchors that coincide.
     pub(super) fn along(&self, drive: &Drive, frames: [&Frame; 2], value: f64, apart: &Vector3<f64>) -> Option<Row> {
         let (arms, _) = self.arms(frames);
         match drive.equation(value) {
@@ -265,7 +274,7 @@ impl Joint {
         }
     }
 
-    /// The equation of a drive that prescribes its coordinate, for given frames.
+    /// Returns the equation of a drive that prescribes its coordinate, for given frames; `None` for other joints.
     pub(super) fn driven(&self, frames: [&Frame; 2], reference: f64) -> Option<Row> {
         let drive = self.drive.as_ref().filter(|drive| drive.prescribes())?;
         let (arms, apart) = self.arms(frames);
@@ -273,8 +282,9 @@ impl Joint {
         Some(Row { value: row.value - drive.offset(reference), ..row })
     }
 
-    /// The constraint violation of the initial velocities: separation velocity of the anchors in metres per second, and
-    /// forbidden relative angular velocity in radians per second. `None` if all are below `fraction` of the velocities.
+    /// Returns the constraint violation of the initial velocities: the velocity at which the anchors separate in
+    /// metres per second, and the forbidden relative angular velocity in radians per second. `None` if all violations
+    /// are below `fraction` of the velocities.
     pub fn torn(&self, all: &[Body], fraction: f64) -> Option<[f64; 2]> {
         let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
         let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
@@ -292,7 +302,7 @@ impl Joint {
         torn.then_some(speeds)
     }
 
-    /// The length scale of the joint: the largest lever arm or radius of its moving bodies.
+    /// Returns the length scale of the joint: the largest lever arm or radius of its moving bodies.
     pub fn size(&self, bodies: &[Body]) -> f64 {
         let moving = |(body, anchor): (Option<usize>, &Vector3<f64>)| {
             let body = body.map(|body| &bodies[body]).filter(|body| !body.fixed)?;
@@ -302,18 +312,18 @@ impl Joint {
         both.into_iter().filter_map(moving).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// The indices of its bodies according to `places`; `None` for the world.
+    /// Returns the indices of the joint's bodies under the mapping `places`; `None` for the world.
     pub fn places(&self, places: &impl Fn(usize) -> Option<u32>) -> [Option<u32>; 2] {
         [places(self.bodies.0), self.bodies.1.and_then(places)]
     }
 
-    /// The lever arms from the centres of mass to the anchors, and the difference of the anchors.
+    /// Returns the lever arms from the centres of mass to the anchors, and the difference of the anchors.
     pub(super) fn arms(&self, [p, q]: [&Frame; 2]) -> ([Vector3<f64>; 2], Vector3<f64>) {
         let arms = [p.axes * self.anchors[0], q.axes * self.anchors[1]];
         (arms, p.at + arms[0] - q.at - arms[1])
     }
 
-    /// The constraint equations, without the drive, for given frames.
+    /// Returns the constraint equations, without that of the drive, for given frames.
     pub fn rows<'j>(&'j self, frames: [&'j Frame; 2]) -> impl Iterator<Item = Row> + 'j {
         let (arms, apart) = self.arms(frames);
         self.equations.iter().map(move |equation| equation.row(frames, arms, apart))
@@ -321,7 +331,7 @@ impl Joint {
 }
 
 impl Alpha {
-    /// The direction in world axes, for a given frame of the second body.
+    /// Returns the direction in world axes, for a given frame of the second body.
     pub fn in_world(&self, second: &Frame) -> Vector3<f64> {
         match self {
             Self::World(e) => *e,
@@ -329,14 +339,15 @@ impl Alpha {
         }
     }
 
-    /// Whether the direction is fixed in the second body.
+    /// Returns whether the direction is fixed in the second body.
     pub fn turns(&self) -> bool {
         matches!(self, Self::Second(_))
     }
 }
 
 impl Equation {
-    /// The value and derivative of the equation, for given frames, lever arms and difference of the anchors.
+    /// Returns the value and the derivative of the equation, for given frames, lever arms and difference of the
+    /// anchors.
     pub fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
         let alpha = self.alpha.in_world(q);
         match self.beta {
@@ -345,7 +356,8 @@ impl Equation {
                 Row { value: alpha.dot(&apart), force: alpha, torques: [arms[0].cross(&alpha), -lever.cross(&alpha)] }
             }
             Beta::First(b) => {
-                // d/dt (alpha . b) = (w_1 - w_2) . (b x alpha).
+                // The rate of the product of directions fixed in both bodies is `d/dt (alpha . b) = (w_1 - w_2) . (b
+                // x alpha)`.
                 let b = p.axes * b;
                 let torque = b.cross(&alpha);
                 Row { value: alpha.dot(&b), force: Vector3::zeros(), torques: [torque, -torque] }
@@ -354,7 +366,7 @@ impl Equation {
     }
 }
 
-/// The pairs of bodies, smaller index first, whose contacts are excluded by a joint.
+/// Returns the pairs of bodies, smaller index first, whose contacts are excluded by a joint.
 pub fn joined(joints: &[Joint]) -> HashSet<(u32, u32)> {
     let pair = |joint: &Joint| joint.bodies.1.map(|b| (joint.bodies.0.min(b) as u32, joint.bodies.0.max(b) as u32));
     joints.iter().filter(|joint| joint.separates).filter_map(pair).collect()

@@ -1,11 +1,11 @@
-//! Memory estimate for the contacts of a multibody system, updated while contacts are detected and before matrices are
-//! assembled. All contacts on the same body are coupled, and so are all contacts of an island on bodies with joints:
-//! the matrix size grows as the square of the number of block rows of contacts on a body, of which a contact on a patch
-//! has two. Where the contacts of an island without joints and patches are so many that factors of the matrix take its
-//! place, it grows with their number.
+//! Memory estimate for the contacts of a multibody system, updated while contacts are detected and before matrices
+//! are assembled. All contacts on the same body are coupled, and so are all contacts of an island on bodies with
+//! joints: the matrix size grows as the square of the number of block rows of contacts on a body; a contact on a
+//! patch has two block rows. If an island without joints and patches has so many contacts that the matrix is stored
+//! in factors, memory grows linearly with their number.
 //!
 //! Islands are disjoint sets of bodies, merged as contacts are found (union-find, Tarjan 1975). Islands are solved in
-//! parallel, as many at a time as there are threads; the estimate assumes that these are the largest.
+//! parallel, one per thread; the estimate assumes that the largest islands are solved at the same time.
 
 use super::contact::Contact;
 use super::joint::Joint;
@@ -16,46 +16,46 @@ use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
 
-/// Bytes per block row of a contact besides those of the contact law: in the list of all contacts, in its island, and in
-/// stored impulses.
+/// Bytes per block row of a contact besides those of the contact law: in the list of all contacts, in the island of
+/// the contact, and in stored impulses.
 const OF_ROW: usize = 4 * size_of::<Contact>();
-/// Bytes per pair of nearby bodies.
+/// Bytes per pair of bodies whose bounding boxes overlap.
 const OF_PAIR: usize = size_of::<(u32, u32)>();
-/// Bytes per body with joints besides the matrix: motions at the beginning and the end of a step, and copies for
-/// rejected steps.
+/// Bytes per body with joints besides those of matrices: motions at the beginning and the end of a step, and copies
+/// for rejected steps.
 const OF_HELD_BODY: usize = 8 * size_of::<Motion>();
-/// Bytes per joint besides the matrix.
+/// Bytes per joint besides those of matrices.
 const OF_JOINT: usize = 24 * size_of::<Vector6<f64>>();
-/// Bytes per pair of contacts coupled through joints, besides those of the contact law: the assembled compliance and
-/// its symmetric part.
+/// Bytes per pair of contacts coupled through joints, besides those of the contact law: the assembled compliance
+/// matrix and its symmetric part.
 const OF_COUPLING: usize = 2 * size_of::<(usize, Matrix3<f64>)>();
 
-/// The memory estimate for the contacts found so far.
+/// The memory estimate for the contacts that have been found.
 #[derive(Clone, Debug, Default)]
 pub struct Load {
-    /// The number of pairs of nearby bodies.
+    /// The number of pairs of bodies whose bounding boxes overlap.
     pub pairs: usize,
-    /// The number of contacts.
+    /// The number of contacts found so far.
     pub contacts: usize,
-    /// The number of their block rows.
+    /// The number of block rows of the contacts: two for a contact on a patch, otherwise one.
     rows: usize,
     friction: Option<Cone>,
     bodies: Vec<Touched>,
-    /// The largest islands as `(root, bytes)`, at most `at_a_time`.
+    /// The largest islands as `(root, bytes)`, at most `at_a_time` of them.
     largest: Vec<(u32, usize)>,
-    /// The number of islands solved in parallel.
+    /// The number of islands that are solved in parallel.
     at_a_time: usize,
-    /// For each linkage, one of its bodies and the bytes of its equations.
+    /// For each linkage, the index of one of its bodies and the bytes of its equations.
     linkages: Vec<(usize, usize)>,
 }
 
-/// A body as a node of the union-find forest; `island` is valid for roots.
+/// A body as a node of the union-find forest of islands; `island` is valid for roots.
 #[derive(Clone, Copy, Debug)]
 struct Touched {
     parent: u32,
     /// The number of contacts on the body.
     contacts: u32,
-    /// The number of their block rows.
+    /// The number of block rows of the contacts on the body.
     rows: u32,
     has_joints: bool,
     island: Island,
@@ -65,16 +65,16 @@ struct Touched {
 struct Island {
     rows: usize,
     blocks: usize,
-    /// The number of block rows of contacts on bodies with joints.
+    /// The number of block rows of the island's contacts on bodies with joints.
     joined: usize,
-    /// Whether there is a contact on a patch.
+    /// Whether the island has a contact on a patch.
     has_patches: bool,
-    /// The bytes of the equations of linkages.
+    /// The bytes of the equations of the island's linkages.
     linkages: usize,
 }
 
 impl Load {
-    /// The estimate for a multibody system without contacts.
+    /// Returns the estimate for a multibody system without contacts.
     pub fn of(scene: &MultibodySystem) -> Self {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let place = |body: usize| moving.binary_search(&body).ok().map(|place| place as u32);
@@ -90,7 +90,7 @@ impl Load {
         load
     }
 
-    /// Resets the estimate to a multibody system without contacts, keeping its allocations.
+    /// Resets the estimate to that of a multibody system without contacts, keeping allocations.
     pub fn begin(&mut self, scene: &MultibodySystem) {
         (self.pairs, self.contacts, self.rows) = (0, 0, 0);
         self.friction = scene.laws.any(Law::is_rough).then_some(scene.cone);
@@ -114,7 +114,7 @@ impl Load {
         }
     }
 
-    /// Adds `contacts` contacts of one law between two bodies; `None` is a body that does not move.
+    /// Adds `contacts` contacts with one contact law between two bodies; `None` is a body that does not move.
     pub fn add(&mut self, [a, b]: [Option<usize>; 2], contacts: usize, law: Law) {
         if contacts == 0 {
             return;
@@ -141,13 +141,13 @@ impl Load {
         self.weigh(root);
     }
 
-    /// The estimated bytes of a step with the contacts found so far.
+    /// Returns the estimated bytes of a step with the contacts found so far.
     pub fn bytes(&self) -> usize {
         let islands = self.largest.iter().map(|(_, bytes)| *bytes).fold(0, usize::saturating_add);
         islands.saturating_add(self.pairs * OF_PAIR).saturating_add(self.rows * OF_ROW)
     }
 
-    /// The index of the body with the most contacts, and the number of its contacts.
+    /// Returns the index of the body with the most contacts, and the number of its contacts.
     pub fn most_touched(&self) -> Option<(usize, u32)> {
         let touched = self.bodies.iter().map(|body| body.contacts).enumerate();
         touched.max_by_key(|(body, contacts)| (*contacts, std::cmp::Reverse(*body)))
@@ -202,7 +202,7 @@ impl Island {
     }
 
     fn bytes(&self, friction: Option<Cone>) -> usize {
-        // Blocks of contacts coupled through joints, besides blocks of contacts on the same body.
+        // Blocks of contacts coupled through joints, in addition to blocks of contacts on the same body.
         let coupled = self.joined.saturating_mul(self.joined);
         let blocks = self.blocks.saturating_add(coupled);
         let has_factors = self.joined == 0 && !self.has_patches;

@@ -1,36 +1,37 @@
-//! The parts in which a run makes its steps. Joints, springs and forces that depend on motion divide a step as their
-//! own error demands, so that a second run with steps twice as long would make the same parts, and the same errors. It
-//! makes parts that are at least twice as long as those of the first run instead.
+//! The parts into which a run divides its time steps. Joints, springs and forces that depend on motion divide a step
+//! according to their own error, so that a second run with steps twice as long, made to estimate the error of the
+//! first, would use the same parts and have the same errors. The second run uses parts that are at least twice as
+//! long as those of the first run instead.
 
-/// Parts that agree up to this fraction are as long: their ends are sums of binary fractions of a step.
+/// Relative difference below which parts count as equally long: their ends are sums of binary fractions of a step.
 const WITHIN: f64 = 1e-6;
 
-/// The parts of the steps of a run, each with its begin and its end, in the order of time.
+/// The parts of the steps of a run, each as `[begin, end]`, in the order of time.
 #[derive(Clone, Debug, Default)]
 pub struct MadeParts {
     /// The parts in which all bodies move together.
     whole: Vec<[f64; 2]>,
-    /// For each moving body, those of an island with joints or motion-dependent forces.
+    /// For each moving body, the parts of its island, if the island has joints or motion-dependent forces.
     of_bodies: Vec<Vec<[f64; 2]>>,
 }
 
 impl MadeParts {
-    /// No parts of `moving` bodies.
+    /// Creates an empty record for `moving` bodies.
     pub fn new(moving: usize) -> Self {
         Self { whole: Vec::new(), of_bodies: vec![Vec::new(); moving] }
     }
 
-    /// Adds a part in which all bodies move together.
+    /// Adds a part of a step in which all bodies move together.
     pub(super) fn add_whole(&mut self, part: [f64; 2]) {
         self.whole.push(part);
     }
 
-    /// Adds the parts of an island.
+    /// Adds the parts of an island for each of its bodies.
     pub(super) fn add(&mut self, bodies: &[u32], parts: &[[f64; 2]]) {
         bodies.iter().for_each(|&body| self.of_bodies[body as usize].extend_from_slice(parts));
     }
 
-    /// Moves the parts up to a time to `others`, in place of what it had.
+    /// Moves the parts that begin before the time `until` to `others`, replacing its parts.
     pub fn hand_over(&mut self, until: f64, others: &mut Self) {
         let move_parts = |from: &mut Vec<[f64; 2]>, to: &mut Vec<[f64; 2]>| {
             let over = from.partition_point(|[begin, _]| *begin < until);
@@ -41,31 +42,31 @@ impl MadeParts {
         self.of_bodies.iter_mut().zip(&mut others.of_bodies).for_each(|(from, to)| move_parts(from, to));
     }
 
-    /// The longest part of all bodies within a part.
+    /// Returns the length of the longest part of all bodies that overlaps the time interval `part`.
     pub(super) fn longest(&self, part: [f64; 2]) -> f64 {
         longest(&self.whole, part).unwrap_or(0.0)
     }
 
-    /// The longest part of some bodies within a part.
+    /// Returns the length of the longest part of the given bodies that overlaps the time interval `part`.
     pub(super) fn longest_of(&self, bodies: &[u32], part: [f64; 2]) -> f64 {
         let of_bodies = bodies.iter().filter_map(|&body| longest(&self.of_bodies[body as usize], part));
         of_bodies.reduce(f64::max).unwrap_or_else(|| self.longest(part))
     }
 }
 
-/// The longest of some parts within a part, if one of them is.
+/// Returns the length of the longest of the parts that overlap a time interval; `None` if none overlaps it.
 fn longest(parts: &[[f64; 2]], [from, to]: [f64; 2]) -> Option<f64> {
     let overlaps = |&&[begin, end]: &&[f64; 2]| end.min(to) - begin.max(from) > WITHIN * (to - from);
     parts.iter().filter(overlaps).map(|[begin, end]| end - begin).reduce(f64::max)
 }
 
-/// Whether a part of length `h` is at least twice as long as others of which `longest` is the longest.
+/// Returns whether a part of length `h` is at least twice as long as `longest`, the longest part of another run.
 pub(super) fn is_twice(h: f64, longest: f64) -> bool {
     2.0 * longest <= h * (1.0 + WITHIN)
 }
 
-/// Whether a part of length `h` may be tried beside others of which `longest` is the longest: a shorter one would be at least
-/// twice as long as well.
+/// Returns whether a part of length `h` may be tried without halving it first, where `longest` is the longest part of
+/// another run: false if half of `h` would also be at least twice as long as `longest`.
 pub(super) fn may_try(h: f64, longest: f64) -> bool {
     4.0 * longest > h * (1.0 + WITHIN)
 }

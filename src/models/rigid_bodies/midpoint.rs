@@ -1,11 +1,12 @@
-//! The motion of bodies over a step, determined by their mean velocities: the midpoint rule on the group,
+//! The motion of bodies over a time step, determined by their mean velocities: the midpoint rule on the group of
+//! positions `x` and orientations `Q`, with mean velocities `v` and `w`,
 //!
 //! ```text
 //! x+ = x + h v,    Q+ = cay(h w) Q,    2 m (v - v-) = p,    Q+ J W+ - Q J W- = l,    (W- + W+) / 2 = Q^T w
 //! ```
 //!
-//! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes by
-//! `p . v + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for
+//! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes by `p . v
+//! + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for
 //! rigid body dynamics that exactly preserve energy and momentum*). Centres of mass and vectors fixed in a body both
 //! move along chords, so that a linkage in rigid rotation is integrated exactly as one rigid body.
 
@@ -16,49 +17,52 @@ use super::motion::Motion;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// Newton's tolerance for the change of velocities in the mass norm, relative to the velocities. Convergence is
-/// quadratic: after a change of 1.5e-8, the square root of rounding, the next change is rounding. The tolerance leaves
-/// a factor of 15 for the constant; a smaller tolerance would only add an iteration without visible effect.
+/// quadratic: after a change of 1.5e-8, the square root of the rounding unit, the next change is at rounding level.
+/// The tolerance leaves a factor of 15 for the constant of convergence; a smaller tolerance would only add an
+/// iteration without visible effect.
 pub const CONVERGED: f64 = 1e-9;
 
-/// Velocity scale of the rounding of positions, relative to position over step size: velocity changes due to rounding
-/// are below [`CONVERGED`] relative to this scale.
+/// Velocity scale of the rounding error of positions, relative to position over step size: velocity changes due to
+/// rounding are below [`CONVERGED`] relative to this scale.
 const ROUNDING: f64 = 32.0 * f64::EPSILON / CONVERGED;
 
 /// A Newton iterate of the midpoint rule for a set of bodies.
 #[derive(Debug)]
 pub struct Midpoint {
-    /// The start time of the step.
+    /// The time at the beginning of the step.
     pub t: f64,
-    /// The step size.
+    /// The step size, in seconds.
     pub h: f64,
-    /// The bodies at the beginning of the step.
+    /// The motions of the bodies at the beginning of the step.
     pub start: Vec<Motion>,
-    /// The mean velocities and angular velocities.
+    /// The mean velocities and angular velocities of the bodies over the step.
     pub mean: Vec<Vector6<f64>>,
-    /// The impulses of constant forces.
+    /// The impulses of constant forces on the bodies.
     pub forces: Vec<Vector6<f64>>,
-    /// The impulses of contacts.
+    /// The impulses of contacts on the bodies.
     pub pushes: Vec<Vector6<f64>>,
-    /// The motion-dependent forces, with the indices of their bodies.
+    /// The motion-dependent forces, with the indices of the bodies on which each depends.
     actions: Vec<(Action, Vec<u32>)>,
-    /// The impulses of `actions` at the mean velocities.
+    /// The impulses of the motion-dependent forces on the bodies at the mean velocities.
     applied: Vec<Vector6<f64>>,
-    /// The derivatives of `applied` with respect to the mean velocities.
+    /// The derivatives of the impulses of motion-dependent forces with respect to the mean velocities of their
+    /// bodies.
     gradients: Vec<Matrix6<f64>>,
-    /// The bodies at the end of the step, with the velocities of the beginning.
+    /// The bodies with their poses at the end and their velocities at the beginning of the step.
     pub moved: Vec<Motion>,
-    /// The frames at the beginning of the step.
+    /// The frames of the bodies at the beginning of the step.
     pub starts: Vec<Frame>,
-    /// The frames at the end of the step.
+    /// The frames of the bodies at the end of the step.
     pub ends: Vec<Frame>,
-    /// The mean frames.
+    /// The mean frames of the bodies over the step.
     pub means: Vec<Frame>,
-    /// The matrix `B = (I + [h w / 2]x + (h w / 2)(h w / 2)^T) / (1 + |h w / 2|^2)` of each body.
+    /// The matrix `B = (I + [h w / 2]x + (h w / 2)(h w / 2)^T) / (1 + |h w / 2|^2)` of each body, with its mean
+    /// angular velocity `w`.
     pub turning: Vec<Matrix3<f64>>,
     inertia: Vec<Matrix3<f64>>,
 }
 
-/// The velocity and the angular velocity of a body as one vector.
+/// Returns the velocity and the angular velocity of a body as one vector.
 pub fn twist(motion: &Motion) -> Vector6<f64> {
     join(&motion.velocity, &motion.omega)
 }
@@ -74,7 +78,8 @@ pub fn apart(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 impl Midpoint {
-    /// Starts the iteration with bodies at the beginning of a step and the impulses of constant forces.
+    /// Creates the first Newton iterate, from the bodies at the beginning of a step and the impulses of constant
+    /// forces.
     pub fn new(
         start: Vec<Motion>,
         forces: Vec<Vector6<f64>>,
@@ -107,7 +112,7 @@ impl Midpoint {
         midpoint
     }
 
-    /// Begins the iteration with the mean velocities of bodies whose accelerations are known from the last step.
+    /// Sets the initial guess of the mean velocities of bodies whose accelerations are known from the last step.
     pub fn extrapolate(&mut self, accelerations: &[Option<Vector6<f64>>]) {
         for ((mean, start), acceleration) in self.mean.iter_mut().zip(&self.start).zip(accelerations) {
             if let Some(acceleration) = acceleration {
@@ -119,7 +124,7 @@ impl Midpoint {
         }
     }
 
-    /// Updates poses, frames and motion-dependent forces for the current mean velocities.
+    /// Updates poses and frames at the end of the step, and motion-dependent forces, for the current mean velocities.
     pub fn arrive(&mut self) {
         for k in 0..self.start.len() {
             let (velocity, omega) = apart(&self.mean[k]);
@@ -133,7 +138,7 @@ impl Midpoint {
         self.apply();
     }
 
-    /// Evaluates the motion-dependent forces.
+    /// Evaluates the impulses of the motion-dependent forces at the mean velocities.
     fn apply(&mut self) {
         self.applied.fill(Vector6::zeros());
         self.gradients.fill(Matrix6::zeros());
@@ -152,7 +157,8 @@ impl Midpoint {
         }
     }
 
-    /// The energy of the change of velocity-dependent impulses between the mean velocities and `velocities` at the end.
+    /// Returns the kinetic energy of the change of velocity-dependent impulses between the mean velocities and
+    /// `velocities`, those at the end of the step.
     pub fn stiffness_of_actions(&self, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |k: usize| {
             let (push, twist_push) = apart(&(self.gradients[k] * (velocities[k] - self.mean[k])));
@@ -162,20 +168,20 @@ impl Midpoint {
         if self.actions.is_empty() { 0.0 } else { (0..velocities.len()).map(energy).sum() }
     }
 
-    /// The work of the motion-dependent forces.
+    /// Returns the work of the motion-dependent forces over the step.
     pub fn work_of_actions(&self) -> f64 {
         self.applied.iter().zip(&self.mean).map(|(impulse, mean)| impulse.dot(mean)).sum()
     }
 
-    /// The residual of the momentum balances of body `k` without joint forces, and its derivative with respect to the
-    /// mean velocities.
+    /// Returns the residual of the momentum balances of body `k` without joint forces, and its derivative with
+    /// respect to the mean velocities of the body.
     pub fn balance(&self, k: usize) -> (Vector6<f64>, Matrix6<f64>) {
         let (motion, inertia, h) = (&self.start[k], &self.inertia[k], self.h);
         let (velocity, omega) = apart(&self.mean[k]);
         let momentum = inertia * omega;
         let change = self.turning[k] * (omega.cross(&momentum) * h + inertia * (omega - motion.omega) * 2.0);
         let linear = (velocity - motion.velocity) * (2.0 * motion.mass);
-        // With dB = B [h dw / 2]x B.
+        // The derivative of the matrix `B` is `dB = B [h dw / 2]x B`.
         let inner = change.cross_matrix() * (-0.5 * h) - momentum.cross_matrix() * h
             + omega.cross_matrix() * inertia * h
             + inertia * 2.0;
@@ -185,7 +191,7 @@ impl Midpoint {
         (join(&linear, &change) - self.forces[k] - self.pushes[k] - self.applied[k], matrix - self.gradients[k])
     }
 
-    /// The velocities at the end of the step.
+    /// Returns the velocities of the bodies at the end of the step.
     pub fn end_velocities(&self) -> Vec<Vector6<f64>> {
         let end = |k: usize| {
             let (motion, (velocity, omega)) = (&self.start[k], apart(&self.mean[k]));
@@ -195,7 +201,7 @@ impl Midpoint {
         (0..self.start.len()).map(end).collect()
     }
 
-    /// The bodies at the end of the step, with the velocities of the beginning.
+    /// Returns the bodies with their poses at the end and their velocities at the beginning of the step.
     pub fn moved_bodies(&self) -> Vec<Motion> {
         let moved = |motion: &Motion| {
             let mut moved = *motion;
@@ -205,7 +211,7 @@ impl Midpoint {
         self.moved.iter().map(moved).collect()
     }
 
-    /// The kinetic energy of some bodies at the end of the step, for the given velocities of all.
+    /// Returns the kinetic energy of some bodies at the end of the step, for given velocities of all bodies.
     pub fn kinetic_energy_at_end(&self, bodies: &[u32], velocities: &[Vector6<f64>]) -> f64 {
         let energy = |&body: &u32| {
             let mut motion = self.moved[body as usize];
@@ -215,7 +221,7 @@ impl Midpoint {
         bodies.iter().map(energy).sum()
     }
 
-    /// Sets the impulses of contacts.
+    /// Sets the impulses of contacts on the bodies.
     pub fn push(&mut self, contacts: &[Contact], impulses: &[Vector3<f64>]) {
         self.pushes.fill(Vector6::zeros());
         for (contact, impulse) in contacts.iter().zip(impulses) {
@@ -228,8 +234,8 @@ impl Midpoint {
         }
     }
 
-    /// The squared velocity scale of the convergence test, in the mass norm: sum of initial velocities, mean
-    /// velocities, velocity changes by forces, and rounding of positions divided by the step size.
+    /// Returns the squared velocity scale of the convergence test, in the mass norm: the sum of initial velocities,
+    /// mean velocities, velocity changes by forces, and rounding errors of positions divided by the step size.
     pub fn size(&self) -> f64 {
         let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
         let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
@@ -242,7 +248,7 @@ impl Midpoint {
         rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
     }
 
-    /// Twice the kinetic energy of the given velocities at the initial poses: the squared mass norm.
+    /// Returns twice the kinetic energy of the given velocities at the initial poses, their squared mass norm.
     pub fn weigh(&self, velocities: &[Vector6<f64>]) -> f64 {
         let twice = |k: usize| {
             let (velocity, omega) = apart(&velocities[k]);

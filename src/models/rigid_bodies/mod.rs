@@ -1,8 +1,8 @@
 //! Rigid bodies in space, from spheres to convex hulls, with frictional contacts and joints.
 //!
-//! A [`MultibodySystem`] is described by the user; [`MoreauStepping`] integrates it. Positions and orientations are
-//! updated on the group, contacts obey Coulomb's law without regularisation, and joint constraints are satisfied
-//! exactly.
+//! [`MultibodySystem`] holds the user's description of a system; [`MoreauStepping`] integrates it. Positions and
+//! orientations are updated on the group, contacts obey Coulomb's law without regularisation, and joint constraints
+//! are satisfied exactly.
 
 mod action;
 pub mod collision;

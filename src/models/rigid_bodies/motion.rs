@@ -5,39 +5,40 @@ use super::scene::Body;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::TAU;
 
-/// Deviation from an even motion, relative to the way, that is none: ten times the tolerance of the law of contact.
+/// Deviation from a motion with constant accelerations, relative to the distance, below which it is treated as zero:
+/// ten times the tolerance of the contact law.
 const EVEN: f64 = 1e-9;
 
-/// Rounding of a displacement, relative to the position, or to one radian.
+/// Rounding error of a displacement, relative to the position, or of a rotation, relative to one radian.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// The state of a moving body.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    /// The pose of the frame at the centre of mass.
+    /// The pose of the body frame, whose origin is the centre of mass.
     pub pose: Isometry3<f64>,
     /// The velocity of the centre of mass.
     pub velocity: Vector3<f64>,
     /// The angular velocity in world axes.
     pub omega: Vector3<f64>,
-    /// The mass in kilograms.
+    /// The mass of the body in kilograms.
     pub mass: f64,
-    /// The inertia in the frame of the body.
+    /// The inertia in the body frame.
     pub inertia: Matrix3<f64>,
     inertia_inverse: Matrix3<f64>,
     /// The inverse inertia in world axes, at the current pose.
     pub mobility: Matrix3<f64>,
-    /// The time of the pose less that of the velocity: half a step if the velocity is that of the midpoint of a step,
-    /// else zero.
+    /// The time of the pose less the time of the velocity: half a step if the velocity is that of the midpoint of a
+    /// step, else zero.
     pub lag: f64,
-    /// Whether the inertia is isotropic.
+    /// Whether the inertia is isotropic, so that it is constant in world axes.
     is_round: bool,
 }
 
 impl Motion {
-    /// The initial state of a body; `None` if its inertia is singular.
+    /// Returns the initial state of a body; `None` if its inertia is singular.
     pub fn new(body: &Body) -> Option<Self> {
-        // The determinant of a small inertia would be zero.
+        // Scale the inertia to unit size, since the determinant of a small one would underflow to zero.
         let unit = body.inertia.amax();
         let inertia_inverse = (body.inertia / unit).try_inverse()? / unit;
         let round = body.inertia - Matrix3::from_diagonal_element(body.inertia[(0, 0)]);
@@ -63,18 +64,18 @@ impl Motion {
         }
     }
 
-    /// Changes the momentum by an impulse at the centre of mass and an angular impulse.
+    /// Changes the momentum of the body by an impulse at the centre of mass and an angular impulse.
     pub fn push(&mut self, impulse: &Vector3<f64>, angular: &Vector3<f64>) {
         self.velocity += impulse / self.mass;
         self.omega += self.mobility * angular;
     }
 
-    /// A copy with the velocity changed by `by`.
+    /// Returns a copy of the motion with `by` added to the velocity.
     pub fn kicked(&self, by: &Vector3<f64>) -> Self {
         Self { velocity: self.velocity + by, ..*self }
     }
 
-    /// Moves freely for a time `h`, with gyroscopic terms in the angular velocity.
+    /// Moves the body without forces for a time `h`, with gyroscopic terms in the angular velocity.
     pub fn drift(&mut self, h: f64) {
         self.pose.translation.vector += self.velocity * h;
         if self.omega == Vector3::zeros() {
@@ -90,7 +91,8 @@ impl Motion {
         self.turn_mobility();
     }
 
-    /// Flies for a time `h` under gravity; the velocities are those of the ends.
+    /// Moves the body under gravity for a time `h`; the velocities are those at the beginning and the end of this
+    /// time.
     pub fn fly(&mut self, h: f64, gravity: &Vector3<f64>) {
         let half = gravity * (0.5 * h);
         self.velocity += half;
@@ -98,15 +100,15 @@ impl Motion {
         self.velocity += half;
     }
 
-    /// A copy that has flown for a time `h` under gravity.
+    /// Returns a copy of the body that has moved under gravity for a time `h`.
     pub fn flown(&self, h: f64, gravity: &Vector3<f64>) -> Self {
         let mut flown = *self;
         flown.fly(h, gravity);
         flown
     }
 
-    /// The body moved for a time `h` with the given velocities, with its momenta changed: the velocity by `kick`, the
-    /// angular momentum by `turn`.
+    /// Returns the body moved for a time `h` with the given velocities, after which `kick` is added to its velocity
+    /// and `turn` to its angular momentum.
     pub fn moved(&self, [velocity, omega]: [&Vector3<f64>; 2], h: f64, [kick, turn]: [&Vector3<f64>; 2]) -> Self {
         let momentum = self.inertia_in_world() * self.omega + turn;
         let mut moved = *self;
@@ -116,7 +118,7 @@ impl Motion {
         moved
     }
 
-    /// The inertia in world axes, at the current pose.
+    /// Returns the inertia in world axes, at the current pose.
     pub fn inertia_in_world(&self) -> Matrix3<f64> {
         if self.is_round {
             return self.inertia;
@@ -125,28 +127,29 @@ impl Motion {
         rotation.matrix() * self.inertia * rotation.matrix().transpose()
     }
 
-    /// The pose after a time `h` with given mean velocities; centre and directions move along chords (Cayley's
-    /// rotation).
+    /// Returns the pose after a time `h` with given mean velocities; the centre of mass and directions fixed in the
+    /// body move along chords (Cayley's rotation).
     pub fn moved_by_chords(&self, velocity: &Vector3<f64>, omega: &Vector3<f64>, h: f64) -> Isometry3<f64> {
         let turn = UnitQuaternion::new_normalize(Quaternion::from_parts(1.0, omega * (0.5 * h)));
         let rotation = UnitQuaternion::new_normalize((turn * self.pose.rotation).into_inner());
         Isometry3::from_parts((self.pose.translation.vector + velocity * h).into(), rotation)
     }
 
-    /// Sets pose and velocities, with zero lag.
+    /// Sets pose and velocities, which then belong to the same time (zero lag).
     pub fn arrive(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) {
         (self.pose, self.velocity, self.omega, self.lag) = (*pose, *velocity, *omega, 0.0);
         self.turn_mobility();
     }
 
-    /// The displacement and the rotation vector to the pose of another motion.
+    /// Returns the displacement and the rotation vector from this motion's pose to the pose of another motion.
     pub fn way_to(&self, other: &Self) -> Vector6<f64> {
         let by = other.pose.translation.vector - self.pose.translation.vector;
         let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
         Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
-    /// The motion a time `d` after this one, on the parabola to the motion `end` a time `s` after it.
+    /// Returns the motion at a time `d` after this one, interpolated by a parabola to the motion `end`, which is at a
+    /// time `s` after this one.
     pub fn between(&self, end: &Self, s: f64, d: f64) -> Self {
         let (part, way) = (d / s, self.way_to(end));
         let bend = |way: Vector3<f64>, rate: &Vector3<f64>| rate * d + (way - rate * s) * (part * part);
@@ -158,8 +161,9 @@ impl Motion {
         between
     }
 
-    /// Whether the motion to `end`, a time `s` later, has constant accelerations and a constant axis, beside velocities of at
-    /// least `least`, linear and angular.
+    /// Returns whether the motion to `end`, a time `s` later, has constant accelerations and a constant axis of
+    /// rotation, up to tolerances relative to the velocities, to which the linear and angular velocities `least` are
+    /// added.
     pub fn is_even(&self, end: &Self, s: f64, least: [f64; 2]) -> bool {
         let way = self.way_to(end);
         let mean = |from: &Vector3<f64>, to: &Vector3<f64>| (from + to) * (0.5 * s);
@@ -185,20 +189,20 @@ impl Motion {
         self.pose.rotation = UnitQuaternion::new_normalize(turned.into_inner());
     }
 
-    /// The kinetic energy `(m v.v + w.J w) / 2`.
+    /// Returns the kinetic energy `(m v.v + w.J w) / 2`.
     pub fn kinetic_energy(&self) -> f64 {
         let omega = self.pose.rotation.inverse() * self.omega;
         0.5 * (self.mass * self.velocity.norm_squared() + omega.dot(&(self.inertia * omega)))
     }
 
-    /// Whether the state and the kinetic energy are finite.
+    /// Returns whether the state and the kinetic energy of the body are finite.
     pub fn is_finite(&self) -> bool {
         let sum = self.pose.translation.vector.sum() + self.pose.rotation.coords.sum();
         (sum + self.velocity.sum() + self.omega.sum() + self.kinetic_energy()).is_finite()
     }
 }
 
-/// Adds whole turns to a rotation vector, so that it is as near as possible to another.
+/// Adds full turns to a rotation vector, so that it is as near as possible to another rotation vector.
 fn whole_turns(turn: Vector3<f64>, near: &Vector3<f64>) -> Vector3<f64> {
     let Some(axis) = turn.try_normalize(0.0).or_else(|| near.try_normalize(0.0)) else { return turn };
     turn + axis * (TAU * ((near - turn).dot(&axis) / TAU).round())

@@ -1,60 +1,60 @@
-//! Convex polyhedra: vertices, faces with outward unit normals, and edges with their two adjacent faces, as needed for
-//! separating axes. Faces are planar polygons, not triangles: a box rests on the four corners of a face, not on two
-//! triangles.
+//! Convex polyhedra: vertices, faces with outward unit normals, and edges with their two adjacent faces, as needed
+//! for separating axes. Faces are planar polygons, not triangles: a box rests on the four corners of a face, not on
+//! two triangles.
 
 use nalgebra::{Matrix3, Vector3};
 use parry3d_f64::math::Vector;
 use parry3d_f64::shape::ConvexPolyhedron;
 
-/// A planar face, oriented counter-clockwise as seen from outside.
+/// A planar face of a polyhedron, oriented counter-clockwise as seen from outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
-    /// The outward unit normal.
+    /// The outward unit normal of the face.
     pub normal: Vector3<f64>,
     /// The value of `normal . x` on the face, in metres.
     pub offset: f64,
-    /// The indices of the vertices, in order.
+    /// The indices of the vertices of the face, in counter-clockwise order.
     pub vertices: Vec<usize>,
 }
 
-/// An edge between two faces.
+/// An edge of a polyhedron between two faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
-    /// The indices of both ends.
+    /// The indices of the vertices at both ends.
     pub vertices: [usize; 2],
-    /// The indices of the adjacent faces.
+    /// The indices of the two faces that meet at the edge.
     pub faces: [usize; 2],
 }
 
 /// A bounded convex polyhedron with a volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
-    /// The vertices in metres, in the frame of the body.
+    /// The vertices in metres, in the body frame.
     pub vertices: Vec<Vector3<f64>>,
-    /// The faces.
+    /// The faces of the polyhedron.
     pub faces: Vec<Face>,
-    /// The edges, without duplicates.
+    /// The edges of the polyhedron, without duplicates.
     pub edges: Vec<Edge>,
 }
 
 impl Polyhedron {
-    /// The box `[-a, a] x [-b, b] x [-c, c]` with the half side lengths `half = (a, b, c)`.
+    /// Returns the box `[-a, a] x [-b, b] x [-c, c]` with the half side lengths `half = (a, b, c)`.
     pub fn cuboid(half: Vector3<f64>) -> Self {
-        // The bits of k are the signs of the coordinates of vertex k.
+        // The bits of the number `k` of a vertex are the signs of its coordinates.
         let sign = |k: usize, axis: usize| if k >> axis & 1 == 1 { 1.0 } else { -1.0 };
         let vertices = (0..8).map(|k| Vector3::from_fn(|axis, _| sign(k, axis) * half[axis])).collect();
         let loops = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         Self::from_loops(vertices, loops.into_iter().map(Vec::from))
     }
 
-    /// The convex hull of points; `None` if the points span no volume.
+    /// Returns the convex hull of points; `None` if the points span no volume.
     pub fn hull(points: &[Vector3<f64>]) -> Option<Self> {
         let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         let size = points.iter().map(|p| (p - centre).amax()).fold(0.0, f64::max);
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        // The library's thresholds are absolute: points are scaled to unit size.
+        // Scale the points to unit size, since the thresholds of the collision library are absolute.
         let unit: Vec<Vector> =
             points.iter().map(|p| (p - centre) / size).map(|p| Vector::new(p.x, p.y, p.z)).collect();
         if !spans_volume(&unit) {
@@ -75,7 +75,7 @@ impl Polyhedron {
         let faces: Vec<Face> = loops
             .map(|vertices_of| {
                 let corner = |k: usize| vertices[vertices_of[k % vertices_of.len()]];
-                // Newell's method: the vector area of the polygon.
+                // Newell's method: `area` is twice the vector area of the polygon.
                 let area: Vector3<f64> =
                     (1..vertices_of.len()).map(|k| (corner(k) - corner(0)).cross(&(corner(k + 1) - corner(0)))).sum();
                 let normal = area.normalize();
@@ -104,7 +104,7 @@ impl Polyhedron {
         used.len() + self.faces.len() == self.edges.len() + 2
     }
 
-    /// Tetrahedra `(0, a, b, c)` whose signed volumes sum to the volume of the polyhedron.
+    /// Returns tetrahedra `(0, a, b, c)` with signed volumes that sum to the volume of the polyhedron.
     fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Vector3<f64>; 3])> + '_ {
         self.faces.iter().flat_map(move |face| {
             let corner = move |k: usize| self.vertices[face.vertices[k]];
@@ -115,18 +115,19 @@ impl Polyhedron {
         })
     }
 
-    /// The volume in cubic metres.
+    /// Returns the volume of the polyhedron in cubic metres.
     pub fn volume(&self) -> f64 {
         self.tetrahedra().map(|(volume, _)| volume).sum()
     }
 
-    /// The centre of mass at uniform density.
+    /// Returns the centre of mass at uniform density.
     pub fn centre(&self) -> Vector3<f64> {
         let moment: Vector3<f64> = self.tetrahedra().map(|(v, [a, b, c])| (a + b + c) * (v / 4.0)).sum();
         moment / self.volume()
     }
 
-    /// The second moment `int x x^T dV` about the origin; for a tetrahedron, `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
+    /// Returns the second moment `int x x^T dV` about the origin; for a tetrahedron of volume `V` with vertices
+    /// `v_i`, `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
     pub fn second_moment(&self) -> Matrix3<f64> {
         self.tetrahedra()
             .map(|(v, [a, b, c])| {
@@ -136,7 +137,7 @@ impl Polyhedron {
             .sum()
     }
 
-    /// Moves the origin of the frame to `centre`.
+    /// Moves the origin of the body frame to `centre`.
     pub fn shift(&mut self, centre: &Vector3<f64>) {
         for vertex in &mut self.vertices {
             *vertex -= centre;
@@ -146,13 +147,14 @@ impl Polyhedron {
         }
     }
 
-    /// The support point: the vertex farthest in a direction.
+    /// Returns the support point of the polyhedron: the vertex farthest in a direction.
     pub fn support(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let farthest = self.vertices.iter().max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)));
         farthest.copied().unwrap_or_else(Vector3::zeros)
     }
 
-    /// The point of the surface nearest to `p`, the outward normal at this point, and the distance, negative inside.
+    /// Returns the point of the surface nearest to `p`, the outward normal at the nearest point, and the distance,
+    /// negative inside.
     pub fn nearest(&self, p: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
         let height = |face: &Face| face.normal.dot(p) - face.offset;
         let highest = self.faces.iter().max_by(|a, b| height(a).total_cmp(&height(b)));
@@ -167,7 +169,7 @@ impl Polyhedron {
             .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
         let point = nearest.unwrap_or(*p);
         let distance = (p - point).norm();
-        // For points on the surface, use the normal of the face.
+        // For points on the surface, the normal is that of the face.
         let normal = if distance > f64::EPSILON * p.norm() { (p - point) / distance } else { face.normal };
         (point, normal, distance)
     }
@@ -190,7 +192,7 @@ impl Polyhedron {
     }
 }
 
-/// Whether points of unit size have an extent (standard deviation) above 1e-3 in every direction.
+/// Returns whether points of unit size have an extent (standard deviation) above 1e-3 in every direction.
 fn spans_volume(points: &[Vector]) -> bool {
     let mut covariance = Matrix3::zeros();
     let mean = points.iter().fold(Vector3::zeros(), |sum, p| sum + Vector3::new(p.x, p.y, p.z)) / points.len() as f64;
@@ -216,7 +218,7 @@ mod tests {
         assert!((hull.volume() - 8.0).abs() < 1e-14);
         assert_eq!((cuboid.faces.len(), cuboid.edges.len()), (6, 12));
         assert!((cuboid.volume() - 8.0).abs() < 1e-14);
-        // int x^2 dV = V a^2 / 3.
+        // The second moment of a box along an axis with half side length `a` is `int x^2 dV = V a^2 / 3`.
         let moment = hull.second_moment();
         assert!((moment - Matrix3::from_diagonal(&Vector3::new(2.0 / 3.0, 8.0 / 3.0, 32.0 / 3.0))).amax() < 1e-13);
     }

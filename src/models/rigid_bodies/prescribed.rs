@@ -1,5 +1,5 @@
-//! Bodies with prescribed motion: they act on other bodies, but are not acted upon. A rotation vector `r(t)` turns a body
-//! by `exp([r]x)`, with the angular velocity
+//! Bodies with prescribed motion: they act on other bodies, but are not acted upon. A rotation vector `r(t)` turns a
+//! body by `exp([r]x)`, with the angular velocity
 //!
 //! ```text
 //! w = r' + (1 - cos a)/a^2 r x r' + (a - sin a)/a^3 r x (r x r'),    a = |r|
@@ -11,51 +11,52 @@ use super::frame::Frame;
 use super::signals::{SignalStep, Signals};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// A prescribed motion; functions of time are given by their index among the signals of the multibody system.
+/// The prescribed motion of a body; functions of time are given by their index among the signals of the multibody
+/// system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prescription {
-    /// The motion of the origin of the body's frame; at rest if `None`.
+    /// The motion of the origin of the body frame; `None` if the origin is at rest.
     pub linear: Option<Linear>,
-    /// The rotation; none if `None`.
+    /// The rotation of the body; `None` if it does not rotate.
     pub angular: Option<Angular>,
 }
 
-/// A prescribed rotation.
+/// A prescribed rotation of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Angular {
-    /// The angular velocity in world axes is given.
+    /// The angular velocity in world axes, as indices of signals.
     Velocity([usize; 3]),
-    /// The rotation vector is given, which turns the body from an orientation.
+    /// The rotation vector, as indices of signals, and the orientation from which it turns the body.
     Rotation([usize; 3], UnitQuaternion<f64>),
 }
 
 /// The prescribed motion of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Linear {
-    /// The position is given.
+    /// The position of the point, as indices of signals.
     Position([usize; 3]),
-    /// The velocity is given.
+    /// The velocity of the point, as indices of signals.
     Velocity([usize; 3]),
 }
 
-/// A body with prescribed motion within a step.
+/// The state of a body with prescribed motion within a time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Prescribed {
-    /// The index of the body.
+    /// The index of the body in the multibody system.
     pub body: usize,
-    /// The pose at the beginning of the step; set to `end` after the step.
+    /// The pose at the beginning of the step, which is replaced by `end` after the step.
     pub pose: Isometry3<f64>,
-    /// The pose at the end of the step.
+    /// The pose of the body at the end of the step.
     pub end: Isometry3<f64>,
-    /// The mean velocity of the step.
+    /// The mean velocity of the body frame's origin over the step.
     pub velocity: Vector3<f64>,
-    /// The mean angular velocity of the step.
+    /// The mean angular velocity over the step.
     pub omega: Vector3<f64>,
 }
 
 impl Prescription {
-    /// The pose at the end of a step. The rotation is the exponential of the integral of the angular velocity: exact
-    /// for a constant axis, otherwise of second order.
+    /// Returns the pose at the end of a step. The rotation is the exponential of the integral of the angular
+    /// velocity: exact for a constant axis, otherwise of second order.
     fn end(&self, from: &Isometry3<f64>, course: &SignalStep) -> Isometry3<f64> {
         let at = |values: &[f64], of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
         let start = from.translation.vector;
@@ -75,7 +76,8 @@ impl Prescription {
 }
 
 impl Prescription {
-    /// The velocity of the origin of the frame and the angular velocity, from the values and the rates of all signals.
+    /// Returns the velocity of the origin of the body frame and the angular velocity, from the values and the rates
+    /// of all signals.
     pub fn velocities(&self, values: &[f64], rates: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
         let at = |values: &[f64], of: &[usize; 3]| Vector3::from(of.map(|function| values[function]));
         let velocity = match &self.linear {
@@ -92,11 +94,11 @@ impl Prescription {
     }
 }
 
-/// The rotation vector below which the series replaces quotients that cancel, in radians: its next terms are of the size
-/// of rounding.
+/// Length of the rotation vector, in radians, below which a Taylor series replaces the quotients that suffer from
+/// cancellation: the truncated terms are at rounding level.
 const SMALL: f64 = 1e-2;
 
-/// The angular velocity of a rotation vector `r` with the rate `rate`.
+/// Returns the angular velocity for a rotation vector `r` with the time derivative `rate`.
 fn angular_velocity(r: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let a = r.norm();
     let [first, second] = if a < SMALL {
@@ -109,34 +111,35 @@ fn angular_velocity(r: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     rate + across * first + r.cross(&across) * second
 }
 
-/// A body with prescribed motion, from the beginning of a step on: what joints hold on to.
+/// A body with prescribed motion to which joints are attached, with its pose at the beginning of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Ground {
     /// The time at the beginning of the step.
     pub t: f64,
-    /// The pose at the beginning of the step.
+    /// The pose of the body at the beginning of the step.
     pub pose: Isometry3<f64>,
-    /// The prescribed motion.
+    /// The prescribed motion of the body.
     pub by: Prescription,
 }
 
-/// The second body of a joint that does not move by its mass, over a part of a step.
+/// The motion, over a part of a step, of the second body of a joint if that body has prescribed motion or is the
+/// world.
 #[derive(Clone, Copy, Debug)]
 pub struct Grounding {
-    /// The frame at the beginning of the part.
+    /// The frame at the beginning of the part of the step.
     pub start: Frame,
-    /// The mean frame.
+    /// The mean frame over the part of the step.
     pub mean: Frame,
-    /// The frame at the end.
+    /// The frame at the end of the part of the step.
     pub end: Frame,
-    /// The velocity and the angular velocity in the mean of the part.
+    /// The mean velocity and the mean angular velocity over the part of the step.
     pub velocities: (Vector3<f64>, Vector3<f64>),
-    /// The velocity and the angular velocity at the end.
+    /// The velocity and the angular velocity at the end of the part of the step.
     pub at_end: (Vector3<f64>, Vector3<f64>),
 }
 
 impl Grounding {
-    /// The world.
+    /// The motion of the world, which is at rest.
     pub const WORLD: Self = Self {
         start: Frame::WORLD,
         mean: Frame::WORLD,
@@ -147,7 +150,7 @@ impl Grounding {
 }
 
 impl Ground {
-    /// The motion over a part of the step, of length `h` from the time `t`.
+    /// Returns the motion over a part of the step, of length `h` from the time `t`.
     pub fn over(&self, t: f64, h: f64, signals: &Signals) -> Grounding {
         let pose = |until: f64| {
             if until > self.t { self.by.end(&self.pose, &signals.over(self.t, until - self.t)) } else { self.pose }
@@ -167,7 +170,7 @@ impl Ground {
 }
 
 impl Prescribed {
-    /// The body at its initial pose, with zero velocities.
+    /// Returns the state of a body at its initial pose, with zero velocities.
     pub fn new(body: usize, pose: Isometry3<f64>) -> Self {
         Self { body, pose, end: pose, velocity: Vector3::zeros(), omega: Vector3::zeros() }
     }
@@ -179,7 +182,7 @@ impl Prescribed {
         self.omega = (self.end.rotation * self.pose.rotation.inverse()).scaled_axis() / h;
     }
 
-    /// Sets the pose and the velocities of a time `passed` after `t`, when the pose was `from`.
+    /// Sets the pose and the velocities at time `t + passed`, given the pose `from` at time `t`.
     pub fn at(&mut self, by: &Prescription, signals: &Signals, from: &Isometry3<f64>, [t, passed]: [f64; 2]) {
         self.pose = if passed > 0.0 { by.end(from, &signals.over(t, passed)) } else { *from };
         self.end = self.pose;
@@ -187,7 +190,7 @@ impl Prescribed {
         (self.velocity, self.omega) = by.velocities(&values, &rates);
     }
 
-    /// The mean velocity of the material point that is at `place` at the beginning of the step.
+    /// Returns the mean velocity of the material point that is at `place` at the beginning of the step.
     pub fn velocity_at(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.omega.cross(&(place - self.pose.translation.vector))
     }

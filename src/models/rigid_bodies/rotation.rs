@@ -1,24 +1,26 @@
-//! The free rotation of a rigid body, with the angular velocity `W` and the inertia `J` in the frame of the body:
+//! The free rotation of a rigid body over a step of size `h`, with the orientation `Q`, and the angular velocity `W`
+//! and the inertia `J` in the body frame:
 //!
 //! ```text
 //! J (W+ - W) = k J Wm x Wm,    Q+ = Q exp(h Wm),    Wm = (W + W+) / 2,    k = 2 tan(h |Wm| / 2) / |Wm|
 //! ```
 //!
-//! This is the implicit midpoint rule on the group (Austin, Krishnaprasad and Wang 1993, *Almost Poisson integration of
-//! rigid body systems*). Since `exp(h Wm)` is the Cayley transform of `k Wm`, both equations together imply
+//! This is the implicit midpoint rule on the group (Austin, Krishnaprasad and Wang 1993, *Almost Poisson integration
+//! of rigid body systems*). Since `exp(h Wm)` is the Cayley transform of `k Wm`, both equations together imply
 //! conservation of the angular momentum, `Q+ J W+ = Q J W`, and of the energy `W.J W / 2`, up to rounding and for any
 //! step size. Steady rotation about a principal axis is exact. The order is two.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Limit on Newton iterations. From the explicit guess, three to five suffice; for fast rotation see [`LARGEST_ANGLE`].
+/// Maximum number of Newton iterations for the free rotation. From the explicit guess, three to five suffice; for
+/// fast rotation see [`LARGEST_ANGLE`].
 const ITERATIONS: usize = 20;
 
-/// The angle per step, in radians, above which `k = h` is used: the rotation is not resolved, and `tan` would become
-/// unbounded.
+/// The angle per step, in radians, above which the factor `k = h` is used: the rotation is not resolved, and `tan`
+/// would become unbounded.
 const LARGEST_ANGLE: f64 = 2.0;
 
-/// Free rotation for a time `h`: returns the rotation and the new angular velocity, both in the frame of the body.
+/// Rotates a free body for a time `h`: returns the rotation and the new angular velocity, both in the body frame.
 pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let momentum = inertia * omega;
     let mut next = *omega;
@@ -26,7 +28,8 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
         let mean = (omega + next) * 0.5;
         let k = cayley_step(&mean, h);
         let residual = inertia * next - momentum - (inertia * mean).cross(&mean) * k;
-        // d(J w x w) = (J dw) x w + (J w) x dw, with half of the change for the mean.
+        // The derivative is `d(J w x w) = (J dw) x w + (J w) x dw`; the mean changes by half of the change of the end
+        // value.
         let spin = (inertia * mean).cross_matrix() - mean.cross_matrix() * inertia;
         let Some(change) = (inertia - spin * (0.5 * k)).lu().solve(&residual) else { break };
         next -= change;
@@ -40,7 +43,7 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
     (axis.map_or_else(UnitQuaternion::identity, |axis| UnitQuaternion::from_axis_angle(&axis, angle)), next)
 }
 
-/// The factor `k` for which the Cayley transform of `k w` is the exponential of `h w`.
+/// Returns the factor `k` for which the Cayley transform of `k w` is the exponential of `h w`.
 fn cayley_step(omega: &Vector3<f64>, h: f64) -> f64 {
     let half = 0.5 * h * omega.norm();
     if half == 0.0 || 2.0 * half > LARGEST_ANGLE { h } else { h * half.tan() / half }
@@ -77,14 +80,15 @@ mod tests {
         assert!(q.angle_to(&exact) < 1e-14);
     }
 
-    /// Jacobi's solution: the middle component of the angular velocity is `sn`, whose quarter period `K(m)` is given by
-    /// the arithmetic-geometric mean.
+    /// Compares the period of a free asymmetric top with Jacobi's solution: the middle component of the angular
+    /// velocity is the elliptic function `sn`, whose quarter period `K(m)` is given by the arithmetic-geometric mean.
     #[test]
     fn the_period_of_eulers_top_comes_out_at_second_order() {
         let (j, omega) = (Vector3::new(1.0_f64, 2.0, 3.0), Vector3::new(1.0_f64, 0.0, 1.0));
         let energy = 0.5 * j.dot(&omega.component_mul(&omega));
         let momentum = j.component_mul(&omega).norm_squared();
-        // For momentum > 2 E J_2 (Landau and Lifshitz, Mechanics, section 37), with J_3 the largest.
+        // The formulas hold for squared momentum `> 2 E J_2` (Landau and Lifshitz, Mechanics, section 37), with `J_3`
+        // the largest moment of inertia.
         let (upper, lower) = (momentum - 2.0 * energy * j.x, 2.0 * energy * j.z - momentum);
         let rate = ((j.z - j.y) * upper / (j.x * j.y * j.z)).sqrt();
         let m = (j.y - j.x) * lower / ((j.z - j.y) * upper);

@@ -13,30 +13,31 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use problem::{Control, Interrupted, Warning};
 use std::collections::HashSet;
 
-/// A body in SI units; pose and velocity are those of the centre of mass.
+/// A body of a multibody system in SI units; pose and velocity are those of the centre of mass.
 #[derive(Clone, Debug)]
 pub struct Body {
-    /// The name, which is the prefix of the output names.
+    /// The name of the body, the prefix of its output names.
     pub name: String,
     /// The shape relative to the centre of mass, or to the origin of the user's frame if the body is fixed.
     pub collider: Collider,
-    /// The index of the material in the contact laws.
+    /// The index of the body's material in the contact laws.
     pub material: usize,
-    /// Whether forces and impulses do not move the body.
+    /// Whether the body is fixed or has prescribed motion, so that forces and impulses do not move it.
     pub fixed: bool,
     /// Whether the contact forces on the body are outputs.
     pub tells_contacts: bool,
-    /// The prescribed motion of a `fixed` body; at rest if `None`.
+    /// The prescribed motion of a `fixed` body; `None` if the body is at rest.
     pub motion: Option<Prescription>,
-    /// The collision group, for the pairs in [`MultibodySystem::apart`]; a body without a group collides with all.
+    /// The collision group of the body, for the pairs in [`MultibodySystem::apart`]; a body without a group collides
+    /// with all bodies.
     pub group: Option<u32>,
     /// The mass in kilograms, positive if the body moves.
     pub mass: f64,
-    /// The inertia about the centre of mass, in the frame of the body.
+    /// The inertia about the centre of mass, in the body frame.
     pub inertia: Matrix3<f64>,
     /// The centre of mass in the user's frame.
     pub centre: Vector3<f64>,
-    /// The initial pose: from the frame of the body to the world.
+    /// The initial pose, which maps the body frame to the world.
     pub pose: Isometry3<f64>,
     /// The initial velocity of the centre of mass.
     pub velocity: Vector3<f64>,
@@ -47,34 +48,34 @@ pub struct Body {
 /// The contact law of a pair of materials.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Law {
-    /// The coefficient of friction in Coulomb's law; where it varies, its last value.
+    /// The coefficient of friction in Coulomb's law; for a varying coefficient, its last value.
     pub friction: f64,
-    /// The index of the coefficient in [`Laws::coefficients`], if it varies.
+    /// The index of the coefficient of friction in [`Laws::coefficients`], if it varies.
     pub varying: Option<u32>,
-    /// The index of the directions of friction in [`Laws::grains`], if the coefficient depends on them.
+    /// The index of the anisotropic friction in [`Laws::grains`], if friction is anisotropic.
     pub grain: Option<u32>,
-    /// The index of the patch in [`Laws::patches`], if there is drilling or rolling friction.
+    /// The index of the contact patch in [`Laws::patches`], if there is drilling or rolling friction.
     pub patch: Option<u32>,
     /// The coefficient of restitution in Newton's law, from 0 to 1.
     pub restitution: f64,
 }
 
-/// The patch on which bodies touch.
+/// The patch on which two bodies touch, for drilling and rolling friction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Patch {
     /// The radius of a disc with uniform pressure, in metres: friction resists drilling, coupled with sliding.
     pub radius: f64,
-    /// The coefficient of rolling friction, in metres: the largest rolling torque for the unit of the normal force.
+    /// The coefficient of rolling friction, in metres: the largest rolling torque divided by the normal force.
     pub rolling: f64,
 }
 
 impl Law {
-    /// The number of block rows of a contact: its force, and its torque on a patch.
+    /// Returns the number of block rows of a contact: two for the force and the torque on a patch, otherwise one.
     pub fn rows(&self) -> usize {
         if self.patch.is_some() { 2 } else { 1 }
     }
 
-    /// Whether there may be friction.
+    /// Returns whether the law allows friction.
     pub fn is_rough(&self) -> bool {
         self.friction > 0.0 || self.varying.is_some() || self.patch.is_some()
     }
@@ -85,76 +86,75 @@ impl Law {
 pub struct Laws {
     materials: usize,
     laws: Vec<Law>,
-    /// The coefficients of friction that vary.
+    /// The varying coefficients of friction.
     pub coefficients: Vec<Coefficient>,
-    /// Directions of friction.
+    /// The directions and ratios of anisotropic friction.
     pub grains: Vec<Grain>,
-    /// Patches.
+    /// The contact patches of drilling and rolling friction.
     pub patches: Vec<Patch>,
 }
 
 impl Laws {
-    /// The laws of all pairs of a number of materials, by rows.
+    /// Collects the laws of all pairs of a number of materials, by rows.
     pub fn new(materials: usize, laws: Vec<Law>) -> Self {
         Self { materials, laws, coefficients: Vec::new(), grains: Vec::new(), patches: Vec::new() }
     }
 
-    /// The law of a pair of materials.
+    /// Returns the law of a pair of materials.
     pub fn of(&self, a: usize, b: usize) -> Law {
         self.laws[a * self.materials + b]
     }
 
-    /// Whether the law of any pair satisfies a predicate.
+    /// Returns whether the law of any pair of materials satisfies a predicate.
     pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
         self.laws.iter().any(such)
     }
 
-    /// The largest coefficient of restitution of any pair.
+    /// Returns the largest coefficient of restitution of any pair of materials.
     pub fn largest_restitution(&self) -> f64 {
         self.laws.iter().map(|law| law.restitution).fold(0.0, f64::max)
     }
 }
 
-/// Bodies, contact laws, joints and forces.
+/// A multibody system: bodies, contact laws, joints and forces.
 #[derive(Clone, Debug)]
 pub struct MultibodySystem {
     /// The gravitational acceleration, in metres per second squared.
     pub gravity: Vector3<f64>,
-    /// All bodies, including fixed ones.
+    /// All bodies of the system, including fixed ones.
     pub bodies: Vec<Body>,
-    /// The contact laws.
+    /// The contact laws of all pairs of materials.
     pub laws: Laws,
-    /// The friction cone or its approximation.
+    /// The friction cone or its polyhedral approximation.
     pub cone: Cone,
-    /// Pairs of groups, smaller index first, whose bodies do not collide with each other.
+    /// Pairs of collision groups, smaller index first, whose bodies do not collide with each other.
     pub apart: HashSet<(u32, u32)>,
-    /// Joints, and springs between points.
+    /// The joints of the system, and springs between points.
     pub joints: Vec<Joint>,
-    /// Forces on bodies that depend on time and motion.
+    /// The forces on bodies that depend on time and motion.
     pub actions: Vec<Action>,
-    /// Functions of time that drive joints and bodies.
+    /// The functions of time that drive joints and bodies.
     pub signals: Signals,
     /// Whether initial overlaps are resolved, and initial velocities are projected onto the joint constraints.
     pub resolve: bool,
-    /// Warnings for the user.
+    /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
 }
 
-/// Two bodies that overlap.
+/// Two bodies that overlap initially.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
-    /// The indices of both bodies.
+    /// The indices of both bodies in the system.
     pub bodies: [usize; 2],
     /// The penetration depth, in metres.
     pub depth: f64,
 }
 
 impl MultibodySystem {
-    /// Pairs of bodies that initially overlap by more than `fraction` of the smaller body's size, sorted; at most
-    /// `most`.
+    /// Returns the pairs of bodies that initially overlap by more than `fraction` of the smaller body's size, sorted;
+    /// at most `most`.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn overlaps(&self, fraction: f64, most: usize, control: &Control) -> Result<Vec<Overlap>, Interrupted> {
         let mut overlaps = Vec::new();
         let margin = |a: usize, b: usize| fraction * self.reach(a).min(self.reach(b));
@@ -174,10 +174,9 @@ impl MultibodySystem {
         Ok(overlaps)
     }
 
-    /// The memory estimate for the initial contacts; counting stops when the estimate reaches `enough` bytes.
+    /// Returns the memory estimate for the initial contacts; counting stops when the estimate reaches `enough` bytes.
     ///
-    /// # Errors
-    /// If `control` asks to stop.
+    /// # Errors If `control` asks to stop.
     pub fn load(&self, enough: usize, control: &Control) -> Result<Load, Interrupted> {
         let mut load = Load::of(self);
         let moving = |body: usize| (!self.bodies[body].fixed).then_some(body);
@@ -231,7 +230,7 @@ impl MultibodySystem {
         }
     }
 
-    /// Whether two bodies belong to groups that do not collide.
+    /// Returns whether two bodies belong to groups that do not collide.
     pub fn is_apart(&self, a: u32, b: u32) -> bool {
         let [a, b] = [a, b].map(|body| self.bodies[body as usize].group);
         a.zip(b).is_some_and(|(a, b)| self.apart.contains(&(a.min(b), a.max(b))))
@@ -242,7 +241,7 @@ impl MultibodySystem {
     }
 }
 
-/// Why the search for pairs ended early.
+/// Why the search for pairs of nearby bodies ended early.
 enum Ended {
     Enough,
     Interrupted,

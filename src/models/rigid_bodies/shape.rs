@@ -1,4 +1,4 @@
-//! The shapes of bodies, in the frame of the body. For moving bodies, the origin is the centre of mass.
+//! The shapes of bodies, in the body frame. For moving bodies, the origin of the body frame is the centre of mass.
 //!
 //! Volume, centre of mass and second moment `S = int x x^T dV` have closed forms; the inertia about the origin at
 //! density `rho` is `rho (tr(S) I - S)`.
@@ -8,33 +8,33 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::shape::{Capsule, ConvexPolyhedron, Cylinder, SharedShape, TriMesh};
 use std::f64::consts::PI;
 
-/// A shape, with lengths in metres.
+/// The shape of a body, with lengths in metres.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// A ball about the origin.
     Sphere {
-        /// The radius.
+        /// The radius of the ball.
         radius: f64,
     },
-    /// The points within `radius` of the segment from `-half_height` to `half_height` on the z axis.
+    /// A capsule: the points within `radius` of the segment from `-half_height` to `half_height` on the z axis.
     Capsule {
-        /// The radius of caps and barrel.
+        /// The radius of the capsule's caps and barrel.
         radius: f64,
         /// Half of the distance between the centres of the caps.
         half_height: f64,
     },
     /// A circular cylinder about the z axis.
     Cylinder {
-        /// The radius of the base.
+        /// The radius of the cylinder's base.
         radius: f64,
-        /// Half of the height.
+        /// Half of the height of the cylinder.
         half_height: f64,
     },
     /// A box or a convex hull.
     Polyhedron(Polyhedron),
-    /// All points with `normal . x <= 0`.
+    /// A half space: all points `x` with `normal . x <= 0`.
     HalfSpace {
-        /// The outward unit normal.
+        /// The outward unit normal of the half space.
         normal: Vector3<f64>,
     },
     /// A triangle mesh.
@@ -42,7 +42,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// The name in specifications and messages.
+    /// Returns the name of the shape in specifications and messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Sphere { .. } => "sphere",
@@ -54,7 +54,8 @@ impl Shape {
         }
     }
 
-    /// Volume, centre of mass and `S` about the origin; `None` for shapes without a volume.
+    /// Returns the volume, the centre of mass and the second moment `S` about the origin; `None` for shapes without a
+    /// volume.
     pub fn moments(&self) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
         let (volume, radial, axial) = match self {
             Self::Sphere { radius } => {
@@ -68,7 +69,7 @@ impl Shape {
             Self::Capsule { radius, half_height } => {
                 let (r, l) = (*radius, *half_height);
                 let (barrel, caps) = (PI * r * r * 2.0 * l, 4.0 / 3.0 * PI * r.powi(3));
-                // The centroid of a half ball is at 3 r / 8 above its base.
+                // The centroid of a half ball of radius `r` is at `3 r / 8` above its base.
                 let axial = barrel * l * l / 3.0 + caps * (r * r / 5.0 + l * l + 2.0 * l * 3.0 / 8.0 * r);
                 (barrel + caps, barrel * r * r / 4.0 + caps * r * r / 5.0, axial)
             }
@@ -80,7 +81,7 @@ impl Shape {
         Some((volume, Vector3::zeros(), Matrix3::from_diagonal(&Vector3::new(radial, radial, axial))))
     }
 
-    /// The largest distance of a point of the shape from the origin; infinite for a half space.
+    /// Returns the largest distance of a point of the shape from the origin; infinite for a half space.
     pub fn reach(&self) -> f64 {
         match self {
             Self::Sphere { radius } => *radius,
@@ -92,7 +93,7 @@ impl Shape {
         }
     }
 
-    /// The lower and the upper corner of the axis-aligned bounding box in the world.
+    /// Returns the lower and the upper corner of the shape's axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let at = pose.translation.vector;
         let axis = pose.rotation * Vector3::z();
@@ -117,7 +118,7 @@ impl Shape {
         (at - half, at + half)
     }
 
-    /// A triangle mesh, with triangles as indices into the vertices; `None` if the surface is not oriented.
+    /// Builds a triangle mesh, with triangles as indices into the vertices; `None` if the surface is not oriented.
     pub fn mesh(vertices: &[Vector3<f64>], triangles: Vec<[u32; 3]>) -> Option<Self> {
         let points = vertices.iter().map(|v| parry3d_f64::math::Vector::new(v.x, v.y, v.z)).collect();
         let flags = parry3d_f64::shape::TriMeshFlags::FIX_INTERNAL_EDGES;
@@ -125,7 +126,8 @@ impl Shape {
         Some(Self::Mesh(SharedShape::new(mesh)))
     }
 
-    /// The shape in the collision library; `None` for a half space, whose contacts with all shapes have closed forms.
+    /// Returns the shape in the form of the collision library; `None` for a half space, whose contacts with all
+    /// shapes have closed forms.
     pub fn library(&self) -> Option<SharedShape> {
         use parry3d_f64::math::Vector;
         match self {
@@ -134,7 +136,7 @@ impl Shape {
                 let end = Vector::new(0.0, 0.0, *half_height);
                 Some(SharedShape::new(Capsule::new(-end, end, *radius)))
             }
-            // The axis of the library's cylinder is y; `collision::library` rotates it to z.
+            // The axis of a cylinder in the collision library is y; `collision::library` rotates it to z.
             Self::Cylinder { radius, half_height } => Some(SharedShape::new(Cylinder::new(*half_height, *radius))),
             Self::Polyhedron(polyhedron) => {
                 let points: Vec<Vector> = polyhedron.vertices.iter().map(|v| Vector::new(v.x, v.y, v.z)).collect();

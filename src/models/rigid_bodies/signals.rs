@@ -2,41 +2,42 @@
 
 use expression::Tape;
 
-/// Nodes and weights of Gauss quadrature of order six on the unit interval: more accurate than the time stepping.
+/// The nodes and weights of Gauss quadrature of order six on the unit interval, which is more accurate than the time
+/// stepping.
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Rounding error of an expression, relative to its largest term.
+/// Rounding error of a signal, relative to the largest intermediate result of its expression.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// The signals of a multibody system.
+/// The signals of a multibody system, compiled to one program.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
     /// The program of all signals, each followed by its time derivative.
     pub program: Tape,
-    /// The number of signals.
+    /// The number of signals of the system.
     pub count: usize,
 }
 
-/// The signals over one step.
+/// Values, rates and integrals of the signals over one time step.
 #[derive(Clone, Debug, Default)]
 pub struct SignalStep {
-    /// The values at the beginning of the step.
+    /// The values of the signals at the beginning of the step.
     pub start: Vec<f64>,
-    /// The values at the midpoint.
+    /// The values of the signals at the midpoint of the step.
     pub middle: Vec<f64>,
-    /// The values at the end.
+    /// The values of the signals at the end of the step.
     pub end: Vec<f64>,
-    /// The time derivatives at the end.
+    /// The time derivatives of the signals at the end of the step.
     pub rates: Vec<f64>,
-    /// The integrals over the step.
+    /// The integrals of the signals over the step.
     pub integrals: Vec<f64>,
-    /// The length of the step.
+    /// The length of the time step.
     pub h: f64,
 }
 
 impl Signals {
-    /// The values and the time derivatives at a time.
+    /// Returns the values and the time derivatives of the signals at a time.
     pub fn at(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
         if self.count == 0 {
             return Default::default();
@@ -46,14 +47,15 @@ impl Signals {
         both.chunks_exact(2).map(|pair| (pair[0], pair[1])).unzip()
     }
 
-    /// The rounding error of values and derivatives at a time, from the largest intermediate result (cancellation).
+    /// Returns the rounding error of values and derivatives of the signals at a time, estimated from the largest
+    /// intermediate result (cancellation).
     pub fn rounding(&self, t: f64) -> f64 {
         let mut program = self.program.clone();
         program.evaluate(t, &[], &mut vec![0.0; 2 * self.count]);
         ROUNDING * program.largest()
     }
 
-    /// Evaluates and integrates the signals over a step.
+    /// Evaluates and integrates the signals over a step of length `h` from time `t`.
     pub fn over(&self, t: f64, h: f64) -> SignalStep {
         if self.count == 0 {
             return SignalStep { h, ..SignalStep::default() };

@@ -4,17 +4,17 @@
 //! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
-//! Velocities are those of step midpoints, with `h_last = 0` before the first step: this is the leapfrog scheme, exact
-//! in free fall; at the end of a step bodies receive the other half of the kick. A body in sustained contact keeps the
-//! velocity of the contact solve until the end of the step, and its next kick has `h_last = h`: first order, as for
-//! impacts.
+//! The velocities `v` are those at the midpoints of steps, with `h_last = 0` before the first step: the scheme is the
+//! leapfrog method, exact in free fall; at the end of a step bodies receive the other half of the velocity change by
+//! gravity. A body in sustained contact keeps the velocity of the contact solve until the end of the step, and its
+//! next velocity change by gravity has `h_last = h`: first order, as for impacts.
 //!
-//! Bodies with joints, and bodies in contact with them, move by the second-order midpoint rule with mean joint forces,
-//! and have the velocities of step ends. If the step is too long for them, it is halved.
+//! Bodies with joints, and bodies in contact with them, move by the second-order midpoint rule with mean joint
+//! forces, and have the velocities at the ends of steps. A step that is too long for the joint equations is halved.
 //!
 //! The contacts are those at the beginning of the step, with their gaps: an open contact closes at most to gap zero
-//! (Stewart and Trinkle 1996). Overlaps at the end of a step due to curvature are resolved at the beginning of the next
-//! step by displacements that do not change velocities.
+//! (Stewart and Trinkle 1996). Overlaps at the end of a step due to curvature are resolved at the beginning of the
+//! next step by displacements that do not change velocities.
 
 mod arrival;
 mod detection;
@@ -52,17 +52,17 @@ use problem::Control;
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 
-/// Limit on halvings of a step that is too long for joints, in a system with contacts.
+/// Maximum number of halvings of a step that is too long for the joint equations, in a system with contacts.
 const HALVINGS: u32 = 16;
 
 /// The residual of the contact law above which a step fails.
 const UNSOLVED: f64 = 0.1;
 
-/// The time stepping scheme and its state.
+/// The Moreau-Jean time-stepping scheme and its state.
 #[derive(Debug)]
 pub struct MoreauStepping<'a> {
     scene: &'a MultibodySystem,
-    /// The moving bodies, with the velocities with which the last step moved them.
+    /// The moving bodies, with the velocities at which the last step moved them.
     moving: Vec<Motion>,
     /// The moving bodies, with the velocities at the end of the last step.
     pub ends: Vec<Motion>,
@@ -71,53 +71,54 @@ pub struct MoreauStepping<'a> {
     /// For each moving body, whether a contact impulse acted on it, or on a body of its island with joints, in the last
     /// step.
     pub pushed: Vec<bool>,
-    /// Whether the first step has begun.
+    /// Whether the first step of the simulation has begun.
     has_begun: bool,
     /// For each moving body, whether it is in an implicit island (with joints or motion-dependent forces).
     jointed: Vec<bool>,
     mechanism: Mechanism<'a>,
-    /// The states of the linkages.
+    /// The states of the linkages that are carried from step to step.
     carried: Vec<Carried>,
     /// For each body of the system, its index among the moving bodies.
     places: Vec<Option<u32>>,
-    /// For each motion-dependent force, the moving body it acts on, alone or paired with another body that the force
-    /// depends on, and the index of the force; sorted by force.
+    /// For each motion-dependent force, the moving body on which it acts, alone or paired with another body on which
+    /// the force depends, and the index of the force; sorted by force.
     acting: Vec<(u32, Option<u32>, u32)>,
-    /// The current time.
+    /// The time that the simulation has reached.
     t: f64,
-    /// Whether the current part of a step is not to be halved.
+    /// Whether the current part of a step must not be halved further.
     is_shortest: bool,
     /// The contact force and torque of the last step, for each body with contact outputs.
     contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
-    /// The bodies with prescribed motion.
+    /// The states of the bodies with prescribed motion.
     prescribed: Vec<Prescribed>,
-    /// For each body of the system, its index in `prescribed`.
+    /// For each body of the system, its index among the bodies with prescribed motion.
     given: Vec<Option<u32>>,
-    /// The contacts of the step.
+    /// The contacts of the current step.
     pub contacts: Vec<Contact>,
-    /// Those with impulses of the law that was solved last, if coefficients of friction vary.
+    /// The contacts with an impulse in the last solve of the contact law, if coefficients of friction vary.
     rubbing: Vec<Contact>,
-    /// The events of the last step.
+    /// The contact events of the last step.
     pub new_events: Vec<NewEvent>,
-    /// What located impacts need; `None` for time stepping.
+    /// The state of the event-driven integration, which locates impacts; `None` for time stepping.
     located: Option<Box<Located>>,
     touches: Touches,
-    /// The report of the last step.
+    /// The contact statistics of the last step.
     pub report: ContactReport,
     joined: HashSet<(u32, u32)>,
     broad_phase: BroadPhase,
     pairs: Vec<(u32, u32)>,
     points: Vec<ContactPoint>,
-    /// The impulses of the last step in world axes, by contact identity.
+    /// The contact impulses of the last step in world axes, by contact identity.
     kept: FxHashMap<(u32, u32, u64), Vector3<f64>>,
     islands: Islands,
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
     laws: Vec<Law>,
     load: Load,
-    /// The memory limit for contacts, in bytes.
+    /// The limit on the memory for contacts and their matrices, in bytes.
     pub most_memory: usize,
-    /// The parts in which steps were made, if another run is to make longer ones.
+    /// The record of the parts into which steps were divided, if another run is to use longer parts; otherwise
+    /// `None`.
     pub made: Option<MadeParts>,
 }
 
@@ -185,7 +186,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// The current pose of a body, by its index in the system.
+    /// Returns the current pose of a body, given its index in the system.
     pub fn pose(&self, body: usize) -> &Isometry3<f64> {
         match (self.places[body], self.given[body]) {
             (Some(place), _) => &self.moving[place as usize].pose,
@@ -194,15 +195,14 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// The motion of a body, by its index in the system; `None` if the body is fixed.
+    /// Returns the motion of a body, given its index in the system; `None` if the body is fixed.
     pub fn motion(&self, body: usize) -> Option<&Motion> {
         self.places[body].map(|place| &self.moving[place as usize])
     }
 
-    /// Makes a step of length `h` from the time `t`.
+    /// Makes a step of length `h` from the time `t`, by time stepping or event-driven.
     ///
-    /// # Errors
-    /// If the step fails.
+    /// # Errors If the step fails.
     pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.t = t;
         self.forget_last_step();
@@ -218,14 +218,14 @@ impl<'a> MoreauStepping<'a> {
         self.check()
     }
 
-    /// Clears what is reported of a step.
+    /// Clears the report, the events and the contact forces of the last step.
     fn forget_last_step(&mut self) {
         self.report = ContactReport::default();
         self.new_events.clear();
         self.contact_forces.fill(Default::default());
     }
 
-    /// Detects the contacts of a step of length `h`, and moves bodies apart that overlap at its beginning.
+    /// Detects the contacts of a step of length `h`, and moves apart the bodies that overlap at its beginning.
     fn detect_and_part(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
@@ -233,25 +233,26 @@ impl<'a> MoreauStepping<'a> {
         self.part_overlaps(h, control)
     }
 
-    /// Reports the kinetic energy.
+    /// Records the kinetic energy of all bodies in the report if it is the largest so far.
     fn note_kinetic_energy(&mut self) {
         let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
         self.report.kinetic = self.report.kinetic.max(kinetic);
     }
 
-    /// Records the parts of steps from now on.
+    /// Starts to record the parts into which steps are divided.
     pub fn record_parts(&mut self) {
         self.made = Some(MadeParts::new(self.moving.len()));
     }
 
-    /// The parts of another run: steps are made in parts at least twice as long, whatever their error, if they can be
-    /// solved. They are those up to the end of the next step.
+    /// Makes the run a comparison run, and returns the parts of the first run's steps up to the end of the next step,
+    /// for the caller to set: steps are divided into parts at least twice as long as these, whatever their error, if
+    /// their equations can be solved.
     pub fn exceeded(&mut self) -> &mut MadeParts {
         let moving = self.moving.len();
         self.mechanism.exceeded.get_or_insert_with(|| MadeParts::new(moving))
     }
 
-    /// Makes a step of length `h`, in halves if it is too long.
+    /// Makes a step of length `h`, in two halves if it is too long for the joint equations or for contacts.
     fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
         let part = [self.t, self.t + h];
         let longest = self.mechanism.exceeded.as_ref().map(|parts| parts.longest(part));
@@ -281,7 +282,7 @@ impl<'a> MoreauStepping<'a> {
         self.partition_into_islands();
         let report = self.report;
         let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
-        // On interruption the caller discards the incomplete step.
+        // If the solve is interrupted, the caller discards the incomplete step.
         control.go_on()?;
         let poses: Vec<_> = self.prescribed.iter().map(|prescribed| prescribed.pose).collect();
         self.prescribed.iter_mut().for_each(|prescribed| prescribed.pose = prescribed.end);
@@ -290,7 +291,7 @@ impl<'a> MoreauStepping<'a> {
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
-            // What was learnt of the lengths of steps is kept.
+            // Keep the longest step sizes to try that the rejected attempt has found.
             for island in &self.tasks[..self.islands.len()] {
                 island.linkages.iter().for_each(|&linkage| self.carried[linkage as usize].parts = island.parts);
             }
@@ -317,8 +318,8 @@ impl<'a> MoreauStepping<'a> {
         Ok(())
     }
 
-    /// Records the parts of a step, and the time in which they are not as long as they should be beside those of another
-    /// run, of which `longest` is the longest.
+    /// Records the parts of a step and, in a comparison run with longer steps, the time in which they are not at
+    /// least twice as long as those of the first run, whose longest part has the length `longest`.
     fn note_parts(&mut self, part: [f64; 2], longest: Option<f64>) {
         let tasks = &self.tasks[..self.islands.len()];
         if let Some(made) = &mut self.made {
@@ -332,7 +333,8 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Lets joints hold on to the bodies with prescribed motion.
+    /// Passes the poses of the bodies with prescribed motion at the beginning of the step to the joints attached to
+    /// them.
     pub(super) fn ground(&mut self) {
         let of = |prescribed: &Prescribed| {
             let by = self.scene.bodies[prescribed.body].motion?;
@@ -390,7 +392,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Whether the law of contact was solved.
+    /// Checks that the contact law was solved: that its residual is not above `UNSOLVED`.
     fn check_law(&self) -> Result<(), StepFailure> {
         match self.report.residual {
             residual if residual > UNSOLVED => Err(StepFailure::Unsolved { residual }),
@@ -410,12 +412,13 @@ impl<'a> MoreauStepping<'a> {
         (0..self.places.len()).find(|&body| lost(body)).map_or(Ok(()), |body| Err(StepFailure::NotFinite { body }))
     }
 
-    /// Kinetic and potential energy; the gravitational potential is zero at the origin.
+    /// Returns the kinetic and the potential energy; the gravitational potential is zero at the origin.
     pub fn energies(&self) -> [f64; 2] {
         self.energies_of(&self.ends)
     }
 
-    /// Kinetic and potential energy of the moving bodies at other states; springs have the energy of the end of the step.
+    /// Returns the kinetic and the potential energy for given states of the moving bodies; springs have the energy of
+    /// the end of the step.
     pub fn energies_of(&self, moving: &[Motion]) -> [f64; 2] {
         let kinetic = moving.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
@@ -423,7 +426,7 @@ impl<'a> MoreauStepping<'a> {
         [kinetic, springs - moving.iter().map(height).sum::<f64>()]
     }
 
-    /// The drives of all joints and springs, with their states.
+    /// Returns the drives of all joints and springs, with their states.
     fn drives(&self) -> impl Iterator<Item = (&Drive, &DriveState)> {
         self.mechanism.linkages.iter().zip(&self.carried).flat_map(|(linkage, carried)| {
             let drive = |(&joint, state)| Some((self.scene.joints[joint as usize].drive.as_ref()?, state));

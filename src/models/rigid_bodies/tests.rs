@@ -1,4 +1,4 @@
-//! Motion of rigid bodies, compared with closed-form solutions.
+//! Tests of the motion of rigid bodies against closed-form solutions.
 
 use super::collision::Collider;
 use super::*;
@@ -119,7 +119,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
     }
 }
 
-/// Spheres in a square array on a movable tray, which lies on the ground.
+/// Returns a system of spheres in a square array on a movable tray, which lies on the ground.
 fn on_a_tray(rows: u32) -> MultibodySystem {
     let mut bodies = vec![ground(Vector3::z())];
     let tray = Polyhedron::cuboid(Vector3::new(100.0, 100.0, 1.0));
@@ -134,12 +134,13 @@ fn on_a_tray(rows: u32) -> MultibodySystem {
 fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     let scene = on_a_tray(4);
     let load = scene.load(usize::MAX, &Control::new()).unwrap();
-    // Four corners of the tray and sixteen spheres.
+    // The contacts are the four corners of the tray and sixteen spheres.
     assert_eq!((load.contacts, load.most_touched()), (20, Some((1, 20))));
     let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
-    // Blocks: all pairs of contacts on the tray, and one diagonal block per sphere for its second body.
+    // The matrix has blocks for all pairs of contacts on the tray, and one diagonal block per sphere for its second
+    // body.
     let bytes = |blocks| {
         ::contact::law::Size { contacts: 20, blocks, has_factors: true, friction: Some(Cone::Quadratic) }.bytes()
     };
@@ -175,7 +176,7 @@ fn islands_count_apart_and_joints_bring_contacts_together() {
         scene([ground(Vector3::z())].into_iter().chain(balls).collect(), 0.3, 0.0)
     };
     let bytes = |scene: &MultibodySystem| scene.load(usize::MAX, &Control::new()).unwrap().bytes();
-    // Only a few islands are in memory at a time.
+    // Islands without joints are solved one per thread, so that only a few of them are in memory at a time.
     assert!(bytes(&apart(100)) < 2 * bytes(&apart(50)));
     let mut chained = apart(100);
     for k in 1..100 {

@@ -1,9 +1,9 @@
-//! Events between pairs of bodies from step to step: impact, stick, slip and lift-off.
+//! Events between pairs of bodies in contact, detected from step to step: impact, stick, slip and lift-off.
 //!
 //! Bodies at rest have small residual velocities, which must not produce events. Normal velocities below the velocity
-//! change by gravity within a step are not impacts, and tangential velocities below a small fraction of it are not
-//! slip. Gaps within tolerance, or an impact distributed over two steps, are not lift-off. The threshold for the onset
-//! of slip is larger than that for its end (hysteresis against rounding).
+//! change by gravity within a step do not count as impacts, and tangential velocities below a small fraction of the
+//! velocity change do not count as slip. Gaps within tolerance, or an impact distributed over two steps, do not count
+//! as lift-off. The threshold for the onset of slip is larger than that for its end (hysteresis against rounding).
 
 use super::contact::Contact;
 use super::motion::Motion;
@@ -18,10 +18,10 @@ const ENDS: f64 = 1e-3;
 /// The slip velocity at which slip begins, relative to the velocity change by gravity within a step.
 const BEGINS: f64 = 1e-2;
 
-/// An event between two bodies, by their indices, with its time unless that is the end of the step.
+/// An event between two bodies: its kind, the indices of the bodies, and its time; `None` is the end of the step.
 pub type NewEvent = (EventKind, [usize; 2], Option<f64>);
 
-/// The pairs of bodies in contact.
+/// The pairs of bodies that are in contact.
 #[derive(Clone, Debug, Default)]
 pub struct Touches {
     pairs: FxHashMap<(u32, u32), Touch>,
@@ -36,9 +36,9 @@ struct Touch {
     steps: [u64; 2],
 }
 
-/// A contact in a step.
+/// A contact between two bodies in a step, with the data that determine its events.
 pub struct Touched<'a> {
-    /// The contact, with its impulse.
+    /// The contact, with its impulse in the step.
     pub contact: &'a Contact,
     /// Whether the contact had an impulse in the previous step.
     pub was_struck: bool,
@@ -101,18 +101,20 @@ impl Touches {
     }
 }
 
-/// The contacts of a pair in a step, combined.
+/// The contacts of a pair of bodies in one step, combined.
 #[derive(Debug, Default)]
 struct Pair {
     is_closed: bool,
     is_struck: bool,
-    /// Whether an impact occurred: a new impulse at a normal velocity above the threshold.
+    /// Whether an impact occurred: a contact without impulse in the last step has an impulse, and its normal velocity
+    /// exceeds the threshold.
     strikes: bool,
-    /// Whether a contact with an impulse slips faster than the threshold for the onset of slip.
+    /// Whether a contact of the pair with an impulse slips faster than the threshold for the onset of slip.
     slips: bool,
-    /// Whether there is a contact with an impulse, and `creeps` is false.
+    /// Whether the pair sticks: it has a contact with an impulse, and no contact slips faster than the threshold for
+    /// the end of slip.
     sticks: bool,
-    /// Whether a contact with an impulse slips faster than the threshold for the end of slip.
+    /// Whether a contact of the pair with an impulse slips faster than the threshold for the end of slip.
     creeps: bool,
 }
 
@@ -136,12 +138,12 @@ impl Pair {
     }
 }
 
-/// The rounding error of the relative velocity of a contact.
+/// Returns the rounding error of the relative velocity at a contact.
 pub fn rounding(contact: &Contact, moving: &[Motion]) -> f64 {
     ROUNDING * speeds(contact, moving)
 }
 
-/// The sum of the speeds of both bodies at a contact.
+/// Returns the sum of the speeds of both bodies at a contact.
 fn speeds(contact: &Contact, moving: &[Motion]) -> f64 {
     let speed = |side: usize| {
         contact.bodies[side].map_or(0.0, |body| {

@@ -1,48 +1,50 @@
-//! The projection onto a polyhedron by the dual active-set method of Goldfarb and Idnani (1983, *A numerically stable
-//! dual method for solving strictly convex quadratic programs*), with the identity as Hessian:
+//! The projection `p` of a point `x` onto a polyhedron by the dual active-set method of Goldfarb and Idnani (1983, *A
+//! numerically stable dual method for solving strictly convex quadratic programs*), with the identity as Hessian:
 //!
 //! ```text
 //! min 1/2 |p - x|^2,  A p <= b:    p = x - N^T l,    N p = b_N,    l >= 0
 //! ```
 //!
-//! Starting at `p = x`, the most violated row enters the active set, and rows whose multiplier falls to zero leave it,
-//! until no row is violated. The active rows `N` are factorised as `N^T = Q R` by Gram-Schmidt with
-//! reorthogonalisation, so that `Q` stays orthonormal.
+//! Starting at `p = x`, the most violated row of `A p <= b` enters the active set, and rows whose multiplier `l`
+//! falls to zero leave it, until no row is violated. The active rows `N` are factorised as `N^T = Q R` by
+//! Gram-Schmidt with reorthogonalisation, so that `Q` stays orthonormal.
 
 use super::ball::norm;
 use super::polyhedron::{Polyhedron, dot};
 
-/// The active rows at the end of a projection, with the workspace of the method.
+/// The active rows of a polyhedron at the end of a projection, with the workspace of the dual active-set method.
 #[derive(Clone, Debug, Default)]
 pub struct ActiveRows {
-    /// The active rows, in the order in which they entered.
+    /// The indices of the active rows of the polyhedron, in the order in which they became active.
     rows: Vec<usize>,
-    /// The multipliers of the active rows.
+    /// The multipliers of the active rows, in the order of `rows`.
     multipliers: Vec<f64>,
-    /// `Q` by columns.
+    /// The orthonormal factor `Q` of the active rows (`N^T = Q R`), by columns.
     q: Vec<f64>,
-    /// `R` by columns, each padded to the dimension.
+    /// The triangular factor `R` of the active rows (`N^T = Q R`), by columns, each padded to the dimension of the
+    /// space.
     r: Vec<f64>,
-    /// The coefficients of the entering row as a combination of active rows.
+    /// The coefficients of the row that enters the active set, as a linear combination of the active rows.
     coefficients: Vec<f64>,
-    /// The component of the entering row orthogonal to the active rows.
+    /// The component of the row that enters the active set, orthogonal to the active rows.
     rest: Vec<f64>,
 }
 
-/// Violations below this fraction of their terms are rounding errors.
+/// Relative rounding error of a row `a^T p - b`: violations below this fraction of `|x| + |b|` are treated as zero.
 const NOISE: f64 = 1e-14;
 
-/// A row of unit length is linearly dependent on the active rows if its orthogonal component is shorter than this.
+/// A row of unit length is treated as linearly dependent on the active rows if its component orthogonal to them is
+/// shorter than this threshold.
 const DEPENDENT: f64 = 1e-10;
 
 impl ActiveRows {
-    /// The active rows of the last projection.
+    /// Returns the indices of the rows that were active at the end of the last projection.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
 
-    /// Writes the projection of `x` onto `{z : A z <= scale b}` to `p`; for `scale = 0` the set is the recession cone.
-    /// Returns false if the set is empty. `p` is NaN if `x` is not finite.
+    /// Writes the projection of `x` onto the polyhedron `{z : A z <= scale b}` to `p`; for `scale = 0` the set is the
+    /// recession cone. Returns false if the set is empty. `p` is NaN if `x` is not finite.
     pub(super) fn project(&mut self, set: &Polyhedron, scale: f64, x: &[f64], p: &mut [f64]) -> bool {
         let n = set.dimension();
         self.reset(n);
@@ -83,7 +85,7 @@ impl ActiveRows {
         true
     }
 
-    /// Projects `x` in place onto the null space of the active rows: `x - Q Q^T x`.
+    /// Projects `x` in place onto the null space of the active rows: `x - Q Q^T x` with their orthonormal basis `Q`.
     pub(super) fn restrict(&self, x: &mut [f64]) {
         let n = x.len();
         for q in self.q.chunks_exact(n.max(1)).take(self.rows.len()) {
@@ -94,7 +96,7 @@ impl ActiveRows {
         }
     }
 
-    /// Whether `d` is a nonnegative combination of the active rows, to rounding.
+    /// Returns whether `d` is a nonnegative combination of the active rows, up to rounding.
     pub(super) fn generate(&mut self, d: &[f64]) -> bool {
         let noise = 1e-9 * norm(d);
         self.resolve(d, self.rows.len()) <= noise && self.coefficients.iter().all(|c| *c >= -noise)
@@ -124,8 +126,8 @@ impl ActiveRows {
         worst
     }
 
-    /// Decomposes a row as `N^T c + rest` with `rest` orthogonal to the first `k` active rows; returns the length of
-    /// `rest`.
+    /// Decomposes a row as `N^T c + rest`, with `N` the first `k` active rows and `rest` orthogonal to them; stores
+    /// `c` and `rest`, and returns the length of `rest`.
     fn resolve(&mut self, row: &[f64], k: usize) -> f64 {
         let n = row.len();
         self.rest.copy_from_slice(row);
@@ -140,7 +142,7 @@ impl ActiveRows {
                 }
             }
         }
-        // Store the new column of R in case the row enters.
+        // Store the new column of the triangular factor `R` in case the row enters the active set.
         if k < n {
             self.r[k * n..k * n + k].copy_from_slice(&self.coefficients);
         }
@@ -152,8 +154,8 @@ impl ActiveRows {
         norm(&self.rest)
     }
 
-    /// Ratio test: the active row whose multiplier first falls to zero as the multiplier of the entering row grows, and
-    /// the step length until then.
+    /// Ratio test: returns the active row whose multiplier is the first to fall to zero as the multiplier of the
+    /// entering row grows, and the growth at which it does.
     fn first_to_leave(&self) -> (usize, f64) {
         let mut first = (0, f64::INFINITY);
         for (i, (l, c)) in self.multipliers.iter().zip(&self.coefficients).enumerate() {
@@ -170,7 +172,8 @@ impl ActiveRows {
         self.multipliers.push(multiplier);
     }
 
-    /// Writes column `k` of `Q` and its diagonal entry of `R`, from the row decomposed last.
+    /// Writes column `k` of `Q`, and its diagonal entry of `R`, from the result of the last call of `resolve`; `left`
+    /// is the length of the orthogonal component.
     fn write_column(&mut self, k: usize, left: f64) {
         let n = self.rest.len();
         for (q, rest) in self.q[k * n..][..n].iter_mut().zip(&self.rest) {
@@ -179,7 +182,8 @@ impl ActiveRows {
         self.r[k * n + k] = left;
     }
 
-    /// Removes an active row; rows that entered after it are orthogonalised anew.
+    /// Removes an active row, given by its position in the active set, and orthogonalises the rows that entered after
+    /// it anew.
     fn leave(&mut self, set: &Polyhedron, place: usize) {
         self.multipliers.remove(place);
         self.rows.remove(place);

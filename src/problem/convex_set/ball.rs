@@ -1,12 +1,13 @@
-//! The Euclidean ball `{z : |z| <= r}`.
+//! The Euclidean ball `{z : |z| <= r}`, with the projection `P` and its derivative
 //!
 //! ```text
 //! P(x) = x  or  r x/|x|,    P'(x) = I  or  (r/|x|) (I - u u^T),  u = x/|x|
 //! ```
 //!
-//! On the sphere, where both limits are possible, `P'` is the identity.
+//! inside and outside the ball, respectively. On the sphere `|x| = r`, where `P` has a kink, `P'` is set to the
+//! identity.
 
-/// Writes the projection of `x` to `p`.
+/// Writes the projection of `x` onto the ball to `p`.
 pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     let norm = norm(x);
     let factor = if norm <= radius { 1.0 } else { radius / norm };
@@ -15,7 +16,7 @@ pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection at `x`, by columns.
+/// Writes the derivative of the projection onto the ball at `x`, by columns.
 pub(super) fn derivative(radius: f64, x: &[f64], out: &mut [f64]) {
     let norm = norm(x);
     let inside = norm <= radius;
@@ -27,7 +28,7 @@ pub(super) fn derivative(radius: f64, x: &[f64], out: &mut [f64]) {
     }
 }
 
-/// The Euclidean norm, without overflow.
+/// Returns the Euclidean norm of `x`, scaled by the largest component to avoid overflow.
 pub(super) fn norm(x: &[f64]) -> f64 {
     let largest = x.iter().fold(0.0_f64, |largest, x| if x.is_nan() { f64::NAN } else { largest.max(x.abs()) });
     if largest == 0.0 || !largest.is_finite() {
@@ -36,7 +37,7 @@ pub(super) fn norm(x: &[f64]) -> f64 {
     largest * x.iter().map(|x| (x / largest) * (x / largest)).sum::<f64>().sqrt()
 }
 
-/// The index of the component of largest absolute value.
+/// Returns the index of the component of largest absolute value.
 pub(super) fn largest(x: &[f64]) -> usize {
     (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or(0)
 }

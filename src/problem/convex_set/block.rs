@@ -1,36 +1,36 @@
-//! Blocks: factors of `K` that couple several components.
+//! Blocks: factors of the convex set `K` that couple several components of `z`.
 
 use super::active_rows::ActiveRows;
 use super::face::Face;
 use super::polyhedron::{Polyhedron, dot};
 use super::{ball, second_order_cone, simplex};
 
-/// The shape of a block of `k` components.
+/// The shape of a block: a convex set in the space of its `k` components.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// `|z| <= radius`.
+    /// The Euclidean ball `|z| <= radius`.
     Ball {
-        /// The radius, not negative.
+        /// The radius of the ball, nonnegative.
         radius: f64,
     },
-    /// `z_1 >= |(z_2, .., z_k)|`.
+    /// The second-order cone `z_1 >= |(z_2, .., z_k)|`.
     SecondOrderCone,
-    /// `z >= 0`, `sum z = 1`.
+    /// The unit simplex `z >= 0`, `sum z = 1`.
     Simplex,
-    /// `A z <= b`.
+    /// A polyhedron `A z <= b`.
     Polyhedron(Polyhedron),
 }
 
-/// A shape and the components of `z` that it couples.
+/// A block of the convex set `K`: a shape, and the components of `z` that it couples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// The indices of its components in `z`, in the order of the shape's coordinates.
+    /// The indices of the block's components in `z`, in the order of the shape's coordinates.
     pub members: Vec<usize>,
-    /// The shape.
+    /// The shape of the block.
     pub shape: Shape,
 }
 
-/// Workspace for the projection onto a block; it grows to the size of the largest block.
+/// Workspace for the projection onto a block; it grows to the size of the largest block that has used it.
 #[derive(Clone, Debug, Default)]
 pub struct BlockWorkspace {
     sorted: Vec<f64>,
@@ -38,7 +38,8 @@ pub struct BlockWorkspace {
 }
 
 impl Shape {
-    /// Writes the projection of `x` to `p`, both of the block's length. NaN in `x` gives NaN in `p`.
+    /// Writes the projection of `x` onto the shape to `p`; `x` and `p` have one entry per component of the block. NaN
+    /// in `x` gives NaN in `p`.
     pub fn project(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) {
         match self {
             Shape::Ball { radius } => ball::project(*radius, x, p),
@@ -53,9 +54,9 @@ impl Shape {
         }
     }
 
-    /// Writes the projection of `x` to `p`, and an element of the B-subdifferential of the projection at `x` to
-    /// `derivative`: a symmetric `k x k` matrix with eigenvalues in `[0, 1]`, equal to the derivative where it exists.
-    /// At kinks the choice is documented at each shape.
+    /// Writes the projection of `x` onto the shape to `p`, and an element of the B-subdifferential of the projection
+    /// at `x` to `derivative`: a symmetric `k x k` matrix with eigenvalues in `[0, 1]`, equal to the derivative where
+    /// it exists. Each shape's module documents its choice at kinks.
     pub fn linearise(&self, x: &[f64], p: &mut [f64], derivative: &mut [f64], work: &mut BlockWorkspace) {
         self.project(x, p, work);
         match self {
@@ -72,7 +73,8 @@ impl Shape {
         }
     }
 
-    /// The face that contains the projection of `x`.
+    /// Returns the face of the shape whose relative interior contains the projection of `x`; the projection is
+    /// written to `p`.
     pub fn face(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) -> Face {
         self.project(x, p, work);
         match self {
@@ -88,7 +90,7 @@ impl Shape {
         }
     }
 
-    /// The support function, `sup <d, z>` over the block; infinite if the block is unbounded in direction `d`.
+    /// Returns the support function `sup <d, z>` of the shape; infinite if the shape is unbounded in direction `d`.
     pub fn support(&self, d: &[f64], work: &mut BlockWorkspace) -> f64 {
         match self {
             Shape::Ball { radius } => radius * ball::norm(d),
@@ -99,7 +101,8 @@ impl Shape {
         }
     }
 
-    /// Whether `d` is in the recession cone: whether `z + s d` stays in the block for all `s >= 0`.
+    /// Returns whether `d` is in the recession cone of the shape: whether `z + s d` stays in the shape for all `s >=
+    /// 0`.
     pub fn recedes(&self, d: &[f64]) -> bool {
         match self {
             Shape::Ball { .. } | Shape::Simplex => d.iter().all(|d| *d == 0.0),
@@ -108,8 +111,8 @@ impl Shape {
         }
     }
 
-    /// The length scale of the block: the radius of a ball, one for a simplex, the largest distance of a bounding plane
-    /// of a polyhedron from the origin. `None` for cones.
+    /// Returns the length scale of the shape: the radius of a ball, one for a simplex, the largest distance of a
+    /// bounding plane of a polyhedron from the origin. `None` for cones.
     pub fn size(&self) -> Option<f64> {
         let size = match self {
             Shape::Ball { radius } => *radius,
@@ -120,7 +123,7 @@ impl Shape {
         (size > 0.0).then_some(size)
     }
 
-    /// Whether the block is bounded: whether its recession cone is zero.
+    /// Returns whether the shape is bounded: whether its recession cone is zero.
     pub fn is_bounded(&self, work: &mut BlockWorkspace) -> bool {
         match self {
             Shape::Ball { .. } | Shape::Simplex => true,
@@ -136,7 +139,7 @@ impl Shape {
         }
     }
 
-    /// Whether a block of `k` components with this shape is nonempty.
+    /// Returns whether the shape, as a set in `k` dimensions, is nonempty.
     pub fn is_nonempty(&self, k: usize) -> bool {
         match self {
             Shape::Ball { radius } => *radius >= 0.0,
@@ -145,7 +148,7 @@ impl Shape {
         }
     }
 
-    /// The constraint violation of `z` as a length; at most zero inside the block.
+    /// Returns the constraint violation of `z` as a length; at most zero if `z` is in the shape.
     pub fn violation(&self, z: &[f64]) -> f64 {
         match self {
             Shape::Ball { radius } => ball::norm(z) - radius,

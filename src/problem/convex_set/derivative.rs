@@ -1,19 +1,21 @@
-//! An element `V` of the B-subdifferential of the projection onto `K`: zero or one for an interval, a symmetric matrix
-//! for a block.
+//! An element `V` of the B-subdifferential of the projection onto `K`: zero or one for an interval, a symmetric
+//! matrix for a block.
 
 use super::{ConvexSet, Workspace};
 
-/// `V` at one point, stored by the factors of `K`.
+/// An element `V` of the B-subdifferential of the projection onto `K` at one point, stored by the factors of `K`.
 #[derive(Clone, Debug, Default)]
 pub struct Derivative {
-    /// For each component, one in the interior of its interval and zero otherwise.
+    /// The part of `V` for the components in intervals, its diagonal: one in the interior of the interval, zero
+    /// otherwise.
     intervals: Vec<f64>,
-    /// The concatenated matrices of the blocks, each by columns.
+    /// The parts of `V` for the blocks of `K`: concatenated matrices, each by columns.
     blocks: Vec<f64>,
 }
 
 impl Derivative {
-    /// Projects `x` in place and computes `V` at the original `x`. Allocates only in the first call for a set.
+    /// Projects `x` onto `set` in place, and computes `V` at the original `x`. Allocates only in the first call for a
+    /// set.
     pub fn linearise(&mut self, set: &ConvexSet, x: &mut [f64], work: &mut Workspace) {
         self.intervals.resize(x.len(), 0.0);
         for (i, (x, v)) in x.iter_mut().zip(&mut self.intervals).enumerate() {
@@ -32,7 +34,7 @@ impl Derivative {
         }
     }
 
-    /// Computes `out = V x`.
+    /// Computes `out = V x` for a vector `x` and the stored element `V` of the B-subdifferential.
     pub fn apply(&self, set: &ConvexSet, x: &[f64], out: &mut [f64]) {
         for ((out, x), v) in out.iter_mut().zip(x).zip(&self.intervals) {
             *out = v * x;

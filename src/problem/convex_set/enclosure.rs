@@ -6,30 +6,31 @@ use super::face::{Elimination, Face};
 use super::polyhedron::Polyhedron;
 use numerics::Interval;
 
-/// The enclosure of a monitor, by its unit.
+/// The interval enclosure of a monitor of a face, by its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MonitorRange {
-    /// A distance, in the unit of `z`.
+    /// The enclosure of a distance to an inactive inequality, in the unit of `z`.
     Distance(Interval),
-    /// A multiplier, in the unit of `G`.
+    /// The enclosure of a multiplier of an active inequality, in the unit of `G`.
     Multiplier(Interval),
 }
 
 use MonitorRange::{Distance, Multiplier};
 
-/// A monitor that is linear in `z` and `G`: `constant + sum c_i z_i + sum d_i G_i`.
+/// A monitor of a face that is affine in `z` and `G`: `constant + sum c_i z_i + sum d_i G_i` over the members of the
+/// block.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlatMonitor {
-    /// The constant term.
+    /// The constant term of the monitor.
     pub constant: f64,
-    /// The coefficients `c`, as `(member, c)`.
+    /// The coefficients `c` of `z`, as pairs `(member, c)`.
     pub of_z: Vec<(usize, f64)>,
-    /// The coefficients `d`, as `(member, d)`; empty if the monitor is a distance.
+    /// The coefficients `d` of `G`, as pairs `(member, d)`; empty if the monitor is a distance.
     pub of_g: Vec<(usize, f64)>,
 }
 
 impl FlatMonitor {
-    /// The range of the monitor over a box of `z` and `G`.
+    /// Returns the range of the monitor over a box of `z` and `G`.
     pub fn range(&self, z: &[Interval], g: &[Interval]) -> Interval {
         let of = |terms: &[(usize, f64)], of_members: &[Interval]| {
             sum(terms.iter().map(|&(i, factor)| Interval::point(factor) * of_members[i]))
@@ -39,12 +40,12 @@ impl FlatMonitor {
 }
 
 impl Shape {
-    /// Whether the monitors of a face are linear.
+    /// Returns whether all monitors of a face are affine in `z` and `G`.
     pub fn is_flat(&self, face: &Face) -> bool {
         matches!((self, face), (Self::Simplex | Self::Polyhedron(_), Face::Interior | Face::Edge(_)))
     }
 
-    /// The linear monitors of a face of a block with `members` components, in the order of
+    /// Returns the affine monitors of a face of a block with `members` components, in the order of
     /// [`FaceEquations::monitors`](super::FaceEquations); `None` if the monitors are nonlinear.
     pub fn flat_monitors(&self, face: &Face, members: usize) -> Option<Vec<FlatMonitor>> {
         let slack = |polyhedron: &Polyhedron, j: usize| FlatMonitor {
@@ -82,7 +83,8 @@ impl Shape {
         }
     }
 
-    /// Encloses the nonlinear monitors of a face over a box of `z` and `G`, with the radius of a ball in `radius`.
+    /// Encloses the nonlinear monitors of a face over a box of `z` and `G`; `radius` encloses the radius of a ball
+    /// and is ignored for other shapes.
     pub fn enclose_monitors(
         &self,
         face: &Face,
@@ -110,7 +112,7 @@ fn sum(terms: impl Iterator<Item = Interval>) -> Interval {
     terms.fold(Interval::point(0.0), |sum, term| sum + term)
 }
 
-/// The Euclidean norm.
+/// Encloses the Euclidean norm over the box `x`.
 fn norm(x: &[Interval]) -> Interval {
     sum(x.iter().map(|x| x.square())).sqrt()
 }

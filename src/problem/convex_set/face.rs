@@ -5,10 +5,10 @@
 //! c(z) = 0,    T(z)^T G = 0
 //! ```
 //!
-//! Its solution solves the variational inequality as long as all [`Monitor`]s are nonnegative: the inactive
-//! inequalities of the block, and the multipliers of the active ones (`-G` in the normal cone; Rockafellar and Wets
-//! 1998, 6.C). Each constraint is solved for one member, its pivot, and takes the row of this member; `T` is the basis
-//! given by the elimination:
+//! Its solution solves the variational inequality as long as all [`Monitor`]s are nonnegative: the distances to the
+//! inactive inequalities of the block, and the multipliers of the active ones (`-G` in the normal cone; Rockafellar
+//! and Wets 1998, 6.C). Each constraint is solved for one member of the block, its pivot, and takes the equation row
+//! of this member; `T` is the basis given by the elimination of the pivots (index `p`):
 //!
 //! ```text
 //! ball       |z| = r                G_i - (z_i/z_p) G_p = 0
@@ -17,29 +17,29 @@
 //! rows       N z = b                G_i - N_i^T N_p^-T G_p = 0
 //! ```
 //!
-//! The equations are rational where a face ends in an apex, so that a solution can be continued past the end of the
-//! face, to locate the end. On the boundary of the self-dual cone, `z` and `G` may be exchanged:
+//! The equations are rational near the apex where a face ends, so that a solution can be continued past the end of
+//! the face in order to locate it. On the boundary of the self-dual cone, `z` and `G` may be exchanged:
 //!
 //! ```text
 //! G_1 = |(G_2, ..)|,    z_i + (G_i/G_1) z_1 = 0
 //! ```
 //!
-//! This dual form is equivalent, and better conditioned if `G` is far from zero: the primal form then mixes the
-//! equations for `z` along its ray with those across it, by the rotation of the ray in a step.
+//! The dual form is equivalent, and better conditioned if `G` is far from zero: when the ray of `z` rotates within a
+//! step, the primal form mixes the equations for `z` along the ray with those across it.
 
 use super::ball;
 use super::block::Shape;
 use super::polyhedron::{Polyhedron, dot};
 
-/// A face of a block.
+/// A face of a block of `K`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Face {
-    /// The interior.
+    /// The interior of the block.
     Interior,
-    /// The curved boundary without vertices. For a ball, the pivot; for a cone, 0 for the primal form (in `z`), 1 for
-    /// the dual form (in `G`).
+    /// The curved boundary without vertices. The number is the pivot for a ball; for a cone, 0 for the primal form of
+    /// the equations (in `z`), 1 for the dual form (in `G`).
     Boundary(usize),
-    /// The apex of a cone, or a ball of radius zero.
+    /// A single point: the apex of a cone, or a ball of radius zero.
     Vertex,
     /// A flat face, given by its active inequalities: the zero members of a simplex, the active rows of a polyhedron.
     Edge(Vec<usize>),
@@ -48,33 +48,34 @@ pub enum Face {
 /// A monitor function of a face: nonnegative as long as the face is active.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Monitor {
-    /// A distance, in the unit of `z`.
+    /// The distance to an inactive inequality, in the unit of `z`.
     Distance(f64),
-    /// A multiplier, in the unit of `G`.
+    /// The multiplier of an active inequality, in the unit of `G`.
     Multiplier(f64),
 }
 
 /// The equations `Phi = R G + c` of a face at one point of a block of `k` members.
 #[derive(Clone, Debug, Default)]
 pub struct FaceEquations {
-    /// The number of members `k`.
+    /// The number `k` of members of the block.
     pub members: usize,
-    /// `R`, the derivative of `Phi` with respect to `G`, by rows; zero in constraint rows, `T^T` in the others.
+    /// The derivative `R` of `Phi` with respect to `G`, by rows: zero in rows of constraints on `z`, rows of the
+    /// transposed tangent basis `T^T` otherwise.
     pub combination: Vec<f64>,
-    /// `c`; zero in rows that are not constraints.
+    /// The term `c` of `Phi = R G + c`: the constraint residuals; zero in rows that are not constraints.
     pub constraint: Vec<f64>,
-    /// For each row, whether it has the unit of `z` rather than that of `G`.
+    /// For each row of `Phi`, whether it has the unit of `z` rather than that of `G`.
     pub is_of_z: Vec<bool>,
     /// The derivative of `Phi` with respect to `z` at constant `G`, by rows: constraint gradients, and curvature terms.
     pub own: Vec<f64>,
     /// The derivative of `Phi` with respect to the radius of a ball.
     pub by_radius: Vec<f64>,
-    /// The monitors of the face, in a fixed order.
+    /// The monitors of the face, in an order that depends on the face only.
     pub monitors: Vec<Monitor>,
 }
 
 impl FaceEquations {
-    /// Sets the equations of `face` at `z` and `G`, in the coordinates of the shape.
+    /// Sets the equations and monitors of `face` at `z` and `G`, both in the coordinates of the shape.
     pub fn set(&mut self, shape: &Shape, face: &Face, z: &[f64], g: &[f64]) {
         let k = z.len();
         self.members = k;
@@ -101,12 +102,12 @@ impl FaceEquations {
         }
     }
 
-    /// Row `i` of `R`.
+    /// Returns row `i` of the derivative `R` of `Phi` with respect to `G`.
     pub fn combination_of(&self, i: usize) -> &[f64] {
         &self.combination[i * self.members..][..self.members]
     }
 
-    /// Entry `i` of `Phi`.
+    /// Returns entry `i` of the residual `Phi` for the given `G`.
     pub fn value(&self, i: usize, g: &[f64]) -> f64 {
         self.constraint[i] + dot(self.combination_of(i), g)
     }
@@ -166,7 +167,7 @@ impl FaceEquations {
             self.own[i * k] = -ratio * g[0] / z[0];
             self.own[i] = ratio;
         }
-        // c = (|v|^2/s - s)/2
+        // The cone constraint `c = (|v|^2/s - s)/2` with `z = (s, v)`.
         self.constraint[0] = 0.5 * (square - 1.0) * z[0];
         self.own[0] = -0.5 * (square + 1.0);
         self.is_of_z[0] = true;
@@ -182,13 +183,14 @@ impl FaceEquations {
             self.combination[i * k + i] = -z[0] / g[0];
             self.combination[i * k] = ratio * z[0] / g[0];
             self.combination[i] = ratio;
-            // R G is zero in this row.
+            // The product `R G` is zero in row `i`, so that `Phi_i` is the constraint alone.
             self.constraint[i] = -(z[i] + ratio * z[0]);
             self.own[i * k + i] = -1.0;
             self.own[i * k] = -ratio;
             self.is_of_z[i] = true;
         }
-        // (|v|^2/s - s)/2 with (s, v) = G is homogeneous of degree one, and so equals its derivative times G.
+        // The constraint `(|v|^2/s - s)/2` with `(s, v) = G` is homogeneous of degree one, and so equals its
+        // derivative times `G`.
         self.combination[0] = -0.5 * (square + 1.0);
         self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
     }
@@ -244,7 +246,8 @@ impl FaceEquations {
     }
 }
 
-/// `N_p^-1 N` and `N_p^-1` for active rows `N`, with pivots `p` chosen by complete pivoting.
+/// The matrices `N_p^-1 N` and `N_p^-1` for active rows `N` of a polyhedron, with pivot columns `p` chosen by
+/// complete pivoting.
 pub(super) struct Elimination {
     pub(super) pivots: Vec<usize>,
     normals: Vec<f64>,

@@ -1,8 +1,8 @@
 //! The convex set `K`, a product of intervals `[l_i, u_i]`, possibly unbounded, and of blocks that couple several
-//! components. Components of blocks have `l = -inf`, `u = inf`.
+//! components of `z`. Components in blocks have `l = -inf`, `u = inf`.
 //!
-//! `P_K` is the projection, and `z - P_K(z - G)` the natural map, zero exactly at a solution of the variational
-//! inequality (Facchinei and Pang 2003, section 1.5).
+//! `P_K` denotes the projection onto `K`, and `z - P_K(z - G)` the natural map, which is zero exactly at a solution
+//! of the variational inequality (Facchinei and Pang 2003, section 1.5).
 
 mod active_rows;
 mod ball;
@@ -22,16 +22,16 @@ pub use enclosure::{FlatMonitor, MonitorRange};
 pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 
-/// `K = [l_1, u_1] x .. x [l_m, u_m]` with `-inf <= l_i <= u_i <= inf`, where a block replaces the intervals of its
-/// members.
+/// The convex set `K = [l_1, u_1] x .. x [l_m, u_m]` with `-inf <= l_i <= u_i <= inf`, where a block replaces the
+/// intervals of its members.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexSet {
-    /// The lower ends, `m` of them.
+    /// The lower ends `l` of the `m` intervals.
     pub lower: Vec<f64>,
-    /// The upper ends, `m` of them.
+    /// The upper ends `u` of the `m` intervals.
     pub upper: Vec<f64>,
     blocks: Vec<Block>,
-    /// The block of each component; empty if there are no blocks.
+    /// The index of the block that contains each component; empty if `K` has no blocks.
     home: Vec<Option<usize>>,
 }
 
@@ -44,22 +44,23 @@ pub struct Workspace {
 }
 
 impl ConvexSet {
-    /// The whole space of `m` dimensions.
+    /// Returns the whole space of `m` dimensions.
     pub fn free(m: usize) -> Self {
         Self::intervals(vec![f64::NEG_INFINITY; m], vec![f64::INFINITY; m])
     }
 
-    /// The nonnegative orthant of `m` dimensions.
+    /// Returns the nonnegative orthant of `m` dimensions.
     pub fn nonnegative(m: usize) -> Self {
         Self::intervals(vec![0.0; m], vec![f64::INFINITY; m])
     }
 
-    /// The product of `m` intervals with the given ends.
+    /// Returns the product of `m` intervals with the given ends.
     pub fn intervals(lower: Vec<f64>, upper: Vec<f64>) -> Self {
         Self { lower, upper, blocks: Vec::new(), home: Vec::new() }
     }
 
-    /// Adds a block of components, replacing their intervals; the components must not be in a block yet.
+    /// Adds a block of the components `members`, replacing their intervals; the components must not be in another
+    /// block.
     pub fn bind(&mut self, members: Vec<usize>, shape: Shape) {
         self.home.resize(self.dimension(), None);
         for &i in &members {
@@ -69,29 +70,29 @@ impl ConvexSet {
         self.blocks.push(Block { members, shape });
     }
 
-    /// The blocks, in the order in which they were added.
+    /// Returns the blocks of `K`, in the order in which they were added.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
 
-    /// Whether there are blocks, so that `K` is not a product of intervals.
+    /// Returns whether `K` has blocks, so that it is not a product of intervals.
     pub fn has_blocks(&self) -> bool {
         !self.blocks.is_empty()
     }
 
-    /// The block that contains component `i`.
+    /// Returns the index of the block that contains component `i`, if any.
     pub fn block_of(&self, i: usize) -> Option<usize> {
         self.home.get(i).copied().flatten()
     }
 
-    /// Sets the radius of a block that is a ball; has no effect on other blocks.
+    /// Sets the radius of a block that is a ball; has no effect on blocks of other shapes.
     pub fn set_radius(&mut self, block: usize, value: f64) {
         if let Shape::Ball { radius } = &mut self.blocks[block].shape {
             *radius = value;
         }
     }
 
-    /// The product of `copies` of this set.
+    /// Returns the Cartesian product of `copies` copies of `K`.
     pub fn power(&self, copies: usize) -> Self {
         let mut power = Self::intervals(self.lower.repeat(copies), self.upper.repeat(copies));
         for copy in 0..copies {
@@ -102,7 +103,8 @@ impl ConvexSet {
         power
     }
 
-    /// The factor of this set for the components `kept`, in their order; a block must be kept whole or not at all.
+    /// Returns the factor of `K` for the components `kept`, in their order; the members of a block must all be kept
+    /// or all be left out.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let end = |ends: &[f64]| kept.iter().map(|&i| ends[i]).collect();
         let mut factor = Self::intervals(end(&self.lower), end(&self.upper));
@@ -115,17 +117,17 @@ impl ConvexSet {
         factor
     }
 
-    /// `m`, the dimension of the space of `K`.
+    /// Returns `m`, the dimension of the space of `K`.
     pub fn dimension(&self) -> usize {
         self.lower.len()
     }
 
-    /// Whether component `i` is unconstrained.
+    /// Returns whether component `i` is unconstrained.
     pub fn is_free(&self, i: usize) -> bool {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY && self.block_of(i).is_none()
     }
 
-    /// Whether `K` is nonempty; false if an end of an interval is NaN.
+    /// Returns whether `K` is nonempty; false if an end of an interval is NaN.
     pub fn is_nonempty(&self) -> bool {
         let nonempty =
             |(&lower, &upper): (&f64, &f64)| lower <= upper && lower < f64::INFINITY && upper > -f64::INFINITY;
@@ -133,7 +135,8 @@ impl ConvexSet {
             && self.blocks.iter().all(|block| block.shape.is_nonempty(block.members.len()))
     }
 
-    /// The projection of `z` onto the interval of component `i`, which must not be in a block. NaN stays NaN.
+    /// Returns the projection of `z` onto the interval of component `i`, which must not be in a block. NaN is
+    /// returned as NaN.
     pub fn project(&self, i: usize, z: f64) -> f64 {
         if z < self.lower[i] {
             self.lower[i]
@@ -144,7 +147,8 @@ impl ConvexSet {
         }
     }
 
-    /// Projects a vector in place; allocates only in the first call with a given `work`. NaN stays NaN in its block.
+    /// Projects the vector `z` onto `K` in place; allocates only in the first call with a given `work`. NaN in a
+    /// component of a block makes the block's components NaN, and affects no others.
     pub fn project_all(&self, z: &mut [f64], work: &mut Workspace) {
         for (i, z) in z.iter_mut().enumerate() {
             *z = self.project(i, *z);
@@ -157,7 +161,7 @@ impl ConvexSet {
         }
     }
 
-    /// The Euclidean distance of `z` from `K`.
+    /// Returns the Euclidean distance of `z` from `K`.
     pub fn distance(&self, z: &[f64], work: &mut Workspace) -> f64 {
         let mut p = z.to_vec();
         self.project_all(&mut p, work);
@@ -165,7 +169,7 @@ impl ConvexSet {
         ball::norm(&p)
     }
 
-    /// The support function, `sup <d, z>` over `K`; infinite if `K` is unbounded in direction `d`.
+    /// Returns the support function `sup <d, z>` of `K`; infinite if `K` is unbounded in direction `d`.
     pub fn support(&self, d: &[f64], work: &mut Workspace) -> f64 {
         let interval = |i: usize| match d[i] {
             0.0 => 0.0,
@@ -180,7 +184,7 @@ impl ConvexSet {
         sum
     }
 
-    /// Whether `d` is in the recession cone: whether `z + s d` stays in `K` for all `s >= 0`.
+    /// Returns whether `d` is in the recession cone of `K`: whether `z + s d` stays in `K` for all `s >= 0`.
     pub fn recedes(&self, d: &[f64], work: &mut Workspace) -> bool {
         let interval = |i: usize| {
             self.block_of(i).is_some()
@@ -194,13 +198,13 @@ impl ConvexSet {
             })
     }
 
-    /// Whether `K` is bounded.
+    /// Returns whether `K` is bounded.
     pub fn is_bounded(&self, work: &mut Workspace) -> bool {
         let finite = |i: usize| self.block_of(i).is_some() || (self.lower[i].is_finite() && self.upper[i].is_finite());
         (0..self.dimension()).all(finite) && self.blocks.iter().all(|block| block.shape.is_bounded(&mut work.block))
     }
 
-    /// The face of a block that contains the projection of `z`.
+    /// Returns the face of a block that contains the projection of `z`.
     pub fn face(&self, block: usize, z: &[f64], work: &mut Workspace) -> Face {
         let block = &self.blocks[block];
         work.gather(block, z);
@@ -208,7 +212,7 @@ impl ConvexSet {
         block.shape.face(x, p, inner)
     }
 
-    /// `max |z - P(z - scale G)|` over the members of one block.
+    /// Returns the residual `max |z - P(z - scale G)|` of the natural map over the members of one block.
     pub fn defect(&self, block: usize, z: &[f64], g: &[f64], scale: f64, work: &mut Workspace) -> f64 {
         let Block { members, shape } = &self.blocks[block];
         work.x.clear();
@@ -221,7 +225,8 @@ impl ConvexSet {
         })
     }
 
-    /// The natural-map residual `max_i |z_i - P_K(z - G)_i|`; NaN if any entry is NaN. Allocates if there are blocks.
+    /// Returns the natural-map residual `max_i |z_i - P_K(z - G)_i|`; NaN if any entry is NaN. Allocates if `K` has
+    /// blocks.
     pub fn natural_residual(&self, z: &[f64], g: &[f64]) -> f64 {
         let mut residual = 0.0_f64;
         let mut keep = |r: f64| residual = if r.is_nan() || residual.is_nan() { f64::NAN } else { residual.max(r) };

@@ -1,4 +1,5 @@
-//! The second-order cone `{(s, v) : s >= |v|}`, by the spectral decomposition of its Jordan algebra,
+//! The second-order cone `{(s, v) : s >= |v|}`. The projection `P` of `x = (s, v)` follows from the spectral
+//! decomposition of the cone's Jordan algebra,
 //!
 //! ```text
 //! x = l1 u1 + l2 u2,    l1,2 = s -+ |v|,    u1,2 = (1, -+ v/|v|)/2,    P(x) = max(l1, 0) u1 + max(l2, 0) u2
@@ -11,11 +12,12 @@
 //! P'(x) = 1/2 [ 1  e^T ; e  (1 + c) I - c e e^T ]
 //! ```
 //!
-//! Where several limits are possible, `P'` is the identity on the boundary of the cone, and zero on that of its polar.
+//! Where `P` has a kink, `P'` is set to the identity on the boundary of the cone, and to zero on the boundary of its
+//! polar.
 
 use super::ball::norm;
 
-/// Writes the projection of `x` to `p`.
+/// Writes the projection of `x` onto the second-order cone to `p`.
 pub(super) fn project(x: &[f64], p: &mut [f64]) {
     let (s, v) = (x[0], norm(&x[1..]));
     if v <= s {
@@ -31,7 +33,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection at `x`, by columns.
+/// Writes the derivative of the projection onto the second-order cone at `x`, by columns.
 pub(super) fn derivative(x: &[f64], out: &mut [f64]) {
     let (s, v) = (x[0], norm(&x[1..]));
     let outside = v > s && v > -s;

@@ -1,13 +1,13 @@
-//! The unit simplex `{z : z >= 0, sum z = 1}`.
+//! The unit simplex `{z : z >= 0, sum z = 1}`, with the projection `P` and its derivative
 //!
 //! ```text
 //! P(x) = max(x - tau, 0),    P'(x) = I_S - 1_S 1_S^T / |S|,    S = {i : P(x)_i > 0}
 //! ```
 //!
-//! with `tau` such that the components sum to one, found by sorting (Held, Wolfe and Crowder 1974, *Validation of
-//! subgradient optimization*).
+//! with the shift `tau` such that the components of `P(x)` sum to one, found by sorting (Held, Wolfe and Crowder
+//! 1974, *Validation of subgradient optimization*).
 
-/// Writes the projection of `x` to `p`; `sorted` is a workspace of the same length.
+/// Writes the projection of `x` onto the unit simplex to `p`; `sorted` is a workspace of the length of `x`.
 pub(super) fn project(x: &[f64], p: &mut [f64], sorted: &mut [f64]) {
     if !x.iter().all(|x| x.is_finite()) {
         p.fill(f64::NAN);
@@ -15,7 +15,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64], sorted: &mut [f64]) {
     }
     sorted.copy_from_slice(x);
     sorted.sort_unstable_by(|a, b| b.total_cmp(a));
-    // Subtract the largest component, so that a common shift does not cause cancellation.
+    // Subtract the largest component, so that a large mean of `x` does not cause cancellation.
     let top = sorted[0];
     let (mut sum, mut tau) = (0.0, -1.0);
     for (count, &x) in sorted.iter().enumerate() {
@@ -31,7 +31,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64], sorted: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection with the result `p`, by columns.
+/// Writes the derivative of the projection onto the unit simplex, by columns, from its result `p`.
 pub(super) fn derivative(p: &[f64], out: &mut [f64]) {
     let support = p.iter().filter(|p| **p > 0.0).count().max(1) as f64;
     for (j, column) in out.chunks_exact_mut(p.len()).enumerate() {

@@ -8,18 +8,18 @@ use numerics::Interval;
 use problem::{Face, Mass};
 
 pub(super) struct Dense {
-    /// Factors of `M`; `None` for the identity.
+    /// LU factors of the mass matrix `M`; `None` for the identity.
     mass: Option<LU<f64, Dyn, Dyn>>,
-    /// `M^-1`; `None` for the identity.
+    /// Inverse of the mass matrix `M`; `None` for the identity.
     pub inverse_mass: Option<DMatrix<f64>>,
-    /// Index of each variable among the free ones.
+    /// Index of each variable among the free variables; `usize::MAX` for other variables.
     place: Vec<usize>,
-    /// The response computed last.
+    /// The linear response that was computed last.
     response: Option<Response>,
 }
 
 impl Dense {
-    /// `None` if `M` is singular.
+    /// Factorises the mass matrix `M`; returns `None` if it is singular.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let n = system.states;
         let mass = match system.mass() {
@@ -37,9 +37,9 @@ impl Dense {
         Some(Self { mass, inverse_mass, place: vec![usize::MAX; system.unknowns - n], response: None })
     }
 
-    /// Computes the possible distance of each free variable from the solution of the equations, if `G` has the
-    /// magnitudes `sizes` and the hidden constraints the magnitudes `hidden`, with the current derivatives of `system`.
-    /// Returns false if the equations are singular.
+    /// Computes a bound on the distance of each free variable from the solution of its equations, if `G` has the
+    /// magnitudes `sizes` and the hidden constraints the magnitudes `hidden`, with the current derivatives of
+    /// `system`. Returns false if the equations are singular.
     pub fn errors(
         &mut self,
         system: &System<'_>,
@@ -59,7 +59,8 @@ impl Dense {
         true
     }
 
-    /// The same with the derivatives enclosed over a box, in `jacobian`; `None` if the equations are singular.
+    /// Computes the bounds of [`Self::errors`] for derivatives that are enclosed over a box in `jacobian`; `None` if
+    /// the equations are singular.
     pub fn errors_over(
         &mut self,
         system: &System<'_>,
@@ -90,8 +91,8 @@ impl Dense {
         Some(matrix.errors(&(response.to_g.abs() * of(sizes) + response.to_hidden.abs() * of(hidden))))
     }
 
-    /// Linear response of the free variables to `G` and to the hidden constraints, with the current derivatives of
-    /// `system`; `None` if the equations are singular.
+    /// Returns the linear response of the free variables to `G` and to the hidden constraints, with the current
+    /// derivatives of `system`; `None` if the equations are singular.
     pub fn response(&mut self, system: &System<'_>, inside: &[usize]) -> Option<&Response> {
         if !self.is_known(system, inside) {
             self.response = self.response_of(system, inside);
@@ -99,7 +100,7 @@ impl Dense {
         self.response.as_ref()
     }
 
-    /// Whether the stored response belongs to this face and to these derivatives.
+    /// Whether the stored response belongs to the present face, free variables and derivatives.
     pub fn is_known(&self, system: &System<'_>, inside: &[usize]) -> bool {
         self.response.as_ref().is_some_and(|known| {
             known.jacobians == system.work.jacobians && known.inside == inside && known.blocks == system.face.blocks
@@ -129,8 +130,8 @@ impl Dense {
         Some(Response { jacobians: system.work.jacobians, inside, blocks, to_g, to_hidden })
     }
 
-    /// Computes the Newton step, to be subtracted, at the last evaluation of `system`; returns false if the equations
-    /// are singular.
+    /// Computes the Newton step of the free variables, to be subtracted from them, at the point of the last
+    /// evaluation of `system`; returns false if the equations are singular.
     pub fn solve(
         &mut self,
         system: &System<'_>,
@@ -169,7 +170,8 @@ impl Dense {
         matrix.lu().solve(&right)
     }
 
-    /// The blocks of the Jacobian in the rows of the free variables; `None` if `M` is singular.
+    /// Computes the matrices of the equations of the free variables; returns `None` if the mass matrix `M` is
+    /// singular.
     fn blocks(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Blocks> {
         let (n, count) = (system.states, inside.len());
         let place = &mut self.place;
@@ -205,7 +207,7 @@ impl Dense {
     }
 }
 
-/// `D = G_z`, `C = G_x` and `C M^-1 F_z` for the free variables.
+/// The matrices `D = G_z`, `C = G_x` and `C M^-1 F_z` of the equations of the free variables.
 struct Blocks {
     d: DMatrix<f64>,
     c: DMatrix<f64>,
@@ -225,8 +227,9 @@ pub struct Response {
 /// Relative rank threshold: singular values below this fraction of the largest are rounding.
 const RANK: f64 = 1e-10;
 
-/// The rank of `D`, and the combinations of its rows, those first that do not vanish: rows and columns have units of their own, so
-/// that both are those of the equilibrated matrix. Variables of a block have one unit, and on its curved faces rows of rounding.
+/// Returns the rank of `D`, and combinations of its rows, those that do not vanish first. Since rows and columns have
+/// different units, both are those of the equilibrated matrix. With blocks, `D` is not equilibrated: the variables of
+/// a block have one unit, and rows on curved faces may consist of rounding errors.
 fn combinations(d: &DMatrix<f64>, has_blocks: bool) -> Option<(usize, DMatrix<f64>)> {
     let (scaled, of_rows, _) = match has_blocks {
         true => (d.clone(), vec![1.0; d.nrows()], Vec::new()),
@@ -238,7 +241,8 @@ fn combinations(d: &DMatrix<f64>, has_blocks: bool) -> Option<(usize, DMatrix<f6
     Some((range.rank(RANK), combinations))
 }
 
-/// The rows `V^T (D | G)` and `U^T (derivative | hidden)`.
+/// Returns the matrix and the right-hand side of the equations with the rows `V^T (D | G)` and
+/// `U^T (derivative | hidden)`.
 fn combine(
     (d, has_blocks): (&DMatrix<f64>, bool),
     g: &DVector<f64>,

@@ -8,9 +8,10 @@
 //! at fixed `(t, x)`, solved by the Josephy-Newton method with a line search: at a start `z` is unknown, and if `G` is
 //! far from affine in `z`, as `exp(z)` is, full steps from zero fail.
 //!
-//! The inequality is solved in parts, each of variables that depend on each other, in an order in which a part depends on
-//! those before it alone: if `K` is a product, this is the same inequality. What is a product of variables of two parts, as
-//! the position of a switch and the voltage across it, is linear in each of them.
+//! The inequality is solved in parts, each of variables that depend on each other, in an order in which each part
+//! depends on earlier parts alone: if `K` is a product, the parts together are equivalent to the inequality. A
+//! product of variables of two parts, such as the position of a switch and the voltage across it, is linear in each
+//! of them.
 
 use crate::layout::Storage;
 use crate::system::System;
@@ -19,19 +20,20 @@ use numerics::components;
 use problem::ConvexSet;
 use vi::{JosephyNewton, NonlinearVi, SolverKind};
 
-/// The inequality at a fixed time and fixed states.
+/// The variational inequality at a fixed time and fixed states.
 struct AtStates<'a, 'p> {
     system: &'a mut System<'p>,
     t: f64,
     y: Vec<f64>,
-    /// The variables that are solved for.
+    /// The variables that the inequality is solved for.
     members: Vec<usize>,
-    /// `K` restricted to `members`.
+    /// The set `K` restricted to the variables that the inequality is solved for.
     set: ConvexSet,
 }
 
-/// Solves for the variables in `y` at `t`, starting from their values there, if `G` is nonlinear and the system is
-/// small. The result is the best approximation found; those in `y` of a part whose residual is not reduced are unchanged.
+/// Solves the inequality for the variables in `y` at time `t`, starting from their values in `y`, if `G` is nonlinear
+/// and the system is small. The result is the best approximation found; a part of the variables whose residual is not
+/// reduced keeps its values.
 pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
     if system.constant_jacobian() || matches!(system.layout.storage, Storage::Sparse { .. }) {
         return;
@@ -42,7 +44,7 @@ pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
     }
 }
 
-/// Solves for some variables, at the values of the others in `y`.
+/// Solves the inequality for the variables `members`, at the values of the other variables in `y`.
 fn solve_part(system: &mut System<'_>, t: f64, y: &mut [f64], members: Vec<usize>) {
     if !system.evaluate(t, y) {
         return;
@@ -62,7 +64,7 @@ fn solve_part(system: &mut System<'_>, t: f64, y: &mut [f64], members: Vec<usize
     }
 }
 
-/// The variables whose rows contain variables; of a block, all members or none.
+/// Returns the variables whose rows of `G` contain variables; of a block, all members or none.
 fn determined(system: &System<'_>) -> Vec<usize> {
     let n = system.states;
     let is_direct = |k: usize| system.entries_of_variable(k).any(|(j, _)| j >= n);
@@ -73,8 +75,8 @@ fn determined(system: &System<'_>) -> Vec<usize> {
     (0..system.unknowns - n).filter(|&k| is_taken(k)).collect()
 }
 
-/// The strongly connected components of the dependences between variables, which blocks join as well, each after those that
-/// it depends on.
+/// Returns the strongly connected components of the dependences between the variables `members`, each after those
+/// that it depends on; the members of a block depend on each other.
 fn parts(system: &System<'_>, members: &[usize]) -> Vec<Vec<usize>> {
     let n = system.states;
     let place_of = |k: usize| members.binary_search(&k).ok();

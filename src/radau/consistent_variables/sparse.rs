@@ -14,19 +14,21 @@ use problem::Mass;
 const REGULAR: f64 = 1e-6;
 
 pub(super) struct Sparse {
-    /// Matrix on the pattern of the stage equations, which contains the pattern of these equations.
+    /// Matrix of the equations for the consistent variables, stored on the pattern of the stage equations, which
+    /// contains its own pattern.
     matrix: SparseMatrix,
     factors: SparseLu<f64>,
     /// Values of the factorised matrix: the factors are reused if the values have not changed.
     factored: Vec<f64>,
     right: Vec<f64>,
     is_inside: Vec<bool>,
-    /// Whether a row of `D` has a nonzero.
+    /// Whether each row of `D = G_z` has a nonzero entry.
     is_direct: Vec<bool>,
 }
 
 impl Sparse {
-    /// `None` if `M` is singular, or memory is insufficient.
+    /// Allocates for the equations of `system`; returns `None` if the mass matrix `M` is singular, or memory is
+    /// insufficient.
     pub fn new(system: &System<'_>, pattern: &SymbolicSparseColMat<usize>, analysis: &Analysis) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if let Mass::Constant(mass) = system.mass()
@@ -44,8 +46,8 @@ impl Sparse {
         })
     }
 
-    /// Computes the Newton step, to be subtracted, at the last evaluation of `system`; returns false if the equations
-    /// are singular.
+    /// Computes the Newton step of the free variables, to be subtracted from them, at the point of the last
+    /// evaluation of `system`; returns false if the equations are singular.
     pub fn solve(
         &mut self,
         system: &System<'_>,

@@ -14,34 +14,34 @@ use crate::system::System;
 use numerics::Interval;
 use problem::{Block, Face, FlatMonitor, MonitorRange, Shape};
 
-/// The rounding of a norm, relative to it.
+/// Rounding error of a Euclidean norm, relative to the norm.
 const NORM_ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// Workspace for the monitors of blocks.
 #[derive(Debug, Default)]
 pub(super) struct BlockMonitors {
-    /// `z` and `G` of one block, and its monitors.
+    /// Ranges of `z` and of `G` for one block, and of its monitors.
     z: Vec<Interval>,
     g: Vec<Interval>,
     monitors: Vec<MonitorRange>,
-    /// The blocks that the box does not prove.
+    /// The blocks whose monitors the box of the unknowns does not prove to keep their signs.
     open: Vec<usize>,
-    /// The linear forms of each block, with their reductions.
+    /// The linear forms of each block, with their reductions by the equations of the face.
     moving: Vec<Vec<(FlatMonitor, Reduced)>>,
-    /// The face of the linear forms.
+    /// The face to which the linear forms belong.
     face: Option<ActiveFace>,
-    /// Whether the linear forms are reduced.
+    /// Whether the linear forms are reduced by the equations of the face.
     are_reduced: bool,
 }
 
-/// Data over a part of a step that takes `h`.
+/// Data over a part of a step that takes the time `h`.
 pub(super) struct Over<'a> {
-    /// What determines the free variables.
+    /// Which equations determine the free variables.
     pub told: Told,
     pub slopes: &'a Rows,
-    /// The midpoint of the part.
+    /// Values at the midpoint of the part.
     pub middle: &'a Point,
-    /// The ranges of the rows.
+    /// The ranges of the rows of the problem over the part.
     pub rows: &'a [Interval],
     /// Bounds on the distances of the unknowns from their polynomials.
     pub errors: &'a [f64],
@@ -50,15 +50,15 @@ pub(super) struct Over<'a> {
 }
 
 impl BlockMonitors {
-    /// Marks all blocks as open, except those left out; returns whether none is open.
+    /// Marks all blocks as open (not proven), except those left out of the proof; returns whether no block is open.
     pub fn leave_open(&mut self, system: &System<'_>, limits: &Limits) -> bool {
         self.open.clear();
         self.open.extend((0..system.set.blocks().len()).filter(|&b| !limits.is_left_out(b)));
         self.open.is_empty()
     }
 
-    /// Whether no monitor falls below minus its limit if the unknowns and the rows lie in these boxes, and the unknowns
-    /// err by `errors` (empty for no errors).
+    /// Whether no monitor of a block falls below minus its limit if the unknowns and the rows lie in the boxes
+    /// `unknowns` and `rows`, and the unknowns err by `errors` (empty for no errors).
     pub fn are_proven_by_box(
         &mut self,
         system: &System<'_>,
@@ -98,7 +98,7 @@ impl BlockMonitors {
         self.open.is_empty()
     }
 
-    /// Whether no monitor of the open blocks falls below minus its limit, by the slopes.
+    /// Whether no monitor of the blocks not proven so far falls below minus its limit, by the ranges of slopes.
     pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &Limits) -> bool {
         self.take_face(on.system);
         self.reduce(on, over);
@@ -140,7 +140,8 @@ impl BlockMonitors {
             }),
             Face::Boundary(_) | Face::Edge(_) => false,
             Face::Interior | Face::Vertex => {
-                // These sets are of revolution: of the members around their axis the norm alone counts.
+                // Second-order cones and balls are sets of revolution: only the norm of the members around the axis
+                // matters.
                 let forms: Vec<Form> = moving.iter().map(form_of).collect();
                 let (axis, around) = forms.split_at(usize::from(block.shape == Shape::SecondOrderCone));
                 let members = axis.iter().map(Form::range).chain([norm(around)]);
@@ -159,7 +160,7 @@ impl BlockMonitors {
         }
     }
 
-    /// Updates the linear forms to the face of `system`.
+    /// Updates the linear forms of the blocks to the face of `system`.
     fn take_face(&mut self, system: &System<'_>) {
         if self.face.as_ref() == Some(&system.face) {
             return;
@@ -186,8 +187,8 @@ impl BlockMonitors {
         }
     }
 
-    /// Whether no monitor of a block that is not flat falls below minus its limit if `z` and `G` lie in the boxes that
-    /// were set.
+    /// Whether no monitor of a block with curved monitors falls below minus its limit if `z` and `G` lie in the boxes
+    /// `self.z` and `self.g`.
     fn is_curved_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
         block.shape.enclose_monitors(face, &self.z, &self.g, radius, &mut self.monitors);
         self.monitors.iter().all(|monitor| match monitor {
@@ -197,13 +198,13 @@ impl BlockMonitors {
     }
 }
 
-/// A linear form over a part of a step.
+/// A linear form of `z` and `G` over a part of a step.
 struct Form {
-    /// Its value at the midpoint.
+    /// Value of the form at the midpoint of the part.
     value: f64,
-    /// Its slopes, with the part as the unit of time.
+    /// Range of the slope of the form, with the part as the unit of time.
     slope: Interval,
-    /// A bound on the error of its values.
+    /// Bound on the error of the values of the form.
     error: f64,
 }
 
@@ -214,8 +215,8 @@ impl Form {
     }
 }
 
-/// The Euclidean norm of some forms over the part. It changes with the slopes along them alone, which are small where the forms
-/// turn about zero, as does a force of friction of one size.
+/// Returns the range of the Euclidean norm of some forms over the part. Only slopes along the vector of forms change
+/// the norm; they are small where that vector rotates, as a friction force of constant magnitude does.
 fn norm(forms: &[Form]) -> Interval {
     let sum = |terms: &mut dyn Iterator<Item = Interval>| terms.fold(Interval::point(0.0), |sum, term| sum + term);
     let by_box = sum(&mut forms.iter().map(|form| form.range().square())).sqrt();
@@ -229,7 +230,8 @@ fn norm(forms: &[Form]) -> Interval {
     Interval::new(by_box.lo.max(value - beside), by_box.hi.min(value + beside))
 }
 
-/// The linear forms of a block on a face: its monitors if they are linear, otherwise the quantities that enter them.
+/// Returns the linear forms of a block on a face: its monitors if they are linear, otherwise the quantities that
+/// enter the monitors.
 fn moving(block: &Block, face: &Face) -> Vec<FlatMonitor> {
     let members = block.members.len();
     let each = |of: fn(usize) -> FlatMonitor| (0..members).map(of).collect();

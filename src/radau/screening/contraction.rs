@@ -25,7 +25,7 @@ impl Enclosed {
         Self { middle: DMatrix::zeros(rows, columns), radius: DMatrix::zeros(rows, columns) }
     }
 
-    /// Adds an interval to an entry; one that is not defined everywhere has an infinite radius.
+    /// Adds an interval to an entry; an interval that is not defined everywhere has an infinite radius.
     pub fn add(&mut self, at: (usize, usize), value: Interval) {
         let (middle, radius) = value.ball();
         let is_known = value.defined && middle.is_finite();
@@ -33,18 +33,19 @@ impl Enclosed {
         self.radius[at] += if is_known { radius } else { f64::INFINITY };
     }
 
-    /// The product with another matrix on the right.
+    /// Returns the product with another matrix of intervals on the right.
     pub fn times(&self, other: &Self) -> Self {
         let (a, b) = (self.middle.abs(), other.middle.abs());
         Self { middle: &self.middle * &other.middle, radius: a * &other.radius + &self.radius * (b + &other.radius) }
     }
 
-    /// The product with a known matrix on the left.
+    /// Returns the product with a known matrix on the left.
     pub fn combined(&self, left: &DMatrix<f64>) -> Self {
         Self { middle: left * &self.middle, radius: left.abs() * &self.radius }
     }
 
-    /// The bound `e` for the residuals `r`.
+    /// Bounds the distances from the root of equations whose derivative lies in this matrix, for residuals of the
+    /// magnitudes `residuals`.
     pub fn errors(&self, residuals: &DVector<f64>) -> Errors {
         let count = residuals.len();
         if count == 0 {
@@ -72,16 +73,17 @@ impl Enclosed {
 /// Bounds on the distances of variables from the roots of their equations.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Errors {
-    /// The bounds.
+    /// A bound for each variable.
     Bounded(DVector<f64>),
-    /// None over this box, but over smaller ones: the derivatives vary too much.
+    /// No bounds over this box, since the derivatives vary too much; a smaller box may have bounds.
     Wide,
-    /// None: the equations are singular, or derivatives are not bounded.
+    /// No bounds: the equations are singular, or derivatives are not bounded.
     Unbounded,
 }
 
 impl Errors {
-    /// Writes the bounds for the variables to `out`, and returns whether they are those of a box that is too wide.
+    /// Writes the bounds for `variables` to `out`, infinite without bounds; returns whether the box is too wide for
+    /// bounds.
     pub fn write(self, variables: &[usize], out: &mut [f64]) -> bool {
         match &self {
             Self::Bounded(errors) => variables.iter().zip(errors).for_each(|(&k, error)| out[k] = *error),
@@ -97,7 +99,8 @@ mod tests {
 
     #[test]
     fn roots_lie_within_their_bounds_and_singular_boxes_bound_nothing() {
-        // 2 z + w = 0.1 and z + 3 w = 0.2 with coefficients that may be off by a tenth: the largest roots over the corners.
+        // The equations 2 z + w = 0.1 and z + 3 w = 0.2 with coefficients that may be off by a tenth: the largest
+        // roots over the corners of the box.
         let mut matrix = Enclosed::zeros(2, 2);
         for (at, value) in [((0, 0), 2.0), ((0, 1), 1.0), ((1, 0), 1.0), ((1, 1), 3.0)] {
             matrix.add(at, Interval::new(value - 0.1, value + 0.1));

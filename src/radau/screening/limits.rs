@@ -14,25 +14,26 @@ use crate::system::System;
 use crate::uncertainties::Uncertainties;
 use numerics::Interval;
 
-/// Limits of a block whose monitors are left out.
+/// Limits of a block whose monitors are left out of the proof.
 const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
 
-/// Limits of the monitors over the part examined last.
+/// Limits below which monitors count as zero, over the part of the step examined last.
 #[derive(Debug, Default)]
 pub(super) struct Limits {
     uncertainties: Uncertainties,
     /// The unknowns at the beginning of the step.
     begin: Vec<f64>,
-    /// Limits of each variable and of its `G`.
+    /// Limits below which the distances of each variable from its bounds, and its `G`, count as zero.
     of_variables: Vec<[f64; 2]>,
     /// Blocks whose monitors are left out of the proof.
     left_out: Vec<bool>,
-    /// Least magnitudes of the derivatives over the part.
+    /// Least magnitudes of the derivatives over the part of the step.
     slopes: Vec<f64>,
 }
 
 impl Limits {
-    /// Starts a step at the unknowns `y`, with the derivatives of the last differentiation and no block left out.
+    /// Starts the screening of a step at the unknowns `y`, with the derivatives of the last differentiation and no
+    /// block left out.
     pub fn start(&mut self, system: &System<'_>, control: &NewtonControl, uncertainties: Uncertainties, y: &[f64]) {
         self.uncertainties = uncertainties;
         self.begin.clear();
@@ -41,13 +42,14 @@ impl Limits {
         self.left_out.resize(system.set.blocks().len(), false);
         self.slopes.clear();
         self.slopes.extend(system.derivatives.iter().map(|slope| slope.abs()));
-        // Where derivatives vary, each part has limits of its own.
+        // If derivatives vary, each part of the step has limits of its own.
         if system.constant_jacobian() {
             self.update(system, control);
         }
     }
 
-    /// Moves on to a part over which the derivatives lie in these ranges; `None` if they are not known.
+    /// Updates the limits to a part of the step over which the derivatives lie in the ranges `derivatives`; `None` if
+    /// they are not known.
     pub fn follow(&mut self, system: &System<'_>, control: &NewtonControl, derivatives: Option<&[Interval]>) {
         match derivatives {
             None => self.slopes.fill(0.0),
@@ -71,19 +73,19 @@ impl Limits {
         self.of_variables.extend(limits);
     }
 
-    /// The limit of a monitor.
+    /// Returns the limit below which a monitor counts as zero.
     pub fn of(&self, monitor: &Watched) -> f64 {
         let [of_z, of_g] = self.of_variables[monitor.variable];
         if monitor.place == Activity::Inactive { of_z } else { of_g }
     }
 
-    /// The change of a reduced monitor by errors of the states within their tolerances, where the free variables follow
-    /// these.
+    /// Returns the change of a reduced monitor by errors of the states within their tolerances, if the free variables
+    /// follow the states.
     pub fn of_form(&self, system: &System<'_>, form: &Reduced) -> f64 {
         form.least_error(&self.uncertainties.errors[..system.states])
     }
 
-    /// The limits of the distances and of the multipliers of block `b`.
+    /// Returns the limits below which the distances and the multipliers of block `b` count as zero.
     pub fn of_block(&self, system: &System<'_>, b: usize) -> [f64; 2] {
         if self.left_out[b] {
             return LEFT_OUT;
@@ -92,8 +94,8 @@ impl Limits {
         members.fold([0.0; 2], |sum, of| [sum[0].max(of[0]), sum[1] + of[1]])
     }
 
-    /// Leaves blocks out of the proof whose monitors are curved on the face; returns whether one of them was not left out
-    /// before.
+    /// Leaves blocks whose monitors are curved on the face out of the proof; returns whether one of these blocks was
+    /// not left out before.
     pub fn leave_out_curved(&mut self, system: &System<'_>) -> bool {
         let mut is_new = false;
         for (b, left_out) in self.left_out.iter_mut().enumerate() {

@@ -42,7 +42,7 @@ use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
 
-/// Workspace for the enclosures over one part.
+/// Workspace for the enclosures of monitors over one part of a step.
 #[derive(Debug, Default)]
 pub(super) struct Enclosure {
     ranges: Vec<Interval>,
@@ -50,48 +50,50 @@ pub(super) struct Enclosure {
     rows: Rows,
     middle: Point,
     ends: [Point; 2],
-    /// The reduced forms of the watched monitors, in the order of these.
+    /// The reduced forms of the watched monitors, in the order of the monitors.
     forms: Vec<Reduced>,
-    /// The face of the reduced forms, if they are constant on it.
+    /// The face of the reduced forms, if the forms are constant on a face.
     face: Option<ActiveFace>,
-    /// Magnitudes of the rows of `Phi` that are not rates.
+    /// Magnitudes of the equations of the face: the rows of `Phi` that are not rates.
     residuals: Vec<f64>,
     /// Bounds on the distances of the unknowns from their polynomials.
     errors: Vec<f64>,
-    /// Magnitudes of `dG/dt` of the free variables.
+    /// Magnitudes of the hidden constraints `dG/dt` of the free variables.
     hidden: Vec<f64>,
-    /// `M^-1 F` over the box.
+    /// Ranges of the rates `M^-1 F` over the box of the unknowns.
     rates: Vec<Interval>,
     of_blocks: BlockMonitors,
-    /// Indices of the watched monitors that the box does not prove.
+    /// Indices of the watched monitors that the enclosure over the box does not prove.
     left: Vec<usize>,
-    /// Whether no reasonable number of parts of the box would prove the monitors that are left.
+    /// Whether bisection into any reasonable number of parts would not prove the remaining monitors.
     is_hopeless: bool,
-    /// Whether derivatives vary so much over the last box that error bounds from it are useless, and smaller boxes are needed.
+    /// Whether derivatives vary so much over the last box that error bounds from the box are useless, and smaller
+    /// boxes are needed.
     is_wide: bool,
 }
 
-/// Relative threshold below which a derivative, compared with its terms, is rounding.
+/// Relative threshold: a derivative below this fraction of its terms consists of rounding errors.
 const TOLD: f64 = 1e-10;
 /// Safety factor for errors that are computed to first order.
 const CURVATURE: f64 = 2.0;
 
-/// What enclosures prove over a part of a step: that no monitor falls below zero by more than its limit, or nothing.
+/// Result of the attempt to prove that no monitor falls below minus its limit over a part of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Found {
     Proven,
-    /// Not proven; `may_fail` if a monitor may be negative at the midpoint.
+    /// Not proven; `may_fail` tells that a monitor may be negative at the midpoint of the part.
     Unproven {
         may_fail: bool,
     },
-    /// No reasonable number of parts would prove a monitor.
+    /// Bisection into any reasonable number of parts would not prove a monitor.
     Hopeless,
     /// The problem cannot be enclosed.
     Unknown,
 }
 
 impl Enclosure {
-    /// Attempts to prove that no monitor falls below minus its limit over a part that begins at `t` and takes `h`.
+    /// Attempts to prove that no monitor falls below minus its limit over a part of a step that begins at time `t`
+    /// and takes the time `h`.
     pub fn prove(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -113,7 +115,7 @@ impl Enclosure {
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(Interval::size));
         self.middle.y.resize(system.unknowns, 0.0);
         part.values(0.5, &mut self.middle.y);
-        // Where derivatives vary, errors are those over the box.
+        // If derivatives vary, limits and errors are bounded over the box.
         let is_linear = on.system.constant_jacobian();
         let mut are_rows_known = !is_linear && self.enclose_rows(on.system, times);
         if !is_linear {
@@ -125,7 +127,8 @@ impl Enclosure {
             self.find_errors(on, false, are_rows_known);
         }
         let system = &*on.system;
-        // The errors of variables that hidden constraints determine in part are not known: use their polynomials.
+        // The errors of variables that hidden constraints determine only in part are unknown: use the polynomials of
+        // these variables.
         let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
         let mut are_blocks_proven = match told {
             Told::ByHiddenConstraints => self.of_blocks.leave_open(system, limits),
@@ -165,13 +168,13 @@ impl Enclosure {
         found
     }
 
-    /// Evaluates the midpoint of the part; returns whether the values there are finite.
+    /// Evaluates the midpoint of the part; returns whether the values at the midpoint are finite.
     fn know_middle(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
         self.middle.set(on.system, told, part, (t, h), 0.5);
         self.middle.is_finite
     }
 
-    /// Encloses the derivatives of the rows over the box; returns whether they are known.
+    /// Encloses the derivatives of the rows over the box of the unknowns; returns whether the enclosures are known.
     fn enclose_rows(&mut self, system: &mut System<'_>, times: Interval) -> bool {
         let Rows { jacobian, by_time, terms } = &mut self.rows;
         jacobian.resize(system.derivatives.len(), Interval::LINE);
@@ -198,8 +201,8 @@ impl Enclosure {
         }
     }
 
-    /// Removes the monitors that their slopes prove from `left`; returns whether one that remains may be negative at
-    /// the midpoint.
+    /// Removes the monitors that the ranges of their slopes prove from `left`; returns whether one of the remaining
+    /// monitors may be negative at the midpoint.
     fn may_fail(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -210,8 +213,8 @@ impl Enclosure {
         left: &mut Vec<usize>,
     ) -> bool {
         let n = on.system.states;
-        // The forms that include hidden constraints are those of states on their constraints, and have no error from
-        // these.
+        // Forms that include hidden constraints belong to states that satisfy their constraints, and have no error
+        // from violated constraints.
         let has_errors = told != Told::ByHiddenConstraints;
         if has_errors {
             // The equations of the free variables are bounded by their slopes as well: their values over the box are
@@ -260,7 +263,7 @@ impl Enclosure {
             let limit = limits.of(monitor).max(limits.of_form(system, form));
             let allowed = moved + error + rounding - limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * slope.size() >= allowed;
-            // If the slope has one sign, the least value is at an end.
+            // If the slope of a monitor has one sign, its least value is at an end of the part.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
             if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
                 let there = &mut self.ends[end];
@@ -284,8 +287,8 @@ impl Enclosure {
         may_fail
     }
 
-    /// Whether no variable that hidden constraints alone determine enters a monitor, up to rounding, by the current
-    /// derivatives.
+    /// Whether the variables that enter a monitor are determined without hidden constraints, up to rounding, by the
+    /// current derivatives.
     pub fn is_told(system: &System<'_>, inside: &mut FreeVariables, monitor: &Watched) -> bool {
         let n = system.states;
         let mut own = monitor.combination().by_variables(system);
@@ -328,7 +331,7 @@ impl Enclosure {
     }
 
     /// Bounds the distances of the unknowns from their polynomials at the midpoint of the part, where `system` was
-    /// evaluated last: these decide whether a monitor may be negative there.
+    /// evaluated last: they decide whether a monitor may be negative at the midpoint.
     fn find_errors_in_middle(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
         let in_middle = self.middle.values[..on.system.unknowns].iter().map(|value| value.abs()).collect();
         let over_part = std::mem::replace(&mut self.residuals, in_middle);
@@ -339,7 +342,8 @@ impl Enclosure {
         self.residuals = over_part;
     }
 
-    /// Magnitudes of `dG/dt = G_t + G_x M^-1 F` at the midpoint of the part, where `system` was evaluated last.
+    /// Computes the magnitudes of the hidden constraints `dG/dt = G_t + G_x M^-1 F` at the midpoint of the part,
+    /// where `system` was evaluated last.
     fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
@@ -355,7 +359,7 @@ impl Enclosure {
         }
     }
 
-    /// Bounds on the magnitude of `dG/dt = G_t + G_x M^-1 F` over the box, for each free variable.
+    /// Bounds the magnitude of the hidden constraint `dG/dt = G_t + G_x M^-1 F` over the box, for each free variable.
     fn find_hidden(&mut self, on: &OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
@@ -379,7 +383,7 @@ impl Enclosure {
         }
     }
 
-    /// Lower bound of a monitor over the box; NaN if the monitor is not defined on the whole box.
+    /// Returns the lower bound of a monitor over the box; NaN if the monitor is not defined on the whole box.
     fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         let value = match monitor.place {
@@ -391,7 +395,7 @@ impl Enclosure {
         if value.defined { value.lo } else { f64::NAN }
     }
 
-    /// Effect of the errors of the unknowns on a monitor over the box.
+    /// Returns the effect of the errors of the unknowns on a monitor over the box.
     fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         match monitor.place {
@@ -400,7 +404,7 @@ impl Enclosure {
         }
     }
 
-    /// Range of the slope of one row of `G` over the part.
+    /// Returns the range of the slope of one row of `G` over the part, with the part as the unit of time.
     fn slope_of_row(&self, system: &System<'_>, part: &Part, h: f64, row: usize) -> Interval {
         let explicit = self.rows.by_time[row - system.states] * Interval::point(h);
         let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));

@@ -6,14 +6,15 @@ use crate::free_variables::FreeVariables;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
 
-/// What determines the free variables on a face.
+/// Equations that determine the free variables on a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Told {
-    /// Their equations.
+    /// The equations `G_I = 0` of the free variables suffice.
     ByEquations,
-    /// Their equations and hidden constraints, both with constant coefficients.
+    /// The equations `G_I = 0` of the free variables suffice with hidden constraints, both with constant
+    /// coefficients.
     ByHiddenConstraints,
-    /// Neither: the variables are determined in part only.
+    /// Neither suffices: these equations determine the free variables only in part.
     InPart,
 }
 
@@ -27,7 +28,7 @@ pub(super) struct OnFace<'a, 'p> {
 }
 
 impl OnFace<'_, '_> {
-    /// What determines the free variables.
+    /// Returns which equations determine the free variables.
     pub fn told(&mut self) -> Told {
         if self.inside.tells_all(self.system) {
             return Told::ByEquations;

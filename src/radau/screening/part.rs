@@ -10,12 +10,12 @@ pub(crate) struct Part {
     pub begin: f64,
     pub length: f64,
     coefficients: Vec<f64>,
-    /// Number of coefficients per unknown.
+    /// Number of Bernstein coefficients per unknown.
     count: usize,
 }
 
 impl Part {
-    /// Sets the part to the whole step from `y`, with these increments at the stages.
+    /// Sets the part to the whole step that begins at `y` and has the stage increments `increments`.
     pub fn set_whole(&mut self, tableau: &Tableau, y: &[f64], increments: &[f64]) {
         let (s, n) = (tableau.stages(), y.len());
         let of_stages = tableau.bernstein();
@@ -39,7 +39,7 @@ impl Part {
         halves.for_each(|(first, second)| bernstein::halve(first, second));
     }
 
-    /// `theta` at the midpoint.
+    /// Returns the position `theta` of the midpoint of the part, as a fraction of the step.
     pub fn middle(&self) -> f64 {
         self.begin + 0.5 * self.length
     }
@@ -50,15 +50,16 @@ impl Part {
         unknowns.zip(out).for_each(|(coefficients, range)| *range = bernstein::range(coefficients));
     }
 
-    /// Range of the derivative of an unknown with respect to `u` in `[0, 1]` of the part.
+    /// Returns the range of the derivative of an unknown with respect to the position `u` in `[0, 1]` within the
+    /// part.
     pub fn rate(&self, unknown: usize) -> Interval {
         let first = unknown * self.count;
         bernstein::range_of_rate(&self.coefficients[first..first + self.count])
     }
 
-    /// Range of the derivative of `sum_j c_j y_j` with respect to `u` in `[0, 1]` of the part, where the `c_j` of the
-    /// terms `(j, c_j)` are intervals: the sum with their midpoints is formed before its range is taken, so that
-    /// unknowns that vary together do not widen the range.
+    /// Returns the range of the derivative of `sum_j c_j y_j` with respect to the position `u` in `[0, 1]` within the
+    /// part, where the `c_j` of the terms `(j, c_j)` are intervals: the sum with their midpoints is formed before its
+    /// range is taken, so that unknowns that vary together do not widen the range.
     pub fn rate_of_sum(&self, terms: &[(usize, Interval)]) -> Interval {
         let mut sum = vec![0.0; self.count];
         let (mut beside, mut size) = (0.0, 0.0);
@@ -80,7 +81,7 @@ impl Part {
         rate + Interval::new(-beside, beside)
     }
 
-    /// Writes the unknowns at `u` in `[0, 1]` of the part to `out`.
+    /// Writes the unknowns at the position `u` in `[0, 1]` within the part to `out`.
     pub fn values(&self, u: f64, out: &mut [f64]) {
         let unknowns = self.coefficients.chunks_exact(self.count);
         unknowns.zip(out).for_each(|(coefficients, value)| *value = bernstein::value(coefficients, u));

@@ -5,21 +5,23 @@ use super::part::Part;
 use super::watched::Watched;
 use crate::system::System;
 
-/// A point of the step: the unknowns, the rows, `G_t`, and the bounds.
+/// A point of a step: the values of the unknowns, of the rows, of `G_t` and of the bounds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Point {
     pub y: Vec<f64>,
     pub values: Vec<f64>,
-    /// `G_t`; empty if the equations determine all variables, since it is not needed then.
+    /// Partial derivatives `G_t` with respect to time; empty if equations determine all free variables, since `G_t`
+    /// is not needed then.
     pub drift: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Whether all rows are finite.
+    /// Whether all rows are finite at the point.
     pub is_finite: bool,
 }
 
 impl Point {
-    /// Evaluates the point `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
+    /// Evaluates the point at the position `u` in `[0, 1]` within a part of a step that begins at time `t` and takes
+    /// the time `h`.
     pub fn set(&mut self, system: &mut System<'_>, told: Told, part: &Part, (t, h): (f64, f64), u: f64) {
         let t = t + u * h;
         self.y.resize(system.unknowns, 0.0);
@@ -35,7 +37,7 @@ impl Point {
         }
     }
 
-    /// Value of a monitor at the point.
+    /// Returns the value of a monitor at the point.
     pub fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (row, k) = (system.states + monitor.variable, monitor.variable);
         monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])

@@ -20,28 +20,29 @@ use problem::{ForcingSlopes, Sums};
 /// The slopes of the rows of a problem over a part of a step.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    /// Derivatives with respect to the unknowns over the box, in the order of the pattern.
+    /// Derivatives of the rows with respect to the unknowns over the box, in the order of the pattern.
     pub jacobian: Vec<Interval>,
-    /// Derivatives of `G` with respect to time.
+    /// Derivatives of `G` with respect to time over the part.
     pub by_time: Vec<Interval>,
-    /// The terms of the slopes of all rows in time, if these are sums of terms.
+    /// The shared terms of the time derivatives of all rows, if these derivatives are sums of shared terms.
     pub terms: Vec<Interval>,
 }
 
-/// One reduced monitor.
+/// A monitor reduced by the equations that determine the free variables.
 #[derive(Debug, Default)]
 pub(super) struct Reduced {
-    /// Factors of the rows of `G` in the monitor itself.
+    /// Factors of the rows of `G` in the monitor before its reduction.
     own: Vec<(usize, f64)>,
-    /// Factors of the equations, by variable.
+    /// Factors of the equations of the free variables in the reduced monitor, by variable.
     equations: Vec<(usize, f64)>,
     /// Factors of the time derivatives of the equations (hidden constraints).
     hidden: Vec<(usize, f64)>,
     /// Factors of the rows of `F` in the hidden constraints.
     rates: Vec<(usize, f64)>,
-    /// Derivatives with respect to the unknowns over the box.
+    /// Derivatives of the reduced monitor with respect to the unknowns over the box.
     gradient: Vec<(usize, Interval)>,
-    /// Slope in time as a sum of terms, if the slopes of the rows are sums of terms.
+    /// Time derivative of the reduced monitor as a sum of terms, if the time derivatives of the rows are sums of
+    /// terms.
     by_terms: Option<Vec<(usize, Interval)>>,
 }
 
@@ -64,7 +65,8 @@ impl Reduced {
         self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
     }
 
-    /// Sets the derivatives with respect to the unknowns; `variables` also enter directly.
+    /// Sets the derivatives of the reduced monitor with respect to the unknowns; `variables` are those that the
+    /// monitor contains itself.
     fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, variables: &[(usize, f64)]) {
         let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
@@ -93,8 +95,8 @@ impl Reduced {
         self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
     }
 
-    /// Adds the factors of equations that represent the correction of the states onto their constraints: the result is
-    /// the monitor of the corrected states.
+    /// Adds the factors of equations that represent the correction of the states onto their constraints: the reduced
+    /// monitor is then that of the corrected states.
     fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
         self.set_gradient(on.system, Told::ByHiddenConstraints, rows, &[]);
         let n = on.system.states;
@@ -115,7 +117,8 @@ impl Reduced {
         }
     }
 
-    /// The slope in time as a sum of terms, with the rounding errors of factors that cancel.
+    /// Returns the partial derivative of the reduced monitor with respect to time as a sum of terms, with the
+    /// rounding errors of factors that cancel.
     fn sum_of_terms(&self, slopes: &ForcingSlopes) -> Vec<(usize, Interval)> {
         let mut factors = vec![(0.0, 0.0_f64); slopes.terms];
         let mut add = |rows: &[(usize, f64)], sums: &Sums| {
@@ -135,8 +138,8 @@ impl Reduced {
         intervals.map(|(term, (sum, size))| (term, Interval::new(sum - noise(size), sum + noise(size)))).collect()
     }
 
-    /// Sets the factors of the equations and hidden constraints whose combination depends on the free variables as the
-    /// monitor does.
+    /// Sets the factors of the equations and hidden constraints whose combination depends on the free variables in
+    /// the way that the monitor does.
     fn follow_hidden(&mut self, on: &mut OnFace<'_, '_>, by_variables: &[f64]) {
         let n = on.system.states;
         self.equations.clear();
@@ -159,7 +162,8 @@ impl Reduced {
         self.rates.extend(along.iter().copied().enumerate().filter(|(_, factor)| *factor != 0.0));
     }
 
-    /// Value of the form at a point where the monitor is `value`, and its rounding error.
+    /// Returns the value of the reduced monitor at a point where the monitor itself is `value`, and its rounding
+    /// error.
     pub fn value(&self, system: &System<'_>, value: f64, there: &Point) -> (f64, f64) {
         let n = system.states;
         let mut of = (value, 0.0);
@@ -175,18 +179,20 @@ impl Reduced {
         of
     }
 
-    /// Effect of errors of the unknowns on the form.
+    /// Bounds the effect of errors of the unknowns on the reduced monitor.
     pub fn error(&self, errors: &[f64]) -> f64 {
         self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
-    /// Effect of errors of the first unknowns on the form, by the least magnitudes of its derivatives.
+    /// Returns the effect of errors of the first unknowns on the reduced monitor, by the least magnitudes of its
+    /// derivatives.
     pub fn least_error(&self, errors: &[f64]) -> f64 {
         let of = |&(j, slope): &(usize, Interval)| errors.get(j).map(|error| slope.magnitudes().0 * error);
         self.gradient.iter().filter_map(of).sum()
     }
 
-    /// Range of the derivative with respect to `u` in `[0, 1]` of a part that takes `h`, without the motion of bounds.
+    /// Returns the range of the derivative of the reduced monitor with respect to the position `u` in `[0, 1]` within
+    /// a part that takes the time `h`, without the motion of bounds.
     pub fn slope(&self, rows: &Rows, part: &Part, h: f64) -> Interval {
         let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
         let by_time = match &self.by_terms {
@@ -203,7 +209,7 @@ impl Reduced {
     }
 }
 
-/// Rewrites a combination of the equations of variables as one of rows of `G`.
+/// Rewrites a combination of the equations of variables as a combination of rows of `G`.
 fn rows_of(system: &System<'_>, equations: impl Iterator<Item = (usize, f64)>) -> Vec<(usize, f64)> {
     let mut rows: Vec<(usize, f64)> = Vec::new();
     for (equation, factor) in equations.filter(|(_, factor)| *factor != 0.0) {

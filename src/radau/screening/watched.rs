@@ -6,17 +6,17 @@ use crate::system::System;
 use numerics::Interval;
 use problem::Side;
 
-/// A quantity that must stay nonnegative on the face.
+/// A monitor: a quantity that must stay nonnegative while a variable keeps its activity on the face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watched {
     pub variable: usize,
     pub place: Activity,
-    /// For a free variable: whether the monitor is the distance to the upper bound, rather than to the lower one.
+    /// For a free variable, whether the monitor is the distance to the upper bound, rather than to the lower one.
     pub upper: bool,
 }
 
 impl Watched {
-    /// Value of the monitor for these `G`, `z` and bounds of the variable.
+    /// Returns the value of the monitor for given values of `G`, `z` and the bounds of its variable.
     pub fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
         match self.place {
             Activity::AtLower => g,
@@ -26,8 +26,8 @@ impl Watched {
         }
     }
 
-    /// Range of the bound in the monitor of a free variable, given the ranges `values` of the rows of the problem; zero
-    /// for a variable on a bound, whose monitor is its `G`.
+    /// Returns the range of the bound in the monitor of a free variable, given the ranges `values` of the rows of the
+    /// problem; zero for a variable on a bound, whose monitor is its `G`.
     pub fn bound(&self, system: &System<'_>, values: &[Interval]) -> Interval {
         match self.place {
             Activity::Inactive if self.upper => system.bound(self.variable, Side::Upper, values),
@@ -36,13 +36,13 @@ impl Watched {
         }
     }
 
-    /// Sign with which `G`, or `z` of a free variable, enters the monitor.
+    /// Returns the sign with which `G`, or `z` of a free variable, enters the monitor.
     pub fn sign(&self) -> f64 {
         let is_negative = self.place == Activity::AtUpper || self.place == Activity::Inactive && self.upper;
         if is_negative { -1.0 } else { 1.0 }
     }
 
-    /// The monitor, without its bound, as a linear combination.
+    /// Returns the monitor, without its bound, as a linear combination.
     pub fn combination(&self) -> Combination {
         let own = vec![(self.variable, self.sign())];
         match self.place {
@@ -60,7 +60,8 @@ pub(super) struct Combination {
 }
 
 impl Combination {
-    /// Derivatives with respect to the variables, from the current derivatives of `G`.
+    /// Returns the derivatives of the linear function with respect to the variables, from the current derivatives of
+    /// `G`.
     pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
         let n = system.states;
         let mut slopes = vec![0.0; system.unknowns - n];

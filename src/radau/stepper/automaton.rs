@@ -17,21 +17,22 @@ const HALVINGS: usize = 12;
 /// face.
 const SEARCHES: usize = 4;
 
-/// The attempts at one step.
+/// Data of the attempts at one step.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The size of the step before it was cut at a breakpoint, and after.
+    /// The step size before, and after, the step was cut at a breakpoint.
     wished: f64,
     proposed: f64,
     /// Number of solves of the stages that are left for the proposed size.
     solves: usize,
-    /// Number of halvings that are left.
+    /// Number of halvings that are left in the search for the end of the face.
     searches: usize,
-    /// Whether the form of a curved face has been changed for this size.
+    /// Whether the form of the equations on curved faces has been swapped for the proposed step size.
     has_turned: bool,
-    /// Whether the step was shortened to the part of it that screening proved.
+    /// Whether the step was shortened to the part over which screening proved that no monitor changes sign.
     is_proven_part: bool,
-    /// What screening saw of the last step that it could not prove, and the point up to which it excludes violations.
+    /// Result of the screening of the last step that it could not prove, and the point up to which it excludes
+    /// violations.
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
@@ -53,9 +54,10 @@ pub struct Trial {
     pub(super) coupled: bool,
     /// Whether all stages are on the face before the step.
     pub(super) is_one_face: bool,
-    /// Whether a monitor is violated at a stage.
+    /// Whether a monitor of the face is violated at a stage.
     violated: bool,
-    /// Whether the stages could be solved; otherwise the face ends at a point that is still to be located.
+    /// Whether the stages could be solved on the face; otherwise the face ends at a point that is still to be
+    /// located.
     is_followed: bool,
     pub(super) between: Option<Between>,
 }
@@ -66,11 +68,12 @@ impl Trial {
     }
 }
 
-/// A switch at the end of a step.
+/// The event of the automaton: a switch at the end of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct AtSwitch;
 
-/// The point at which a hidden violation was seen, as a fraction of the step; `None` if it shows at the stages.
+/// The point between the stages at which a violation of a monitor was seen, as a fraction of the step; `None` if a
+/// stage shows the violation.
 type Hidden = Option<f64>;
 
 impl Automaton for Radau<'_> {
@@ -88,8 +91,8 @@ impl Automaton for Radau<'_> {
         let remaining = self.clock.remaining();
         let Settings { step, min_step, max_step, .. } = self.settings;
         let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
-        // Behind switches that are too close to be located, steps grow from the time between them: a step across may pass all
-        // those to come, and more.
+        // Behind switches that are too close to be located, steps grow from the time between these switches: a longer
+        // step may pass all switches of the accumulation, and more.
         if step.is_none() && self.switching.is_accumulating() && self.last.h > 0.0 {
             h = h.min((LONGER_GAP * self.last.h).max(self.clock.rounding(0.0)).max(min_step));
         }
@@ -118,7 +121,7 @@ impl Automaton for Radau<'_> {
     }
 
     fn solve(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
-        // Stop at a step too small to advance the time.
+        // Leave the mode if the step is too small to advance the time.
         if attempts.solves == 0 || h < attempts.proposed && !self.clock.resolves(h) {
             return Ok(Solved::Lost);
         }
@@ -131,7 +134,8 @@ impl Automaton for Radau<'_> {
             }
             Newton::Slow(factor) if self.stage_vi.is_none() => self.fail(factor, RejectionCause::Slow, attempts),
             Newton::Failed(cause) if self.stage_vi.is_none() => self.fail(0.5, cause, attempts),
-            // A curved face may end where it can no longer be followed: go up to that point.
+            // The equations of a curved face may have no solution behind its end: locate the point at which that
+            // happens.
             Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
                 if !std::mem::replace(&mut attempts.has_turned, true) && self.system.swap_primal_dual_form() {
                     self.factored = None;
@@ -140,7 +144,7 @@ impl Automaton for Radau<'_> {
                 self.predict(h);
                 Ok(Solved::Step(Trial { is_followed: false, ..Trial::on_face(h, self.control.most) }))
             }
-            // Screening knows more about the step that was proposed than its stages show: do not return to it.
+            // Screening has shown that the step of the proposed size is too long: do not return to that size.
             Newton::Slow(part) if h < attempts.proposed && attempts.is_screened() => {
                 self.reject(h, part, RejectionCause::Slow)
             }
@@ -189,7 +193,7 @@ impl Automaton for Radau<'_> {
     ) -> Result<Located<Trial, AtSwitch>, StepError> {
         let size = step.h;
         let mut located = self.locate_switch(size, hidden)?;
-        // If there are several switches within the step, its stages need not show the first.
+        // If there are several switches within the step, its stages need not show the first of them.
         if matches!(located, EventTime::Nowhere)
             && step.is_followed
             && hidden.is_none()
@@ -222,7 +226,7 @@ impl Automaton for Radau<'_> {
         })
     }
 
-    /// Solves the stages with the VI coupled over them.
+    /// Solves the stages with the variational inequality coupled over all of them.
     fn leave_mode(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
         self.predict(h);
         let tableau = self.tableau();
@@ -294,7 +298,7 @@ impl Automaton for Radau<'_> {
             if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / h)) {
                 new = h;
             }
-            // A step cut at a switch or a breakpoint is no reason to reduce the size that was wished for.
+            // A step cut at a switch or a breakpoint is no reason to reduce the step size wished for.
             let is_cut = event.is_some() || self.breaks.after().is_some();
             self.h = if is_cut { attempts.wished } else { new };
             return Ok(true);
@@ -305,7 +309,8 @@ impl Automaton for Radau<'_> {
         let first = self.counts.accepted == 0;
         let seen = self.unseen.seen;
         self.shrink(h, RejectionCause::Error, |controller| match is_missed {
-            // Cut the step where the missed variation begins; if only the sum over its parts counts, it begins nowhere.
+            // Cut the step where the missed variation begins; a variation that only the sum over the parts of the
+            // step reveals begins nowhere.
             true if (LEAST..1.0).contains(&seen) => controller.cut(seen * h),
             true => controller.miss(s, h, error.min(1e10), iterations, most),
             false => controller.reject(s, h, error.min(1e10), iterations, most, first),
@@ -313,8 +318,8 @@ impl Automaton for Radau<'_> {
         Ok(false)
     }
 
-    /// Appends the step to the trajectory and continues on the next face, behind the breakpoint before which the step
-    /// ends unless it is shorter than proposed.
+    /// Appends the step to the trajectory and continues on the next face. A step that ends before a breakpoint
+    /// continues behind it, unless the step is shorter than proposed.
     fn accept(&mut self, step: Trial, event: Option<AtSwitch>, attempts: Attempts) -> Result<(), StepError> {
         let (h, contraction) = (step.h, self.contraction);
         self.append(&step, event.is_some());
@@ -328,7 +333,7 @@ impl Automaton for Radau<'_> {
             self.watch_kinks()?;
             self.change_order(contraction);
         }
-        // A breakpoint at the end of the run is part of it.
+        // A breakpoint at the end of the run belongs to the run.
         let is_within = !self.clock.is_done() || self.breaks.at() <= self.clock.t;
         match self.breaks.after() {
             Some(after) if h >= attempts.proposed && is_within => self.pass_break(after),
@@ -343,7 +348,7 @@ impl Radau<'_> {
         self.settings.step.is_none() && self.switching.locates()
     }
 
-    /// Newton's method on the present face.
+    /// Solves the stages on the present face by Newton's method.
     pub(crate) fn newton(&mut self, h: f64) -> Newton {
         let tableau = self.tableau();
         let newton = self.stages.newton(
@@ -362,12 +367,12 @@ impl Radau<'_> {
         }
     }
 
-    /// Rejects an attempt whose stages are not solved; the next size is this fraction of the proposed one.
+    /// Rejects an attempt whose stages are not solved; the next step size is `fraction` times the proposed one.
     fn fail(&mut self, fraction: f64, cause: RejectionCause, attempts: &Attempts) -> Result<Solved<Trial>, StepError> {
         self.controller.surprise();
         if self.jacobian == Freshness::Kept {
             self.forget_jacobian();
-            // With a fixed step, derivatives at this step are the only remedy.
+            // With a fixed step size, evaluating the derivatives at the present step is the only remedy.
             if self.settings.step.is_some() && self.jacobian == Freshness::Stale {
                 self.counts.rejected[cause as usize] += 1;
                 return Ok(Solved::Rejected);
@@ -376,14 +381,14 @@ impl Radau<'_> {
         self.reject(attempts.proposed, fraction, cause)
     }
 
-    /// Rejects an attempt of size `h`; the next size is this fraction of it.
+    /// Rejects an attempt of size `h`; the next step size is `fraction` times `h`.
     fn reject(&mut self, h: f64, fraction: f64, cause: RejectionCause) -> Result<Solved<Trial>, StepError> {
         self.shrink(h, cause, |_| fraction * h)?;
         Ok(Solved::Rejected)
     }
 
-    /// The first violation that screening detects in a step of size `h`, and the point up to which it excludes any. The
-    /// stages are solved again.
+    /// Returns the first violation of a monitor that screening detects in a step of size `h`, whose stages are solved
+    /// again, and the point up to which screening excludes violations.
     fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);

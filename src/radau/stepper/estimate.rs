@@ -34,14 +34,15 @@ use crate::orders::Method;
 use nalgebra::DVector;
 use problem::Mass;
 
-/// Admissible error of one step, in tolerances, where its order is reduced.
+/// Admissible error of one step, in tolerances, if its order is reduced because the equations are stiff.
 const STIFF: f64 = 3.0;
 
-/// Workspace of the estimates.
+/// Workspace of the error estimates.
 pub(super) struct Estimates {
-    /// The embedded estimate `e`.
+    /// The embedded error estimate `e`.
     pub error: Vec<f64>,
-    /// Jump of the slope of the states into the step, times its size; empty if the slope before the step is not known.
+    /// Jump of the slope of the states into the step, times the step size; empty if the slope before the step is not
+    /// known.
     jump: Vec<f64>,
     /// Rounding error of the rates at the beginning of a first step.
     noise: Vec<f64>,
@@ -71,8 +72,8 @@ impl Estimates {
 }
 
 impl Radau<'_> {
-    /// The error of the states, in units of the tolerance: the largest of all estimates. The embedded estimate is
-    /// `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more if it looks too large.
+    /// Returns the error of the states, in units of the tolerance: the largest of all estimates. The embedded
+    /// estimate is `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more if it looks too large.
     pub(super) fn error(&mut self, h: f64, coupled: bool) -> f64 {
         if coupled && let Some(vi) = &mut self.stage_vi {
             vi.swap_face(&mut self.system);
@@ -84,13 +85,14 @@ impl Radau<'_> {
         error
     }
 
-    /// Estimates the errors of a step whose size is given. The embedded estimates, raised to a power, have the order of
-    /// the result; they bound nothing, but say what the step size is worth. One that is filtered twice is that of a
-    /// transient shorter than the step, whose error at the end has no order: it counts as it is.
+    /// Estimates the errors of a step whose size is prescribed. The embedded estimates, raised to a power, have the
+    /// order of the result; they bound nothing, but show what the step size is worth. An estimate that is filtered
+    /// twice is that of a transient shorter than the step, whose error at the end has no order: it is not raised to a
+    /// power.
     pub(super) fn estimate_given_step(&mut self, h: f64, coupled: bool) {
         let evaluations = self.system.work.rates;
         let is_finite = self.error(h, coupled).is_finite();
-        // Evidence is not part of the method: do not count its evaluations.
+        // Evaluations for the error estimate are not counted as work of the method.
         self.system.work.rates = evaluations;
         let power = self.error_power();
         let given = &mut self.last.given;
@@ -112,7 +114,7 @@ impl Radau<'_> {
         self.unseen.charge();
     }
 
-    /// The power to which embedded estimates are raised so that they have the order of the result.
+    /// Returns the power to which embedded estimates are raised so that they have the order of the result.
     pub fn error_power(&self) -> f64 {
         1.0 / self.orders.current().tolerance.exponent
     }
@@ -123,8 +125,8 @@ impl Radau<'_> {
         let leaves_no_rest = !coupled && self.leaves_no_rest();
         let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
         let has_output = self.settings.interpolated && !coupled;
-        // The residual of equations that determine their variables shrinks with the step, and a first step has no other
-        // slope.
+        // The residual of equations that determine their variables shrinks with the step size, and a first step has
+        // no other slope to start from.
         let has_slope =
             has_output && (leaves_no_rest || !self.continues && self.switching.inside.tells_all(&self.system));
         if has_slope && !self.continues && self.last.end_slope.is_empty() {
@@ -199,8 +201,8 @@ impl Radau<'_> {
         error.max(self.stiff_error(h, error, is_bound))
     }
 
-    /// Sets the slope with which the first step of a run or of a face should begin, from the rates there: a transient
-    /// that is short compared with the step before may follow a switch.
+    /// Sets the slope with which the first step of a run or of a face should begin, from the rates at the beginning
+    /// of that step: a transient that is short compared with the previous step may follow a switch.
     fn find_first_slope(&mut self) {
         let (t, mut y) = (self.clock.t, self.y.clone());
         let Self { system, control, consistent, switching, .. } = self;
@@ -222,7 +224,7 @@ impl Radau<'_> {
     }
 
     /// Whether the equations are explicit, or would be after elimination of the variables, and Newton's method leaves
-    /// no residual in the equations of the variables: these are linear, and are no hidden constraints of a large
+    /// no residual in the equations of the variables: the latter are linear, and are no hidden constraints of a large
     /// system.
     fn leaves_no_rest(&mut self) -> bool {
         self.system.is_explicit_ode()
@@ -233,16 +235,17 @@ impl Radau<'_> {
                     || self.switching.is_to_locate() && matches!(self.system.layout.storage, Storage::Dense))
     }
 
-    /// The norm of `(I - P)^(s-1) e` for the current estimate `e`, in units of the tolerance that is not rescaled,
-    /// raised to the power by which the tolerance is rescaled; zero if a lower power of `I - P` already gives less than
-    /// `enough`. If constraints bind states, only the directions that these leave free count.
+    /// Returns the norm of `(I - P)^(s-1) e` for the current estimate `e`, in units of the tolerance that is not
+    /// rescaled, raised to the power by which the tolerance is rescaled; zero if a lower power of `I - P` already
+    /// gives less than `enough`. If constraints bind states, only the directions that the constraints leave free
+    /// count.
     fn stiff_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = self.orders.current();
         let Some(gamma) = tableau.gamma else { return 0.0 };
         let states = self.system.states;
         self.estimates.shifted.copy_from_slice(&self.estimates.error);
         let exponent = tolerance.exponent;
-        // The power is between the first and the second.
+        // The error `enough` raised to the inverse of the exponent is between `enough` and its square.
         let surely_enough = enough.min(enough * enough);
         let is_enough = |left: f64| left <= surely_enough || left <= enough.powf(1.0 / exponent);
         let mut left = f64::INFINITY;
@@ -268,7 +271,7 @@ impl Radau<'_> {
     }
 }
 
-/// The weighted root mean square of `e`.
+/// Returns the root mean square of `e`, weighted by `weight`.
 pub(super) fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
     mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)

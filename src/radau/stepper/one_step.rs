@@ -1,5 +1,5 @@
-//! Radau IIA as a one-step method: what a run can be asked between steps, the repetition of its last step, and points
-//! to which it returns.
+//! Radau IIA as a one-step method: queries of a run between steps, the repetition of its last step, and points to
+//! which the run can return.
 
 use super::{Counts, Extent, Freshness, Radau};
 use crate::chattering::Chattering;
@@ -31,9 +31,9 @@ pub struct Saved {
     jumped: Option<f64>,
     breaks: Breaks,
     history: History,
-    /// The number of switches that nobody has taken yet.
+    /// The number of recorded switches that the caller has not taken yet.
     switches: usize,
-    /// The number of jumps that nobody has taken yet.
+    /// The number of recorded jumps that the caller has not taken yet.
     jumps: usize,
     chattering: Chattering,
     progress: Progress,
@@ -52,7 +52,7 @@ impl OneStep for Radau<'_> {
         self.clock.t
     }
 
-    /// `y = (x, z)`.
+    /// Returns the unknowns `y = (x, z)` at the time reached.
     fn y(&self) -> &[f64] {
         &self.y
     }
@@ -75,8 +75,8 @@ impl OneStep for Radau<'_> {
         self.last.t
     }
 
-    /// Evaluates `y`: the states from the collocation polynomial, with consistent variables; at the end of a step that
-    /// is a switch, the variables after it.
+    /// Evaluates the unknowns `y`: the states from the collocation polynomial, with consistent variables; at the end
+    /// of a step that is a switch, the variables after the switch.
     fn at(&mut self, t: f64, out: &mut [f64]) {
         self.interpolate(t, out);
     }
@@ -89,7 +89,7 @@ impl OneStep for Radau<'_> {
         self.ranges_of_polynomials(from, to)
     }
 
-    /// The step keeps its face: this is for problems without bounded variables, whose faces do not end.
+    /// Repeats the last step on its face: this is for problems without bounded variables, whose faces do not end.
     fn cut_at(&mut self, end: f64, tighter: f64) -> bool {
         let h = self.breaks.size_up_to(self.last.t, end);
         if self.last.is_remade && h == self.last.h {
@@ -156,7 +156,7 @@ impl OneStep for Radau<'_> {
 }
 
 impl Radau<'_> {
-    /// The present point, from which the run goes on as if nothing had been saved.
+    /// Returns a copy of the present point, after which the run goes on as if nothing had been saved.
     pub(crate) fn mark(&self) -> Saved {
         Saved {
             clock: self.clock,
@@ -180,7 +180,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Returns to a point before the last step, to make a step of at most this size in its place.
+    /// Returns to a point before the last step, to make a step of at most the size `h` in its place.
     pub(crate) fn retry_from(&mut self, mark: &Saved, h: f64) {
         self.restore(mark);
         self.h = self.h.min(h);

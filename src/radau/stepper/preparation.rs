@@ -79,7 +79,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Starting values: the last collocation polynomial, extrapolated; zero if it does not apply to this step.
+    /// Sets the starting values of the stages: the last collocation polynomial, extrapolated; zero if the polynomial
+    /// does not apply to the present step.
     pub(crate) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
         let tableau = self.tableau();
@@ -136,7 +137,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Kind of a row of the evaluation, and its index within that kind.
+    /// Returns the kind of a row of the problem, and the index of the row within that kind.
     fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
         if row < n {
@@ -148,8 +149,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Initial step size: the predicted change of the states is about the geometric mean of the tolerance and
-    /// `tolerance^(1/(s+1))` (cf. Hairer, Norsett and Wanner, II.4).
+    /// Returns the initial step size: the predicted change of the states is about the geometric mean of the tolerance
+    /// and `tolerance^(1/(s+1))` (cf. Hairer, Norsett and Wanner, II.4).
     pub(super) fn first_step(&mut self) -> f64 {
         let span = self.clock.remaining();
         if let Some(h) = self.settings.step.or(self.settings.first_step) {

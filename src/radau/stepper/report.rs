@@ -1,4 +1,4 @@
-//! State of a stepper as reported between steps: time, values, evidence, counters.
+//! State of a run as reported between steps: time, values, error estimates, counters.
 
 use super::estimate::ROUNDING;
 use super::{Extent, Radau};
@@ -11,38 +11,38 @@ use crate::work::Work;
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, FaceEquations};
 
-/// Rounding of the sums in a step, relative to their terms.
+/// Rounding error of the sums in a step, relative to their terms.
 const ROUNDING_OF_RANGES: f64 = 4.0 * f64::EPSILON;
 
 /// The variables at the end of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Variables<'a> {
-    /// `K` at that time.
+    /// The set `K` at the end of the step.
     pub set: &'a ConvexSet,
-    /// The variables that have a bound, counted from 0.
+    /// Indices of the variables that have a bound, counted from 0.
     pub bounded: &'a [usize],
-    /// All variables.
+    /// The values of all variables at the end of the step.
     pub z: &'a [f64],
-    /// `G` at that time.
+    /// The values of `G` at the end of the step.
     pub g: &'a [f64],
 }
 
-/// The last accepted step, for those who differentiate it.
+/// The last accepted step, with the data needed to differentiate it.
 #[derive(Clone, Copy, Debug)]
 pub struct LastStep<'a> {
-    /// Time at its beginning.
+    /// Time at the beginning of the step.
     pub t: f64,
-    /// Its size.
+    /// The step size.
     pub h: f64,
-    /// `y` at its beginning.
+    /// The unknowns `y` at the beginning of the step.
     pub y: &'a [f64],
     /// The stage increments, in as many blocks as there are stages.
     pub z: &'a [f64],
-    /// The coefficients.
+    /// The Runge-Kutta coefficients of the step.
     pub tableau: &'static Tableau,
 }
 
-/// An end of a step.
+/// The beginning or the end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// The beginning of the step.
@@ -52,7 +52,7 @@ pub enum End {
 }
 
 impl Radau<'_> {
-    /// The last accepted step; of size zero if there is none.
+    /// Returns the last accepted step; of size zero if there is none.
     pub fn last_step(&self) -> LastStep<'_> {
         LastStep {
             t: self.last.t,
@@ -68,7 +68,8 @@ impl Radau<'_> {
         !self.continues
     }
 
-    /// Time of the first jump of the states, forced by constraints at the start or at a breakpoint of the rows.
+    /// Returns the time of the first jump of the states, forced by constraints at the start or at a breakpoint of the
+    /// rows.
     pub fn jumped(&self) -> Option<f64> {
         self.jumped
     }
@@ -78,40 +79,41 @@ impl Radau<'_> {
         (change * self.control.weight[unknown]).abs() > 1.0
     }
 
-    /// The jumps since the last call.
+    /// Takes the jumps of the states since the last call.
     pub fn take_jumps(&mut self) -> Vec<Jump> {
         std::mem::take(&mut self.jumps)
     }
 
-    /// The largest size of each unknown so far.
+    /// Returns the largest magnitude of each unknown so far.
     pub fn largest(&self) -> &[f64] {
         &self.extent.largest
     }
 
-    /// The number of stages in use.
+    /// Returns the number of stages of the present method.
     pub fn stages(&self) -> usize {
         self.tableau().stages()
     }
 
-    /// Counters of evaluations.
+    /// Returns the counters of evaluations, factorisations and iterations.
     pub fn work(&self) -> Work {
         self.system.work
     }
 
-    /// The affine problems solved, over the stages and for faces: the solver of the last one, their number, and their
-    /// pivots or iterations.
+    /// Returns the work on affine problems, over the stages and for faces: the solver of the last one, their number,
+    /// and their pivots or iterations.
     pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
         let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
         let last = if stages.solves > 0 { stages } else { faces };
         Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
-    /// The unsuccessful attempts at affine problems of the stages, each with its number of occurrences.
+    /// Returns the unsuccessful attempts at affine problems of the stages, each with its number of occurrences.
     pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
         self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
 
-    /// The end of the last step that a time within the rounding of the clock is.
+    /// Returns which end of the last step the time `t` is to within the rounding of the clock; `None` if it is
+    /// neither.
     pub fn end_at(&self, t: f64) -> Option<End> {
         let rounding = self.clock.rounding(self.last.h);
         if (self.clock.t - t).abs() <= rounding {
@@ -123,12 +125,13 @@ impl Radau<'_> {
         }
     }
 
-    /// Evaluates `y` at a time within the last accepted step into `out`: the states from the collocation polynomial,
-    /// with consistent variables; at the end of a step that is a switch, the variables after it.
+    /// Evaluates the unknowns `y` at a time within the last accepted step into `out`: the states from the collocation
+    /// polynomial, with consistent variables; at the end of a step that is a switch, the variables after the switch.
     ///
-    /// If variables are determined by equations, a time within the rounding of the clock of an end of the step is that
-    /// end. There, rows that jump in time may be on the other side of their jump than the face, so that constraints and
-    /// consistent variables are meaningless: they would move the states by whatever a jump of a source is worth.
+    /// If variables are determined by equations, a time at an end of the step to within the rounding of the clock is
+    /// that end. At such times, rows that jump in time may be on the other side of their jump than the face, so that
+    /// constraints and consistent variables are meaningless: they would move the states as far as the jump of a
+    /// source demands.
     pub(super) fn interpolate(&mut self, t: f64, out: &mut [f64]) {
         let end =
             if self.consistent.is_some() { self.end_at(t) } else { Some(End::After).filter(|_| t == self.clock.t) };
@@ -156,7 +159,7 @@ impl Radau<'_> {
                 }
             }
         }
-        // If variables were found, the bounds are already those at the states.
+        // If variables were found, the bounds are already those at the states in `out`.
         if !self.system.bounded.is_empty() && (are_found || self.system.evaluate(t, out)) {
             self.system.project(out);
         }
@@ -165,8 +168,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Brings `y` at `t` onto the present face: the states onto its constraints, then the variables to consistent ones;
-    /// returns whether these were found.
+    /// Brings the unknowns `y` at time `t` onto the present face: the states onto its constraints, then the variables
+    /// to consistent ones; returns whether consistent variables were found.
     pub(crate) fn bring_onto_face(&mut self, t: f64, y: &mut [f64]) -> bool {
         self.switching.constraints.correct(&mut self.system, &self.control, t, y);
         self.find_variables(t, y)
@@ -183,7 +186,7 @@ impl Radau<'_> {
         are_found
     }
 
-    /// The unknowns at the end of the last step, on the face of that step.
+    /// Returns the unknowns at the end of the last step, on the face of that step.
     pub(crate) fn before_switch(&mut self) -> Vec<f64> {
         let t = self.last.t + self.last.h;
         let mut y = vec![0.0; self.system.unknowns];
@@ -194,8 +197,8 @@ impl Radau<'_> {
         y
     }
 
-    /// Data for the assessment of the variables at the time reached; `None` if no variable has a bound, or a value is
-    /// not finite.
+    /// Returns the data for the assessment of the variables at the time reached; `None` if no variable has a bound,
+    /// or a value is not finite.
     pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.clock.t, &self.y) {
             return None;
@@ -209,19 +212,19 @@ impl Radau<'_> {
         })
     }
 
-    /// The active face.
+    /// Returns the active face of `K`.
     pub fn face(&self) -> &ActiveFace {
         &self.system.face
     }
 
-    /// The equations of the active face of each block at the time reached.
+    /// Returns the equations of the active face of each block at the time reached.
     pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
         self.system.evaluate(self.clock.t, &self.y);
         self.system.equations_for_z(&self.y)
     }
 
-    /// Enclosures of the states over `[from, to]` within the last step, with their rounding: that of their terms, of what
-    /// the terms of their rates add up to, and of time.
+    /// Returns enclosures of the states over `[from, to]` within the last step, widened by rounding errors: those of
+    /// the states, of the sum of the terms of their rates, and of time.
     pub fn ranges_with_rounding(&self, from: f64, to: f64) -> Vec<Interval> {
         let Self { system, clock, last, .. } = self;
         let mut ranges = self.ranges_of_polynomials(from, to);
@@ -241,14 +244,15 @@ impl Radau<'_> {
         ranges
     }
 
-    /// Evidence of the error of the last step, if the size of steps is given.
+    /// Returns the error estimates of the last step, if the step size is prescribed.
     pub fn given_step(&self) -> &GivenStep {
         &self.last.given
     }
 
-    /// For each state, whether active inequalities hold it at zero: it was never larger than the rounding errors of its
-    /// steps. They hold the states of an inequality `G_k = 0` of the present face, those in the rate of a held state in which
-    /// no variable occurs, and those whose rates consist of states at zero.
+    /// Returns, for each state, whether active inequalities hold it at zero: it was never larger than the rounding
+    /// errors of its steps. Active inequalities hold the states in an inequality `G_k = 0` of the present face, those
+    /// in the rate of a held state if no variable occurs in that rate, and those whose rates consist of states at
+    /// zero.
     pub fn held_at_zero(&self) -> Vec<bool> {
         let Self { system, extent: Extent { longest, largest }, .. } = self;
         let n = system.states;
@@ -261,7 +265,7 @@ impl Radau<'_> {
                 found.extend(nonzero(state));
             }
         }
-        // How far the terms of its rate could move a state in the whole run.
+        // Distance by which the terms of its rate could move a state in the whole run.
         let way = |state: usize| {
             let mass = system.mass_diagonal[state].abs();
             let terms = system.terms_of_row(state, |j| [largest[j]])[0];
@@ -289,7 +293,7 @@ impl Radau<'_> {
         self.last.is_smooth && self.continues
     }
 
-    /// The problem, for queries beyond those of the steps.
+    /// Returns the problem, for evaluations outside the steps.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.system.problem()
     }

@@ -22,12 +22,12 @@ const NEGLIGIBLE: f64 = 1e-3;
 /// The last Legendre coefficients of the slope of each state, times the step size, with workspace for the expected
 /// error.
 pub(super) struct Ripple {
-    /// The largest magnitude among the last coefficients, with the sign of the last one.
+    /// The largest magnitude among the last Legendre coefficients of each state, with the sign of the last one.
     last: Vec<f64>,
-    /// The decrease of the coefficients over the last half of the degrees.
+    /// The decrease of the Legendre coefficients of each state over the last half of the degrees, as a ratio.
     fall: Vec<f64>,
     expected: Vec<f64>,
-    /// The coefficients of all unknowns, degree by degree.
+    /// The Legendre coefficients of all unknowns, degree by degree.
     coefficients: Vec<f64>,
 }
 
@@ -39,10 +39,11 @@ impl Ripple {
 }
 
 impl Radau<'_> {
-    /// The norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, raised to the power by which the
-    /// tolerance is rescaled. If constraints bind states, only the directions that these leave free count.
+    /// Returns the norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, raised to the power by which
+    /// the tolerance is rescaled. If constraints bind states, only the directions that the constraints leave free
+    /// count.
     ///
-    /// Zero if it is certainly not above `enough`.
+    /// Returns zero if the norm is certainly not above `enough`.
     pub(super) fn ripple_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = *self.orders.current();
         let Some(gamma) = tableau.gamma.filter(|_| tableau.stages() >= 3) else { return 0.0 };
@@ -53,7 +54,7 @@ impl Radau<'_> {
             return 0.0;
         }
         self.find_falls();
-        // With constraints, the coefficients contain their rounding errors as well.
+        // If constraints bind states, the coefficients contain the rounding errors of the constraints as well.
         if !is_bound {
             self.take_expected(h, gamma);
         }
@@ -66,13 +67,13 @@ impl Radau<'_> {
             *e *= raise(fall.max((gamma * *e / last).abs().min(1.0)));
         }
         let error = tolerance.factor * rms(&shifted[..states], &self.control.weight);
-        // The rounding errors of the increments have coefficients of all degrees.
-        // The exponent is between a half and one.
+        // Rounding errors of the increments have coefficients of all degrees: a negligible error is treated as zero.
+        // The exponent of the tolerance is between a half and one.
         let is_enough = error.max(error.sqrt()) <= enough;
         if error < NEGLIGIBLE || is_enough { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
-    /// Finds the last Legendre coefficients of the slopes, and their decrease.
+    /// Finds the last Legendre coefficients of the slopes of the states, and their decrease.
     fn find_falls(&mut self) {
         let (tableau, n) = (self.tableau(), self.system.unknowns);
         let s = tableau.stages();
@@ -101,7 +102,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Raises the estimate to the error that the coefficients suggest, where that is larger.
+    /// Raises the embedded estimate to the error that the Legendre coefficients suggest, if that is larger.
     fn take_expected(&mut self, h: f64, gamma: f64) {
         let Self { system, factors, estimates: Estimates { shifted, embedded, ripple, .. }, .. } = self;
         let states = system.states;
@@ -120,7 +121,7 @@ impl Radau<'_> {
     }
 }
 
-/// Half of the degrees: the higher half counts as the last coefficients.
+/// Returns half the number of degrees: the upper half of the degrees counts as the last coefficients.
 fn half(degrees: usize) -> usize {
     degrees / 2
 }

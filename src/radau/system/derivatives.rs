@@ -18,8 +18,9 @@ impl System<'_> {
         self.derivatives.iter().all(|value| value.is_finite()) || self.differentiate_beside(t, y)
     }
 
-    /// Exchanges the derivatives of the last differentiation for those at `(t, y)`, until [`Self::restore_derivatives`];
-    /// returns false, and changes nothing, if these are constant or not finite.
+    /// Exchanges the derivatives of the last differentiation for those at `(t, y)`, until
+    /// [`Self::restore_derivatives`]; returns false, and changes nothing, if derivatives are constant or not finite
+    /// at `(t, y)`.
     pub fn exchange_derivatives(&mut self, t: f64, y: &[f64]) -> bool {
         if self.structure.constant_jacobian {
             return false;
@@ -47,46 +48,48 @@ impl System<'_> {
         })
     }
 
-    /// The partial derivatives of `G` with respect to `t` at `(t, y)`, into `values` (m).
+    /// Evaluates the partial derivatives of `G` with respect to time at `(t, y)` into `values`, of length `m`.
     pub fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.problem.time_derivative(t, y, values);
     }
 
-    /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
+    /// Returns the nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.structure.pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
     }
 
-    /// The nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
+    /// Returns the nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
     pub fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         let pattern = &self.structure.pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
     }
 
-    /// The nonzeros of one row of the Jacobian, as `(index among all nonzeros, column)`.
+    /// Returns the nonzeros of one row of the Jacobian, as `(index among all nonzeros, column)`.
     pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
     }
 
-    /// The index among all nonzeros of the derivative of `G_k` with respect to variable `k` itself.
+    /// Returns the index, among all nonzeros of the Jacobian, of the derivative of `G_k` with respect to variable `k`
+    /// itself.
     pub fn place_of_own(&self, k: usize) -> Option<usize> {
         let own = self.states + k;
         self.places_of_row(own).find(|&(_, j)| j == own).map(|(at, _)| at)
     }
 
-    /// Number of moving bounds.
+    /// Returns the number of moving bounds.
     pub fn bounds(&self) -> usize {
         self.structure.moving.len()
     }
 
-    /// The variable of moving bound `p`.
+    /// Returns the variable of moving bound `p`.
     pub fn variable_of_bound(&self, p: usize) -> usize {
         self.structure.moving[p].variable
     }
 
-    /// The equations of the face in which moving bound `p` stands, as pairs of an equation and the factor of the bound.
+    /// Returns the equations of the face in which moving bound `p` occurs, as pairs of an equation and the factor of
+    /// the bound.
     pub fn equations_of_bound(&self, p: usize) -> Vec<(usize, f64)> {
         let MovingBound { variable, side, .. } = self.structure.moving[p];
         let place = self.face.places[variable];
@@ -101,7 +104,7 @@ impl System<'_> {
         }
     }
 
-    /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
+    /// Returns the nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
     pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
         self.entries_of_row(self.states + k)
     }
@@ -111,23 +114,24 @@ impl System<'_> {
         self.entries_of_variable(k).any(|(j, value)| j >= self.states && value != 0.0)
     }
 
-    /// `dG_k/dy . direction`
+    /// Returns the directional derivative `dG_k/dy . direction` of `G_k`.
     pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
         self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
     }
 
-    /// `sum_j |dG_k/dy_j| size_j` for several sizes: the magnitude of the terms of `G_k`, relative to which its
-    /// rounding errors are measured.
+    /// Returns `sum_j |dG_k/dy_j| size_j` for several sizes: the magnitude of the terms of `G_k`, relative to which
+    /// its rounding errors are measured.
     pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         self.terms_of_row(self.states + k, sizes)
     }
 
-    /// `sum_j |dr/dy_j| size_j` for several sizes, where `r` is a row of `F`, `G` or the moving bounds.
+    /// Returns `sum_j |dr/dy_j| size_j` for several sizes, where `r` is a row of `F`, `G` or the moving bounds.
     pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         self.terms_by(row, |at| self.derivatives[at].abs(), sizes)
     }
 
-    /// As [`Self::terms_of_row`], where `slope` returns the magnitude of the derivative at an index among all nonzeros.
+    /// Returns the sums of [`Self::terms_of_row`], where `slope` returns the magnitude of the derivative at an index
+    /// among all nonzeros of the Jacobian.
     pub fn terms_by<const N: usize>(
         &self,
         row: usize,
@@ -144,19 +148,20 @@ impl System<'_> {
         sums
     }
 
-    /// The rows of the moving bounds of variable `k`.
+    /// Returns the indices of the rows of the moving bounds of variable `k`.
     pub fn rows_of_bounds(&self, k: usize) -> impl Iterator<Item = usize> {
         let moving = self.structure.moving.iter().enumerate().filter(move |(_, moving)| moving.variable == k);
         moving.map(|(p, _)| self.unknowns + p)
     }
 
-    /// `sum_j |dl_k/dy_j| size_j` of a moving lower bound `l_k` of variable `k`, plus the corresponding sum of its
-    /// moving upper bound.
+    /// Returns `sum_j |dl_k/dy_j| size_j` of a moving lower bound `l_k` of variable `k`, plus the corresponding sum
+    /// of its moving upper bound.
     pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
         self.rows_of_bounds(k).map(|row| self.terms_of_row(row, |j| [size(j)])[0]).sum()
     }
 
-    /// Writes `-dPhi/dy` on the face in the storage layout, from the current derivatives.
+    /// Writes `-dPhi/dy`, the negative Jacobian of the equations of the face, in the storage layout, from the current
+    /// derivatives.
     pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
         places.fill(0.0);
         if self.unknowns == self.states {
@@ -166,7 +171,8 @@ impl System<'_> {
         self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
     }
 
-    /// Visits the terms of `dPhi/dy` on the face, from the current derivatives, as `(row, column, place, value)`.
+    /// Visits the terms of `dPhi/dy`, the Jacobian of the equations of the face, from the current derivatives, as
+    /// `(row, column, place, value)`, where `place` is the storage index.
     pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
         let n = self.states;
         let structure = &self.structure;

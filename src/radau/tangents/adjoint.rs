@@ -14,12 +14,14 @@
 //! 2006, VI.10.2; at events Hiskens and Pai 2000). The rows `a` and `c` of a switch are found along a basis of the
 //! states and the directions, by [`Tangents::saltations`].
 //!
-//! Steps are stored in segments. Where all of them would take more memory than allowed, the oldest segments are dropped but
-//! for the point at which they begin, from which the run makes them a second time (checkpointing; Griewank and Walther
-//! 2008, chapter 12, with one level): at most twice the work, in the memory allowed and that of the points.
+//! Steps are stored in segments. If all of them would take more memory than allowed, the oldest segments are dropped
+//! except for the point at which each begins, from which the run makes its steps a second time (checkpointing;
+//! Griewank and Walther 2008, chapter 12, with one level): at most twice the work, in the memory allowed and that of
+//! the points.
 //!
-//! The integral of a function `L(t, x, p)` over a step is a linear function of what determines the polynomial of the
-//! derivatives within it ([`IntegralWeights`]), whose weights are added to those of its stages.
+//! The integral of a function `L(t, x, p)` over a step is a linear function of the quantities that determine the
+//! polynomial of the derivatives within the step ([`IntegralWeights`]), whose weights are added to those of its
+//! stages.
 
 use super::{Directions, NoDerivative, Point, RowsBy, Saltation, Tangents};
 use crate::dense_output::Step;
@@ -30,101 +32,104 @@ use hybrid::OneStep;
 use nalgebra::{DMatrix, DVector};
 use problem::Dvi;
 
-/// Counters of the sweep back.
+/// Counters of the backward sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Steps swept.
+    /// Number of steps swept.
     pub steps: u64,
-    /// Evaluations of the derivatives of all rows, at the stages.
+    /// Number of evaluations of the derivatives of all rows, at the stages.
     pub jacobians: u64,
-    /// Factorisations of the transposed equations of the stages, each with one solution.
+    /// Number of factorisations of the transposed equations of the stages, each with one solution.
     pub factorisations: u64,
-    /// Steps that were made a second time.
+    /// Number of steps that were made a second time.
     pub repeated: u64,
-    /// Central differences, one for each state and direction, at breakpoints of time and of hidden constraints.
+    /// Number of central differences, one for each state and direction, at breakpoints of time and of hidden
+    /// constraints.
     pub differences: u64,
 }
 
-/// Number of segments in the memory allowed.
+/// Number of segments of stored steps that fit into the memory allowed.
 const SEGMENTS: usize = 8;
 
-/// Consecutive steps, with what happened at their ends.
+/// A segment of consecutive steps, with the switches at their ends.
 struct Segment {
-    /// The point at which they begin.
+    /// The point of the run at which the segment begins.
     begin: (Saved, Point),
-    /// The time at which they end.
+    /// The time at which the segment ends.
     end: f64,
-    /// What is stored of them; `None` if that was dropped.
+    /// The stored steps and switches of the segment; `None` if they were dropped.
     records: Option<Vec<Record>>,
     bytes: usize,
 }
 
-/// What the sweep back needs of a run.
+/// Data of a run that the backward sweep needs.
 enum Record {
     Step {
         step: Box<StoredStep>,
-        /// The terms of the derivatives that are followed with the run, one per state; none if they are not measured.
+        /// Magnitudes of the terms of the derivatives that are computed along the run, one per state; empty if they
+        /// are not measured.
         terms: Vec<f64>,
     },
     Switch(Saltation),
 }
 
-/// The result of a sweep back.
+/// The result of a backward sweep.
 #[derive(Clone, Debug, Default)]
 pub struct Swept {
-    /// The derivatives of the number with respect to the directions.
+    /// The derivatives of the differentiated number with respect to the directions.
     pub gradient: Vec<f64>,
-    /// What the derivative of the number in the direction that is followed with the run is made of: the largest sum, over
-    /// all steps, of the terms of the derivatives of the states, each times the derivative of the number with respect to
-    /// that state, in absolute values. The gradient is known to the rounding of these, however much of them cancels.
+    /// Magnitude of the terms that add up to the derivative of the number in the direction computed along the run:
+    /// the largest over all steps of the sum, over the states, of the term of the derivative of the state times the
+    /// derivative of the number with respect to that state, in absolute values. The gradient is known to the rounding
+    /// of these terms, however much of them cancels.
     pub terms: f64,
 }
 
 impl Swept {
-    /// Notes the terms of the derivatives of the states in one step, and the derivatives of the number with respect to
-    /// these states.
+    /// Records the terms of the derivatives of the states in one step, with the derivatives of the number with
+    /// respect to these states.
     pub fn note<'a>(&mut self, terms: &[f64], rows: impl IntoIterator<Item = &'a DVector<f64>>) {
         let of_row = |row: &DVector<f64>| row.iter().zip(terms).map(|(slope, term)| (slope * term).abs()).sum::<f64>();
         self.terms = self.terms.max(rows.into_iter().map(of_row).sum());
     }
 }
 
-/// Why a sweep back over the steps failed.
+/// Reason why a backward sweep over the steps failed.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum SweepError {
-    /// There is no derivative.
+    /// The run has no derivative.
     #[error(transparent)]
     NoDerivative(#[from] NoDerivative),
     /// A step could not be made a second time.
     #[error("a step that was made once failed the second time: {0}")]
     Step(#[from] StepError),
-    /// Steps that were made a second time ended elsewhere.
+    /// Steps that were made a second time did not end where they did the first time.
     #[error("steps up to t = {t:?} that were made a second time are others than the first time")]
     NotRepeated {
-        /// The time at which they ended.
+        /// The time at which the steps ended the first time.
         t: f64,
     },
 }
 
 /// The adjoint of a run.
 pub struct Adjoint {
-    /// Along a basis of the states, then the directions.
+    /// Derivatives along a basis of the states, then along the directions.
     basis: Tangents,
-    /// The derivatives of the states at the start.
+    /// The derivatives of the states at the start of the run, one direction per column.
     initial: DMatrix<f64>,
     segments: Vec<Segment>,
-    /// The number of bytes of all that is stored, and the most allowed.
+    /// The number of bytes of the stored steps, and the largest number allowed.
     bytes: usize,
     most: usize,
-    /// Counters.
+    /// Counters of the backward sweep.
     pub work: Work,
 }
 
-/// An accepted step, stored.
+/// An accepted step, stored for the backward sweep.
 pub struct StoredStep {
     step: Step,
     tableau: &'static Tableau,
-    /// Whether the polynomial of the derivatives is corrected by the slope at its beginning.
+    /// Whether the polynomial of the derivatives is corrected by the slope at the beginning of the step.
     is_corrected: bool,
     /// Time at which the run left the step.
     end: f64,
@@ -134,58 +139,58 @@ pub struct StoredStep {
 /// at its stages, of the slope that their polynomial lacks at the beginning, times the step size, and of the directions.
 #[derive(Clone, Debug)]
 pub struct IntegralWeights {
-    /// Of the derivatives at the beginning.
+    /// Weights of the derivatives of the states at the beginning of the step.
     pub begin: DVector<f64>,
-    /// Of those at each stage.
+    /// Weights of the derivatives of the states at each stage.
     pub stages: Vec<DVector<f64>>,
-    /// Of the lacking slope.
+    /// Weights of the slope that the polynomial lacks at the beginning.
     pub slope: DVector<f64>,
-    /// Of the directions themselves.
+    /// Derivatives of the integral with respect to the directions themselves.
     pub directions: DVector<f64>,
-    /// The integrals of the absolute values of the derivatives with respect to the states: what weights of opposite signs
-    /// are made of.
+    /// The integrals of the absolute values of the derivatives with respect to the states: a scale for weights of
+    /// opposite signs that cancel.
     pub sizes: DVector<f64>,
 }
 
 impl Radau<'_> {
-    /// Stores the last step, which the run left at `end`; `is_corrected` tells whether the polynomial of the derivatives is
-    /// corrected by the slope at its beginning.
+    /// Stores the last step, which the run left at time `end`; `is_corrected` tells whether the polynomial of the
+    /// derivatives is corrected by the slope at the beginning of the step.
     pub fn store_step(&self, end: f64, is_corrected: bool) -> StoredStep {
         let mut step = self.last.clone();
-        // What only the next step needs.
+        // Drop the slope that only the next step needs.
         step.end_slope = Vec::new();
         StoredStep { step, tableau: self.orders.last().tableau, is_corrected, end }
     }
 }
 
 impl StoredStep {
-    /// The step.
+    /// Returns the step.
     pub fn step(&self) -> LastStep<'_> {
         let Step { t, h, y, z, .. } = &self.step;
         LastStep { t: *t, h: *h, y, z, tableau: self.tableau }
     }
 
-    /// The beginning, and the time at which the run left the step.
+    /// Returns the time at the beginning of the step, and the time at which the run left the step.
     pub fn ends(&self) -> (f64, f64) {
         (self.step.t, self.end)
     }
 
-    /// The number of bytes that it takes.
+    /// Returns the number of bytes that the stored step takes.
     pub fn bytes(&self) -> usize {
         let Step { y, z, slope, face, .. } = &self.step;
         let of_face = size_of_val(face.places.as_slice()) + size_of_val(face.blocks.as_slice());
         size_of::<Self>() + of_face + (y.len() + z.len() + slope.len()) * size_of::<f64>()
     }
 
-    /// Writes the states at a time.
+    /// Writes the states at time `t` within the step to `x`.
     pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
         let mut y = vec![0.0; self.step.y.len()];
         self.step.at(self.tableau, t, &mut y);
         x.copy_from_slice(&y[..x.len()]);
     }
 
-    /// Writes the weights of the stages in the increment of the polynomial of the derivatives at a time, and returns that
-    /// of the slope that it lacks at the beginning, times the step size.
+    /// Writes the weights of the stages in the increment of the polynomial of the derivatives at time `t` to
+    /// `stages`, and returns the weight of the slope that the polynomial lacks at the beginning, times the step size.
     pub fn weights_at(&self, t: f64, stages: &mut [f64]) -> f64 {
         let theta = (t - self.step.t) / self.step.h;
         self.tableau.increments_at(theta, stages);
@@ -194,7 +199,8 @@ impl StoredStep {
 }
 
 impl Directions {
-    /// A basis of so many states, then these directions, none of which moves the states at once.
+    /// Returns directions that are a basis of the initial values of `states` states, followed by these directions,
+    /// which then leave the initial states unchanged.
     fn with_basis(self, states: usize) -> Self {
         let count = self.initial.ncols();
         let mut initial = DMatrix::zeros(states, states + count);
@@ -220,10 +226,10 @@ impl Directions {
 }
 
 impl Adjoint {
-    /// Begins at the start of a run of a problem. Stored steps take at most about `most` bytes.
+    /// Creates the adjoint at the start of a run of a problem. Stored steps take at most about `most` bytes.
     ///
     /// # Errors
-    /// A singular mass matrix.
+    /// If the mass matrix is singular.
     pub fn new(problem: Box<dyn Dvi>, directions: Directions, most: usize) -> Result<Self, NoDerivative> {
         let states = problem.structure().states;
         let initial = directions.initial.clone();
@@ -232,12 +238,13 @@ impl Adjoint {
         Ok(Self { basis, initial, segments: Vec::new(), bytes: 0, most, work: Work::default() })
     }
 
-    /// The number of bytes of the stored steps.
+    /// Returns the number of bytes of the stored steps.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// Prepares for the next step of a run, which `tangents` follow: begins a segment where the last one is full.
+    /// Prepares for the next step of a run, along which `tangents` are computed: begins a segment if the last one is
+    /// full.
     pub fn prepare(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) {
         if self.segments.last().is_some_and(|last| last.bytes < self.most / SEGMENTS) {
             return;
@@ -255,7 +262,7 @@ impl Adjoint {
         }
     }
 
-    /// Stores the last accepted step of a run, which `tangents` have followed.
+    /// Stores the last accepted step of a run, over which `tangents` have been computed.
     ///
     /// # Errors
     /// Why there is no derivative from the end of this step on.
@@ -271,7 +278,7 @@ impl Adjoint {
         Ok(())
     }
 
-    /// Appends the last accepted step of a run to records, and returns the number of bytes.
+    /// Appends the last accepted step of a run to `records`, and returns the number of bytes that it takes.
     fn record(
         &mut self,
         radau: &mut Radau<'_>,
@@ -315,9 +322,10 @@ impl Adjoint {
         if radau.t() == *end { Ok(records) } else { Err(SweepError::NotRepeated { t: *end }) }
     }
 
-    /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
-    /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
-    /// number contains; the last step comes first. The run, followed by `tangents` in one direction, ends where it was.
+    /// Carries the derivatives of a number with respect to the states at the end of the run, and directly with
+    /// respect to the directions, back to the start, and returns the gradient of the number. `integral` gives the
+    /// weights of an integral over a step that the number contains; the last step comes first. The run, with
+    /// `tangents` in one direction, ends where it was.
     ///
     /// # Errors
     /// Singular equations of a step, or steps that could not be made a second time.
@@ -340,7 +348,7 @@ impl Adjoint {
                 Some(records) => records,
                 None => self.repeat(&segment, radau, tangents)?,
             };
-            // Behind the switch at the end of a step.
+            // The derivatives of the number with respect to the states behind the switch at the end of the step.
             let mut behind: Option<DVector<f64>> = None;
             for record in records.into_iter().rev() {
                 match record {
@@ -367,7 +375,7 @@ impl Adjoint {
         Ok(swept)
     }
 
-    /// Carries a costate over one step.
+    /// Carries a costate (the derivatives of a number with respect to the states) backwards over one step.
     fn step_back(
         &mut self,
         stored: &StoredStep,
@@ -379,7 +387,7 @@ impl Adjoint {
         let mut begin = DVector::zeros(n);
         let mut stages = vec![DVector::zeros(n); s];
         stages[s - 1] += &costate.states;
-        // Of an increment of the polynomial with these weights of the stages.
+        // Adds `row` times the increment of the polynomial with the weights `of` of the stages.
         let mut add_increment = |of: &[f64], row: &DVector<f64>, begin: &mut DVector<f64>| {
             for (stage, weight) in stages.iter_mut().zip(of) {
                 *stage += row * *weight;
@@ -448,13 +456,13 @@ impl Adjoint {
     }
 }
 
-/// The derivatives of a number with respect to what determines the rest of a run.
+/// The costate: derivatives of a number with respect to the data that determine the rest of a run.
 struct Costate {
-    /// To the states.
+    /// Derivatives with respect to the states.
     states: DVector<f64>,
-    /// To the slope of their derivatives at the end of the step before.
+    /// Derivatives with respect to the slope of the derivatives of the states at the end of the step before.
     slope: Option<DVector<f64>>,
-    /// To the directions.
+    /// Derivatives with respect to the directions.
     gradient: DVector<f64>,
 }
 

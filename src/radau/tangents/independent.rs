@@ -1,40 +1,41 @@
-//! Switches at one time that have nothing to do with each other. What the variables of one push, none of the others meets:
-//! their order does not matter, and each moves the derivatives at its own time,
+//! Independent switches at one time. If no state that the variables of one switch drive enters the monitors of the
+//! others, the order of the switches does not matter, and each changes the derivatives at its own time,
 //!
 //! ```text
 //! dx+ = dx- + sum_c j_c dtau_c,    j_c = M^-1 F_z (z_c- - z_c+)
 //! ```
 //!
-//! for the variables `z_c` that equations of variables couple, if these jumps add up to the whole and leave the monitors of
-//! the others alone.
+//! for the variables `z_c` that equations of variables couple, if these jumps add up to the whole jump of the rates,
+//! and do not change the monitors of the other switches.
 
 use super::monitors::AGREE;
 use super::stages::Rows;
 use super::{Saltation, Tangents};
 use nalgebra::DMatrix;
 
-/// The times at which the monitors of variables vanish, by directions.
+/// The derivatives of the times at which the monitors of variables vanish, as pairs of a variable and one derivative
+/// per direction.
 pub(super) type TimesOfVariables = Vec<(usize, Vec<f64>)>;
 
 /// A jump of the rates between two points.
 #[derive(Clone, Copy)]
 pub(super) struct Jump<'a> {
-    /// The unknowns before and after.
+    /// The unknowns before and after the jump.
     pub ends: [&'a [f64]; 2],
-    /// The rates before less those after.
+    /// The rates before the jump minus those after it.
     pub by: &'a [f64],
-    /// What counts as none, state by state.
+    /// The magnitude below which the jump of the rate of each state counts as zero.
     pub none: &'a [f64],
 }
 
-/// Whether derivatives of times are those of one switch.
+/// Whether two lists of derivatives of a time belong to one switch.
 pub(super) fn agree(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= AGREE * a.abs().max(b.abs()))
 }
 
 impl Tangents {
-    /// The changes of the derivatives by several switches, whose monitors have these times; `None` if they depend on each
-    /// other.
+    /// Returns the changes of the derivatives by several simultaneous switches, with the derivatives `times` of the
+    /// times at which their monitors vanish; `None` if the switches depend on each other.
     pub(super) fn independent(
         &mut self,
         t: f64,
@@ -44,7 +45,7 @@ impl Tangents {
     ) -> Option<Vec<Saltation>> {
         let (n, m) = (self.mass.nrows(), jump.ends[0].len() - self.mass.nrows());
         let [before, after] = jump.ends;
-        // The part of the jump that is of variables alone.
+        // The part of the jump of the rates that the variables alone cause.
         let beside = [&before[..n], &after[n..]].concat();
         let [(left, _), (right, _)] = [before, &beside].map(|y| self.rates(t, y));
         let coupled = self.coupled(rows, m);
@@ -79,7 +80,7 @@ impl Tangents {
         (is_whole && are_apart).then(|| saltations.into_iter().map(|(_, own)| own).collect())
     }
 
-    /// For each variable the first of those that equations of variables, or blocks, couple with it.
+    /// Returns, for each variable, the first of the variables that equations of variables, or blocks, couple with it.
     fn coupled(&self, rows: &Rows, m: usize) -> Vec<usize> {
         let structure = self.problem.structure();
         let n = self.mass.nrows();
@@ -97,7 +98,7 @@ impl Tangents {
         coupled
     }
 
-    /// The rows of `G` and of the moving bounds, each with its variable.
+    /// Returns the rows of `G` and of the moving bounds, each with its variable.
     fn rows_of_variables(&self) -> impl Iterator<Item = (usize, usize)> {
         let structure = self.problem.structure();
         let (n, unknowns) = (structure.states, structure.unknowns());

@@ -17,11 +17,11 @@ const TOUCHES: f64 = 1e-9;
 /// Derivatives of the times of simultaneous switches that agree to this fraction belong to one switch, seen in several
 /// variables.
 pub(super) const AGREE: f64 = 1e-6;
-/// Singular values below this fraction of the largest count as zero.
+/// Singular values below this fraction of the largest singular value count as zero.
 const SINGULAR: f64 = 1e-10;
 
 impl Tangents {
-    /// What the switches at the end of a step, at which the rates jump, change of the derivatives.
+    /// Returns the changes of the derivatives by the switches at the end of a step, at which the rates jump.
     pub(super) fn switches(
         &mut self,
         radau: &mut Radau<'_>,
@@ -57,7 +57,7 @@ impl Tangents {
         }
     }
 
-    /// The derivatives of the rows, and those of the states, with time as a further direction.
+    /// Returns the derivatives of the rows, and those of the states, with time as a further direction.
     fn rows_with_time(&mut self, t: f64, y: &[f64]) -> (Rows, DMatrix<f64>) {
         let (rates, _) = self.rates(t, y);
         let by_time = self.rows_by_time(t, y);
@@ -72,7 +72,8 @@ impl Tangents {
         (Rows { by_directions: with(rows.by_directions, &by_time), ..rows }, states)
     }
 
-    /// The derivatives of the time at which the monitor of variable `k` vanishes with respect to the directions.
+    /// Returns the derivatives of the time at which the monitor of variable `k` vanishes with respect to the
+    /// directions.
     fn times_of(
         &self,
         k: usize,
@@ -88,12 +89,13 @@ impl Tangents {
             (Activity::AtLower | Activity::AtUpper | Activity::Boundary(_), _) => None,
             _ => return Err(NoDerivative::Block),
         };
-        // The multiplier of a bound is a row of `G`, up to its sign; that of a sphere, what `G` has along its ray.
+        // The multiplier of a bound is a row of `G`, up to its sign; that of a sphere is the component of `G` along
+        // the ray.
         let multiplier = match face.places[k] {
             Activity::Boundary(_) => ray(structure, k, rows).ok_or(NoDerivative::Block)?,
             _ => vec![(k, 1.0)],
         };
-        // The derivative of a row along a column, and the largest of its terms.
+        // Returns the derivative of a row along a column, and the largest of its terms.
         let along = |row: usize, column: usize| -> (f64, f64) {
             let unknowns =
                 states.column(column).iter().chain(variables.column(column).iter()).copied().collect::<Vec<_>>();
@@ -130,9 +132,9 @@ impl Tangents {
         Ok((0..count).map(|direction| -of_monitor(direction).0 / rate).collect())
     }
 
-    /// Derivatives of the variables of a face along the states, the directions and time, one column each as in
-    /// `states`: from `G` as far as its derivative with respect to the variables is regular, otherwise from the time
-    /// derivative of `G`.
+    /// Returns the derivatives of the variables of a face along the states, the directions and time, one column each
+    /// as in `states`: from `G` as far as its derivative with respect to the variables is regular, otherwise from the
+    /// time derivative of `G`.
     fn variables_along(
         &mut self,
         (t, span, y): (f64, f64, &[f64]),
@@ -148,7 +150,7 @@ impl Tangents {
         let mut right = -(by_directions + by_y.columns(0, n) * states);
         let inside: Vec<usize> = (0..m).filter(|&k| face.places[k] == Activity::Inactive).collect();
         if let Some(hidden) = hidden_combinations(&matrix, &inside) {
-            // Variables on bounds first: the others depend on them.
+            // Solve for variables on bounds first: the others depend on them.
             let mut fixed = DMatrix::zeros(m, columns);
             (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
             let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
@@ -181,7 +183,8 @@ impl Tangents {
         Ok(right)
     }
 
-    /// The slopes of the derivatives on the face on which a run goes on; `None` if the equations do not determine them.
+    /// Returns the slopes (time derivatives) of the derivatives on the face on which a run goes on; `None` if the
+    /// equations do not determine them.
     pub(super) fn slopes_on_face(&mut self, radau: &Radau<'_>) -> Option<DMatrix<f64>> {
         let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
         let (n, count) = (self.mass.nrows(), self.count());
@@ -198,8 +201,9 @@ impl Tangents {
         self.inverse_mass.solve(&right)
     }
 
-    /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables and along the directions,
-    /// and with respect to time for the last column, by central differences, which go no further than a part of the time `span`.
+    /// Returns the derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables and along the
+    /// directions, and with respect to time for the last column, by central differences, which go no further than a
+    /// part of the time `span`.
     fn hidden_slopes(
         &mut self,
         (t, span, y): (f64, f64, &[f64]),
@@ -215,7 +219,7 @@ impl Tangents {
             let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
             let mut by = CENTRAL_DIFFERENCE * parts.fold(f64::INFINITY, f64::min);
             let in_time = if column + 1 == columns { 1.0 } else { 0.0 };
-            // States at rest move little however far time does.
+            // If the states are at rest, they do not limit the difference in time.
             if in_time > 0.0 || !by.is_finite() {
                 by = by.min(CENTRAL_DIFFERENCE * span);
             }
@@ -237,7 +241,8 @@ impl Tangents {
         slopes
     }
 
-    /// Derivatives of the rows with respect to time alone: of `G` exactly, of bounds by central differences.
+    /// Returns the derivatives of the rows with respect to time alone: of `G` exactly, of bounds by central
+    /// differences.
     fn rows_by_time(&mut self, t: f64, y: &[f64]) -> Vec<f64> {
         let structure = self.problem.structure();
         let (n, unknowns, rows) = (structure.states, structure.unknowns(), structure.rows());
@@ -256,7 +261,8 @@ impl Tangents {
         by_time
     }
 
-    /// Derivatives of the time of a breakpoint with respect to the directions; `None` if nothing changes sign there.
+    /// Returns the derivatives of the time of a breakpoint with respect to the directions; `None` if no function
+    /// changes sign at it.
     fn break_times(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let shifts = self.directions.shifted.iter_mut().map(|shifted| {
             let shifted = shifted.as_mut()?;
@@ -270,8 +276,8 @@ impl Tangents {
     }
 }
 
-/// The sizes of the unknowns of a run, for differences: a state below its absolute tolerance is at zero, and has the size at
-/// which the relative tolerance begins to count.
+/// Returns the magnitudes of the unknowns of a run, as scales for differences: a state below its absolute tolerance
+/// counts as zero, and has the magnitude at which the relative tolerance begins to matter.
 fn sizes(radau: &Radau<'_>, y: &[f64]) -> Vec<f64> {
     let Settings { rtol, atol, .. } = &radau.settings;
     let met = y.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest));
@@ -282,7 +288,8 @@ fn sizes(radau: &Radau<'_>, y: &[f64]) -> Vec<f64> {
     met.enumerate().map(size).collect()
 }
 
-/// The direction of a variable that is on a sphere with the other members of its block; `None` of other boundaries.
+/// Returns the ray through the point of a block on a sphere that contains variable `k`, as pairs of a variable and
+/// its component; `None` on other boundaries.
 fn ray(structure: &Structure, k: usize, rows: &Rows) -> Option<Vec<(usize, f64)>> {
     let block = &structure.set.blocks()[structure.set.block_of(k)?];
     let (z, _) = rows.point.as_ref()?;
@@ -292,14 +299,15 @@ fn ray(structure: &Structure, k: usize, rows: &Rows) -> Option<Vec<(usize, f64)>
 
 /// A combination of the equations of the free variables.
 struct Combination {
-    /// Weight of each equation.
+    /// Weight of each equation in the combination.
     weights: Vec<f64>,
-    /// Whether the combination contains no free variable, so that its time derivative must determine them.
+    /// Whether the combination contains no free variable, so that its time derivative must determine the free
+    /// variables.
     is_hidden: bool,
 }
 
-/// Combinations of the equations of the variables `inside`, as many as there are equations, by the singular value
-/// decomposition of their matrix; `None` if the matrix is regular.
+/// Returns combinations of the equations of the variables `inside`, as many as there are equations, by the singular
+/// value decomposition of their matrix; `None` if the matrix is regular.
 fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Combination>> {
     let count = inside.len();
     if count == 0 {
@@ -320,7 +328,7 @@ fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Co
     })
 }
 
-/// `G_t + G_x M^-1 F`
+/// Evaluates the hidden constraints `dG/dt = G_t + G_x M^-1 F`.
 fn hidden(
     problem: &mut dyn Dvi,
     inverse_mass: &nalgebra::LU<f64, nalgebra::Dyn, nalgebra::Dyn>,

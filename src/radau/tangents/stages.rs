@@ -9,16 +9,16 @@ use problem::{FaceEquations, Side};
 
 /// The derivatives of the rows at one point.
 pub(super) struct Rows {
-    /// With respect to `y`: rows of `F`, `G` and the moving bounds.
+    /// Derivatives of `F`, `G` and the moving bounds with respect to the unknowns `y`, one row each.
     pub by_y: DMatrix<f64>,
-    /// With respect to the directions.
+    /// Derivatives of the rows with respect to the directions, one column each.
     pub by_directions: DMatrix<f64>,
-    /// The variables and `G`, on which the equations of blocks depend; `None` without blocks.
+    /// The values of the variables and of `G`, on which the equations of blocks depend; `None` without blocks.
     pub point: Option<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Tangents {
-    /// The derivatives of the rows at `(t, y)`.
+    /// Returns the derivatives of the rows of the problem at `(t, y)`.
     pub(super) fn rows_at(&mut self, t: f64, y: &[f64]) -> Rows {
         let structure = self.problem.structure();
         let (n, rows, unknowns) = (structure.states, structure.rows(), structure.unknowns());
@@ -37,11 +37,11 @@ impl Tangents {
         Rows { by_y, by_directions, point }
     }
 
-    /// The derivatives of the equation of each variable on a face with respect to `y`, and to the directions of `rows`. Time
-    /// may be the last direction.
+    /// Returns the derivatives of the equation of each variable on a face with respect to `y`, and to the directions
+    /// of `rows`. Time may be the last direction.
     ///
     /// # Errors
-    /// A variable that is prescribed from outside.
+    /// If a variable is prescribed from outside.
     pub(super) fn equations(&self, face: &ActiveFace, rows: &Rows) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let structure = self.problem.structure();
         let (n, m, unknowns) = (structure.states, structure.variables, structure.unknowns());
@@ -96,7 +96,7 @@ impl Tangents {
         Ok([by_y, by_directions])
     }
 
-    /// The equations of the faces of all blocks, with their members.
+    /// Returns the equations of the faces of all blocks, with their members.
     fn equations_of_blocks(
         &self,
         face: &ActiveFace,
@@ -116,11 +116,11 @@ impl Tangents {
         equations.collect()
     }
 
-    /// The equations of a face, linearised at `(t, y)`: the mass matrix, with zeros for the variables, and the
-    /// derivatives of the right-hand sides with respect to `y`.
+    /// Returns the equations of a face, linearised at `(t, y)`: the mass matrix, with zeros for the variables, and
+    /// the derivatives of the right-hand sides with respect to `y`.
     ///
     /// # Errors
-    /// A variable that is prescribed from outside.
+    /// If a variable is prescribed from outside.
     pub fn linearised(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let (n, unknowns) = (self.mass.nrows(), y.len());
         let rows = self.rows_at(t, y);
@@ -132,11 +132,11 @@ impl Tangents {
         Ok([mass, by_y])
     }
 
-    /// The derivatives of the equations of a face at `(t, y)`: of `F`, then of the equation of each variable, with respect
-    /// to `y` and to the directions.
+    /// Returns the derivatives of the equations of a face at `(t, y)`: of `F`, then of the equation of each variable,
+    /// with respect to `y` and to the directions.
     ///
     /// # Errors
-    /// A variable that is prescribed from outside.
+    /// If a variable is prescribed from outside.
     pub fn derivatives(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let (n, unknowns) = (self.mass.nrows(), y.len());
         let rows = self.rows_at(t, y);
@@ -177,7 +177,7 @@ impl Tangents {
         Ok(())
     }
 
-    /// The equations of the derivatives at the stages of a step, on its face.
+    /// Returns the equations of the derivatives at the stages of a step, on the face of the step.
     pub(super) fn stage_equations(&mut self, step: &Step, tableau: &Tableau) -> Result<StageEquations, NoDerivative> {
         let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);
         let mut matrix = DMatrix::zeros(s * unknowns, s * unknowns);
@@ -209,8 +209,8 @@ impl Tangents {
 
 /// The equations `K dX = (M dx_n, .., M dx_n) + C` of the derivatives `dX` of the unknowns at the stages of a step.
 pub(super) struct StageEquations {
-    /// `K`
+    /// The matrix `K` of the equations.
     pub matrix: DMatrix<f64>,
-    /// `C`, one column per direction.
+    /// The part `C` of the right-hand sides, one column per direction.
     pub by_directions: DMatrix<f64>,
 }

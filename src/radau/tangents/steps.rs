@@ -1,10 +1,12 @@
-//! Steps that resolve the derivatives as well as the states: a solution at rest is exact in steps of any length, and what is near
-//! it is not. The slopes of the derivatives jump from the polynomial of one step to that of the next; the jump, `gamma e` of the
-//! embedded estimate `e` for nonstiff equations, bounds the size of the next step as it does for the states.
+//! Steps that resolve the derivatives as well as the states: a solution at rest is exact in steps of any length, but
+//! solutions near it are not. The slopes of the derivatives jump from the polynomial of one step to that of the next;
+//! the jump, `gamma e` of the embedded estimate `e` for nonstiff equations, bounds the size of the next step as it
+//! does for the states.
 //!
-//! Errors are measured against the largest value so far of a derivative, and against what moves a state by its absolute tolerance
-//! for a parameter that is moved by its own size, or by one if it is smaller (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the
-//! size of the parameter, which would leave no digit of the derivatives by a tiny one), and what rounding of the states moves.
+//! Errors are measured against the largest value of a derivative so far, plus the derivative that changes a state by
+//! its absolute tolerance if the parameter is changed by its own magnitude, or by one if that is smaller (Hindmarsh
+//! et al. 2005, *SUNDIALS*: `atol_i` divided by the magnitude of the parameter, which would leave no digit of the
+//! derivatives with respect to a tiny one), plus the effect of rounding errors of the states.
 
 use super::Tangents;
 use crate::stepper::Radau;
@@ -18,13 +20,15 @@ const SAFETY: f64 = 0.9;
 const LEAST_CHANGE: f64 = 0.2;
 const LARGEST_CHANGE: f64 = 8.0;
 
-/// Rounding of the states in a step, relative to their sizes: some hundred operations.
+/// Rounding error of the states in a step, relative to their magnitudes: that of some hundred operations.
 const ROUNDING: f64 = 1e-13;
 
-/// A step for the sake of the derivatives has a length that the rounding of its ends leaves known to this part of it.
+/// Relative error that rounding of its ends leaves in the length of the shortest step that is made for the sake of
+/// the derivatives.
 const KNOWN: f64 = 1e-4;
 
-/// The largest part of a step that is made in its place: less than the whole, so that attempts come to an end.
+/// Largest size of a repeated step, relative to the step that it replaces: less than one, so that attempts come to an
+/// end.
 const LARGEST_RETRIED: f64 = 0.5;
 
 impl Tangents {
@@ -32,21 +36,22 @@ impl Tangents {
         self.largest.zip_apply(&self.now, |largest, now| *largest = largest.max(now.abs()));
     }
 
-    /// Estimates the error of the derivatives in the last step, and bounds the next one by it.
+    /// Estimates the error of the derivatives in the last step, and bounds the size of the next step by that error.
     pub(super) fn limit_step(&mut self, radau: &mut Radau<'_>) {
         let Some(lacking) = &self.slopes[0] else { return };
         self.error = radau.limit_next_step(lacking, &self.largest, |direction| self.size_of(direction));
     }
 
-    /// The size of a step in place of the last one, in which the derivatives are not accurate enough; `None` if they are, or
-    /// no other size may be taken.
+    /// Returns the size of a step to replace the last one if the derivatives in it are not accurate enough; `None` if
+    /// they are, or if no other size may be taken.
     pub(super) fn shorter(&self, radau: &Radau<'_>) -> Option<f64> {
         let error = self.error.filter(|error| *error > 1.0 && radau.settings.step.is_none())?;
         let h = radau.last.h * change_of_step(error, radau.orders.last().tableau).min(LARGEST_RETRIED);
         (h >= radau.shortest_of_derivatives()).then_some(h)
     }
 
-    /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
+    /// Bounds the first step behind a switch: derivatives may have jumped in a direction in which the states do not
+    /// move.
     pub(super) fn limit_first_step(&mut self, radau: &mut Radau<'_>) {
         let (now, y) = (self.now.clone(), radau.y().to_vec());
         let slopes = match self.mass.nrows() == y.len() {
@@ -58,26 +63,27 @@ impl Tangents {
         }
     }
 
-    /// The size of what a direction moves, and its effect on the states at the start.
+    /// Returns the magnitude of the parameter that a direction changes, and the effect of the direction on the states
+    /// at the start.
     fn size_of(&self, direction: usize) -> DirectionSize<'_> {
         let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
-        // The shift of a parameter is a part of its size.
+        // The shift of a parameter is a fixed fraction of its magnitude.
         let of_parameter = shifted.map_or(0.0, |shifted| shifted.by / CENTRAL_DIFFERENCE);
         DirectionSize::new(of_parameter, &self.directions.initial, direction)
     }
 }
 
-/// The size of what a direction of differentiation moves.
+/// Magnitude of the parameter or initial values that a direction of differentiation changes.
 #[derive(Clone, Copy, Debug)]
 pub struct DirectionSize<'a> {
-    /// The size of the parameter; zero if there is none, or it is unknown.
+    /// The magnitude of the parameter; zero if there is none, or it is unknown.
     pub of_parameter: f64,
-    /// The derivatives of the states at the start.
+    /// The derivatives of the states at the start along the direction.
     pub initial: &'a [f64],
 }
 
 impl<'a> DirectionSize<'a> {
-    /// The size of a direction, a column of `initial`.
+    /// Creates the magnitude of a direction, a column of `initial`.
     pub fn new(of_parameter: f64, initial: &'a DMatrix<f64>, direction: usize) -> Self {
         let states = initial.nrows();
         Self { of_parameter, initial: &initial.as_slice()[direction * states..][..states] }
@@ -85,9 +91,9 @@ impl<'a> DirectionSize<'a> {
 }
 
 impl Radau<'_> {
-    /// Bounds the next step by the error of derivatives in the last one, which is returned in units of the tolerances:
-    /// `lacking` are the slopes that their polynomial lacks at the beginning, times the step size, with one direction per
-    /// column, and `largest` the largest values so far.
+    /// Bounds the next step by the error of derivatives in the last one, and returns the error in units of the
+    /// tolerances: `lacking` are the slopes that the polynomials of the derivatives lack at the beginning, times the
+    /// step size, with one direction per column, and `largest` the largest derivatives so far.
     pub fn limit_next_step<'a>(
         &mut self,
         lacking: &DMatrix<f64>,
@@ -105,13 +111,14 @@ impl Radau<'_> {
         Some(error)
     }
 
-    /// The shortest step that is made for the sake of the derivatives. Derivatives of a motion that ends with a broken power of
-    /// the time left, as the direction of a slip does, are resolved by no step; at last the states alone decide.
+    /// Returns the size of the shortest step that is made for the sake of the derivatives. No step resolves
+    /// derivatives of a motion that ends with a fractional power of the time left, as the direction of a slip does;
+    /// finally the states alone decide.
     fn shortest_of_derivatives(&self) -> f64 {
         self.clock.rounding(0.0) / KNOWN
     }
 
-    /// Bounds the first step behind an event, where derivatives have these slopes.
+    /// Bounds the first step behind an event, at which the derivatives have the slopes (time derivatives) `slopes`.
     pub fn limit_first_step<'a>(
         &mut self,
         slopes: &DMatrix<f64>,
@@ -128,8 +135,9 @@ impl Radau<'_> {
         }
     }
 
-    /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives, which are at least
-    /// `least` of one over the size of the direction, and of the absolute tolerance and the size of a state.
+    /// Returns the largest root mean square, over the directions, of the changes of the derivatives relative to their
+    /// sizes. The size of a derivative is its largest value plus `least`, a function of the inverse magnitude of the
+    /// direction, and of the absolute tolerance and the magnitude of a state.
     fn norm_of_derivatives<'a>(
         &self,
         (changes, largest): (&DMatrix<f64>, &DMatrix<f64>),
@@ -155,7 +163,7 @@ impl Radau<'_> {
     }
 }
 
-/// The change of the step size that brings an error to the tolerance.
+/// Returns the change of the step size, as a factor, that brings an error to the tolerance.
 fn change_of_step(error: f64, tableau: &Tableau) -> f64 {
     let change = SAFETY * error.powf(-1.0 / (tableau.stages() as f64 + 1.0));
     change.clamp(LEAST_CHANGE, LARGEST_CHANGE)

@@ -13,8 +13,8 @@ use crate::stepper::Radau;
 use numerics::{Interval, is_seen, is_shown};
 
 impl Radau<'_> {
-    /// Bound, over a part, on the deviation of the mean of each row from the mean that its values at both ends and at
-    /// the midpoint show.
+    /// Bounds, over a part of a step, the deviation of the mean of each row from the mean that its values at both
+    /// ends and at the midpoint show.
     pub(super) fn unseen_of(
         &mut self,
         samples: &StepSamples,
@@ -42,8 +42,8 @@ impl Radau<'_> {
         Some(unseen)
     }
 
-    /// Bound, over a part, on the deviation of the mean of each row at fixed times from that of the chords between
-    /// points; `squares` is the sum of the squared distances between the points, relative to the part.
+    /// Bounds, over a part of a step, the deviation of the mean of each row at fixed times from the mean of the
+    /// chords between points; `squares` is the sum of the squared distances between the points, relative to the part.
     pub(super) fn unseen_in_space(
         &mut self,
         samples: &StepSamples,
@@ -64,8 +64,8 @@ impl Radau<'_> {
             for (j, slope) in room.slopes.iter_mut().enumerate() {
                 *slope = part.rate(j).magnitudes().1;
             }
-            // A function with slopes in `+-r` deviates from its chord by `r/2` times the distance at most, and half of
-            // that in the mean.
+            // A function with slopes in `+-r` deviates from its chord by `r/2` times the distance at most, and by
+            // half of that in the mean.
             for (unseen, row) in unseen.iter_mut().zip(&samples.rows).filter(|(_, row)| row.has_feature) {
                 *unseen = 0.25 * squares * self.radius_of_slope(row.at, room);
             }
@@ -86,7 +86,7 @@ impl Radau<'_> {
         if !unseen.iter_mut().zip(&samples.rows).any(|pair| is_open(&pair)) {
             return Some(unseen);
         }
-        // Where rows hardly change, and at jumps, their own enclosure is narrower.
+        // If rows hardly change, and at jumps, the enclosure of the rows themselves is narrower.
         if !self.system.problem().enclose(times, &room.y, &mut room.values) {
             return is_smooth.then_some(unseen);
         }
@@ -97,8 +97,8 @@ impl Radau<'_> {
         Some(unseen)
     }
 
-    /// Bound on the deviation of the slope of a row along a part from the slope by the midpoints of its derivatives;
-    /// infinite if these are not defined on the whole part.
+    /// Bounds the deviation of the slope of a row along a part of a step from the slope by the midpoints of its
+    /// derivatives; infinite if the derivatives are not defined on the whole part.
     fn radius_of_slope(&self, row: usize, room: &Unseen) -> f64 {
         let radius = |(at, j): (usize, usize)| {
             let (_, radius) = room.jacobian[at].ball();
@@ -112,7 +112,7 @@ impl Radau<'_> {
         if sum.is_nan() { f64::INFINITY } else { sum }
     }
 
-    /// Computes the variation of derivatives between both ends and the midpoint of a part.
+    /// Computes the variation of derivatives between both ends and the midpoint of a part of a step.
     fn differentiate_at_points(&mut self, samples: &StepSamples, part: &Part, room: &mut Unseen) {
         let unknowns = self.system.unknowns;
         room.points.resize(3 * unknowns, 0.0);
@@ -124,7 +124,8 @@ impl Radau<'_> {
         self.system.problem().vary_derivatives(times, &room.points, &mut room.variations);
     }
 
-    /// Whether the derivatives of a row at both ends and at the midpoint of a part show their variation in between.
+    /// Whether the derivatives of a row at both ends and at the midpoint of a part of a step show how they vary in
+    /// between.
     fn are_slopes_shown(&self, row: usize, room: &Unseen) -> bool {
         let (mut width, mut range, mut bent) = (0.0, 0.0, 0.0);
         for (at, j) in self.system.places_of_row(row) {
@@ -136,7 +137,7 @@ impl Radau<'_> {
         is_shown(width, range, bent)
     }
 
-    /// Whether the rows vary with time by less than allowed over the whole step.
+    /// Whether the rows vary with time by less than their admissible error over the whole step.
     pub(super) fn is_narrow_in_time(&mut self, samples: &StepSamples, part: &Part, room: &mut Unseen) -> Option<bool> {
         self.enclose_in_time(samples, part, room)?;
         Some(samples.rows.iter().all(|row| {
@@ -145,7 +146,7 @@ impl Radau<'_> {
         }))
     }
 
-    /// Encloses the rows over the times of a part, with the unknowns fixed at its midpoint.
+    /// Encloses the rows over the times of a part of a step, with the unknowns fixed at the midpoint of the part.
     fn enclose_in_time(&mut self, samples: &StepSamples, part: &Part, room: &mut Unseen) -> Option<()> {
         let mut middle = vec![0.0; self.system.unknowns];
         samples.unknowns_at(part, 0.5, &mut middle);
@@ -154,7 +155,7 @@ impl Radau<'_> {
         self.system.problem().enclose(times, &room.y, &mut room.values).then_some(())
     }
 
-    /// The time interval of a part.
+    /// Returns the time interval of a part of a step.
     pub(super) fn times(&self, samples: &StepSamples, part: &Part) -> Interval {
         let at = |theta: f64| self.clock.t + theta.clamp(samples.end, 1.0 - samples.end) * samples.h;
         Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))

@@ -1,10 +1,10 @@
-//! The scopes of a token.
+//! The scopes of an access token, which say what its bearer may do.
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A permission.
+/// A permission that an access token grants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {

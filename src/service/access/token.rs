@@ -1,4 +1,4 @@
-//! The text form of a token: `dvi_NUMBER_SECRET`, in hexadecimal digits.
+//! The text form of an access token: `dvi_NUMBER_SECRET`, with number and secret in hexadecimal digits.
 
 use sha2::{Digest, Sha256};
 use specification::hexadecimal;
@@ -6,20 +6,20 @@ use std::fmt;
 use std::io;
 use std::str::FromStr;
 
-/// A token: a number and a secret.
+/// An access token: a number and a secret.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token {
-    /// The number by which the token is found; not secret.
+    /// The number by which the token is found in the file of tokens; not secret.
     pub number: u64,
     secret: String,
 }
 
-/// The text is not a token.
+/// The error of a text that is not an access token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TokenError;
 
 impl Token {
-    /// A new random token.
+    /// Creates a random access token.
     ///
     /// # Errors
     /// The system provides no random numbers.
@@ -30,7 +30,7 @@ impl Token {
         Ok(Self { number: u64::from_be_bytes(number), secret: hexadecimal(&secret) })
     }
 
-    /// The digest of the secret, which is stored in its place.
+    /// Returns the SHA-256 digest of the secret, which is stored in place of the secret.
     pub fn digest(&self) -> String {
         hexadecimal(&Sha256::digest(&self.secret))
     }
@@ -42,7 +42,7 @@ impl fmt::Display for Token {
     }
 }
 
-/// Without the secret, since debug output may be logged.
+/// Omits the secret of the token, since debug output may be logged.
 impl fmt::Debug for Token {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Token({:016x})", self.number)

@@ -1,5 +1,5 @@
-//! The tokens of a service: a file that `dvi token` writes, and that a running service reads again when it has changed,
-//! so that a token can be revoked without a restart.
+//! The access tokens of a service, in a file that `dvi token` writes. A running service reads the file again when it
+//! has changed, so that a token can be revoked without a restart.
 
 use super::scope::Scope;
 use super::token::Token;
@@ -13,36 +13,36 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use subtle::ConstantTimeEq;
 
-/// The stored facts of a token.
+/// The stored properties of an access token.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     /// The number of the token, in hexadecimal digits.
     pub number: String,
-    /// The name given to the token at its creation.
+    /// The name of the token, given at its creation.
     pub name: String,
-    /// The scopes of the token.
+    /// The scopes of the token, which say what its bearer may do.
     pub scopes: Vec<Scope>,
-    /// When it was created.
+    /// The time of the creation of the token.
     pub created: Timestamp,
-    /// When it expires, if it does.
+    /// The time at which the token expires, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires: Option<Timestamp>,
     digest: String,
 }
 
 impl Row {
-    /// Whether the token has expired.
+    /// Whether the expiry time of the token has passed.
     pub fn has_expired(&self) -> bool {
         self.expires.is_some_and(|expires| expires <= Timestamp::now())
     }
 
-    /// Whether the token has this scope, or that of an administrator.
+    /// Whether the token grants `scope`, itself or by the scope of an administrator.
     pub fn allows(&self, scope: Scope) -> bool {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
 }
 
-/// The tokens of a running service.
+/// The access tokens of a running service.
 #[derive(Debug)]
 pub struct Tokens {
     path: PathBuf,
@@ -56,22 +56,22 @@ struct Read {
     rows: Result<Arc<Vec<Row>>, Unreadable>,
 }
 
-/// The file of tokens cannot be read, so that no token is known.
+/// The error that the file of tokens cannot be read, so that no token is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unreadable;
 
-/// The inode and the modification time: the file is replaced as a whole by each change.
+/// The inode and the modification time of the file of tokens, which each change replaces as a whole.
 type Version = (u64, i64, i64);
 
-/// The interval between two checks of the file, which cost a system call each: a revoked token is refused after this
-/// time at the latest.
+/// The interval between two checks whether the file of tokens has changed, which cost a system call each: a revoked
+/// token is refused after this time at the latest.
 const STALE: Duration = Duration::from_millis(250);
 
 impl Tokens {
-    /// The tokens of a folder, none if it has no file yet.
+    /// Reads the tokens stored in `folder`; there are none if the folder has no file of tokens yet.
     ///
     /// # Errors
-    /// The file cannot be read.
+    /// The file of tokens cannot be read.
     pub fn open(folder: &Path) -> io::Result<Self> {
         let path = path(folder);
         let version = version(&path);
@@ -79,12 +79,12 @@ impl Tokens {
         Ok(Self { path, read: Mutex::new(Read { looked: Instant::now(), version, rows }) })
     }
 
-    /// Whether there are no tokens.
+    /// Whether no access token exists.
     pub fn is_empty(&self) -> bool {
         self.rows().is_ok_and(|rows| rows.is_empty())
     }
 
-    /// The number and the row of the token with this text; `None` if it is unknown or has expired.
+    /// Returns the number and the row of the token with this text; `None` if it is unknown or has expired.
     ///
     /// # Errors
     /// The file of tokens cannot be read.
@@ -108,7 +108,7 @@ impl Tokens {
         if known.looked.elapsed() > STALE {
             known.looked = Instant::now();
             let version = version(&self.path);
-            // After a failure, try again: the owner or the mode of the file may have changed.
+            // After a failure, read the file even if unchanged: its owner or mode may have been corrected.
             if version != known.version || known.rows.is_err() {
                 let rows = read(&self.path).map(Arc::new).map_err(|error| {
                     tracing::error!(%error, "the tokens cannot be read: does {} belong to this user?", self.path.display());
@@ -121,12 +121,13 @@ impl Tokens {
     }
 }
 
-/// The time `days` days from now.
+/// Returns the time `days` days from the current time.
 pub fn in_days(days: u32) -> Timestamp {
     Timestamp::now() + SignedDuration::from_hours(24 * i64::from(days))
 }
 
-/// Creates a token that expires at `expires`. Only the caller learns its secret.
+/// Creates an access token that expires at `expires`, and stores the digest of its secret. Only the caller learns the
+/// secret.
 ///
 /// # Errors
 /// I/O errors of the disk.
@@ -139,7 +140,7 @@ pub fn create(folder: &Path, name: &str, scopes: &[Scope], expires: Option<Times
     Ok(token)
 }
 
-/// The tokens, oldest first.
+/// Returns the access tokens stored in `folder`, oldest first.
 ///
 /// # Errors
 /// I/O errors of the disk.
@@ -147,7 +148,7 @@ pub fn list(folder: &Path) -> io::Result<Vec<Row>> {
     read(&path(folder))
 }
 
-/// Removes the token with this number; returns false if there is none.
+/// Removes the access token with this number; returns false if there is none.
 ///
 /// # Errors
 /// I/O errors of the disk.
@@ -174,7 +175,7 @@ fn read(path: &Path) -> io::Result<Vec<Row>> {
     }
 }
 
-/// Reads, changes and replaces the file, under a lock; readers see the old file or the new one.
+/// Reads, changes and replaces the file of tokens, under a lock; readers see the old file or the new one.
 fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Result<T> {
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     let own = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).clone();
@@ -185,7 +186,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     let changed = change(&mut rows);
     let unfinished = folder.join("tokens.part");
     let mut file = own.open(&unfinished)?;
-    // If root creates it for a service that runs as another user, the file belongs to that user.
+    // If root creates the file for a service that runs as another user, the file must belong to that user.
     belong_as(&unfinished, folder)?;
     belong_as(&folder.join("tokens.lock"), folder)?;
     file.write_all(&serde_json::to_vec_pretty(&rows)?)?;
@@ -195,7 +196,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     Ok(changed)
 }
 
-/// Gives a file the owner of the folder.
+/// Gives a file the owner of `folder`, if they differ.
 fn belong_as(path: &Path, folder: &Path) -> io::Result<()> {
     let (file, folder) = (fs::metadata(path)?, fs::metadata(folder)?);
     if file.uid() != folder.uid() {

@@ -1,25 +1,26 @@
-//! A bounded map that forgets entries not used lately, in two generations: the older one is dropped when the younger
-//! one is full (the clock of two hands with one bit; Corbato 1968, "A paging experiment with the Multics system").
+//! A bounded map that drops entries not used recently, in two generations: when the younger generation is full, it
+//! replaces the older one (an approximation of LRU; cf. the clock algorithm of Corbato 1968, "A paging experiment
+//! with the Multics system").
 
 use std::collections::HashMap;
 use std::mem;
 
-/// Values by text.
+/// A cache of values by text, bounded in number.
 #[derive(Debug)]
 pub struct Generations<T> {
     young: HashMap<Box<[u8]>, T>,
     old: HashMap<Box<[u8]>, T>,
-    /// The largest number of values in one generation.
+    /// The largest number of values in one of the two generations.
     most: usize,
 }
 
 impl<T: Clone> Generations<T> {
-    /// Room for `kept` values, and for two at least.
+    /// Creates a cache with room for about `kept` values, and for two at least.
     pub fn new(kept: usize) -> Self {
         Self { young: HashMap::new(), old: HashMap::new(), most: (kept / 2).max(1) }
     }
 
-    /// The value of `text`, which moves to the younger generation.
+    /// Returns the value of `text`, and moves it to the younger generation.
     pub fn find(&mut self, text: &[u8]) -> Option<T> {
         if let Some(value) = self.young.get(text) {
             return Some(value.clone());
@@ -29,7 +30,7 @@ impl<T: Clone> Generations<T> {
         Some(value)
     }
 
-    /// Adds the value of `text`.
+    /// Adds the value of `text` to the younger generation.
     pub fn insert(&mut self, text: Box<[u8]>, value: T) {
         if self.young.len() >= self.most {
             self.old = mem::take(&mut self.young);

@@ -1,6 +1,6 @@
-//! A compiled specification, and its solution once it was solved inline: a solve depends on nothing but the
-//! specification, so that a client that sends the specification again gets identical bytes. Another client does not get
-//! the stored solution, since that would reveal that someone has sent the specification before.
+//! A compiled specification, and its solution once a client has had it solved. A solve depends on nothing but the
+//! specification, so that the client that sends the specification again gets identical bytes. Other clients do not
+//! get the stored solution, since that would reveal that someone has sent the specification before.
 
 use crate::jobs::{Client, Ended, Held, Results};
 use crate::worker::Facts;
@@ -8,40 +8,40 @@ use solution::Verdict;
 use specification::Specification;
 use std::sync::{Arc, OnceLock};
 
-/// The largest size of a stored solution as JSON, in bytes. With the number of stored specifications, that is four
-/// megabytes in all.
+/// The largest size of a stored solution as JSON, in bytes. With the number of stored specifications, stored
+/// solutions take at most four megabytes in all.
 const SHORT: usize = 16 << 10;
 
-/// The largest estimated memory of a problem whose single steps take less time than an inline solve may, in bytes: some
-/// ten unknowns.
+/// The largest estimated memory, in bytes, of a problem (some ten unknowns) whose single steps are sure to be shorter
+/// than the time limit of an inline solve, which is a solve in the serving process.
 pub const SMALL: usize = 32 << 10;
 
-/// A compiled specification, and what is needed each time that it is posted.
+/// A compiled specification in the cache, with the data that each further request for it needs.
 #[derive(Debug)]
 pub struct Known {
-    /// The specification.
+    /// The specification, compiled to programs that evaluate its equations.
     pub specification: Specification,
-    /// The facts of the specification: label, horizon, type and estimated memory.
+    /// The label, time horizon, problem type and estimated memory of the specification.
     pub facts: Facts,
     is_small: bool,
     answer: OnceLock<Repeated>,
 }
 
-/// The stored solution of a solve that reached the end time.
+/// The stored solution of a solve that reached its end time, ready to be sent again.
 #[derive(Clone, Debug)]
 pub struct Repeated {
-    /// The client that asked for the solve.
+    /// The client that asked for the solve; no other client gets the stored solution.
     client: Client,
-    /// The number of accepted steps.
+    /// The number of accepted steps of the solve.
     pub steps: u64,
     /// The verdict on the solution.
     pub verdict: Option<Verdict>,
-    /// The results.
+    /// The results of the solve, as they are sent to clients.
     pub results: Arc<Results>,
 }
 
 impl Known {
-    /// A specification without a stored solution.
+    /// Creates the cache entry of a compiled specification, without a solution.
     pub fn of(specification: Specification) -> Self {
         let facts = Facts::of(&specification);
         let is_plain =
@@ -49,23 +49,23 @@ impl Known {
         Self { is_small: is_plain && facts.memory <= SMALL, facts, specification, answer: OnceLock::new() }
     }
 
-    /// Whether no step of a solve takes longer than an inline solve may.
+    /// Whether the problem is small enough that no step of a solve takes longer than an inline solve may.
     pub fn is_small(&self) -> bool {
         self.is_small
     }
 
-    /// The stored solution, if `client` asked for it.
+    /// Returns the stored solution, if `client` is the one that asked for it.
     pub fn answer(&self, client: Client) -> Option<&Repeated> {
         self.answer.get().filter(|answer| answer.client == client)
     }
 
-    /// Stores the solution, if it is short.
+    /// Stores the results of a solve for `client`, if they are short.
     pub fn keep(&self, client: Client, ended: &Ended) {
         if let Some(Held::Memory(results)) = &ended.held
             && results.text().is_some_and(|json| json.len() <= SHORT)
         {
             let (steps, verdict, results) = (ended.steps, ended.verdict.clone(), Arc::clone(results));
-            // If a solution is stored already, it is identical.
+            // `set` fails if a solution is stored already, which is harmless: the two are identical.
             let _ = self.answer.set(Repeated { client, steps, verdict, results });
         }
     }

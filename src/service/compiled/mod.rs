@@ -1,6 +1,6 @@
 //! A cache of compiled specifications: a text that is posted again word for word is not parsed again, and a text that
-//! differs in numbers of `parameters` alone gets them bound, since parameters are inputs of the compiled programs. Both
-//! give the result of a fresh compilation.
+//! differs only in the numbers of its `parameters` reuses the compiled programs with other inputs. In both cases, the
+//! results are those of a fresh compilation.
 
 mod generations;
 mod known;
@@ -18,25 +18,26 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use structure::Structure;
 
-/// The number of specifications kept, by text and by structure each: enough for a page of examples, or for some
-/// concurrent sweeps.
+/// The number of cached specifications, by text and by structure each: enough for a page of examples, or for some
+/// concurrent parameter sweeps.
 const KEPT: usize = 256;
 
-/// A text up to this size in bytes is parsed on the thread that serves its connection, or that has taken its job, which takes
-/// less time than to send it to a worker. It is also checked there if the estimated time of the check is at most `SOON`.
+/// The size in bytes up to which a specification is parsed on the thread that serves its connection or has taken its
+/// job, which takes less time than to send it to a worker process. The specification is also checked on that thread
+/// if the estimated time of the check is at most `SOON`.
 const SHORT: usize = 4 << 10;
 const SOON: Duration = Duration::from_millis(2);
 
-/// The largest estimated memory of a problem that is kept, in bytes. A larger problem takes longer to solve than to
-/// compile.
+/// The largest estimated memory of a problem whose compiled form is cached, in bytes. A larger problem takes longer
+/// to solve than to compile.
 const LARGEST: usize = 256 << 10;
 
-/// The small specifications, by text and by structure.
+/// Cached small specifications, found by their text or by their structure.
 #[derive(Debug)]
 pub struct Compiled {
     texts: Mutex<Generations<Arc<Known>>>,
     structures: Mutex<Generations<Arc<Known>>>,
-    /// The texts whose parameters were bound lately.
+    /// The texts for which a cached specification was recently used with other values of the parameters.
     bound: Mutex<Seen>,
 }
 
@@ -51,11 +52,11 @@ impl Default for Compiled {
 }
 
 impl Compiled {
-    /// The compiled specification of a short text that takes little time to compile, to be solved within `limits`; `None` if it
-    /// is longer, or may take longer.
+    /// Returns the compiled specification of a short text that takes little time to compile, to be solved within
+    /// `limits`; `None` if the text is longer, or its check may take longer.
     ///
     /// # Errors
-    /// All errors of the text.
+    /// All errors of the specification.
     pub fn read(&self, text: &[u8], limits: &Limits) -> Result<Option<Arc<Known>>, Vec<SpecificationError>> {
         if text.len() > SHORT {
             return Ok(None);
@@ -72,7 +73,7 @@ impl Compiled {
         Ok(Some(known))
     }
 
-    /// The compiled specification of `text`, if a text with the same structure was compiled before.
+    /// Returns the compiled specification of `text`, if a text with equal structure was compiled before.
     fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
         if let Some(known) = lock(&self.texts).find(text) {
             return Some(known);
@@ -80,7 +81,7 @@ impl Compiled {
         let structure = Structure::of(text)?;
         let like = lock(&self.structures).find(&structure.text)?;
         let given: Vec<(&str, f64)> = structure.parameters().collect();
-        // A text whose parameters cannot be bound is compiled afresh, which reports the error.
+        // A text with invalid values of its parameters is compiled afresh, which reports the error.
         let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?.of_text(text)));
         if lock(&self.bound).again(text) {
             lock(&self.texts).insert(text.into(), Arc::clone(&bound));
@@ -88,7 +89,7 @@ impl Compiled {
         Some(bound)
     }
 
-    /// Keeps the compiled specification of `text`.
+    /// Caches the compiled specification of `text`, unless the problem is large.
     fn keep(&self, text: &[u8], known: &Arc<Known>) {
         if known.facts.memory > LARGEST {
             return;
@@ -104,7 +105,7 @@ impl Compiled {
 /// but the compiled problem depends on them.
 fn is_of(structure: &Structure<'_>, specification: &Specification) -> bool {
     let Some(parameters) = specification.model().parameters() else { return false };
-    // Advice to formulate the problem differently contains values of the parameters.
+    // Advice to formulate the problem differently quotes values of the parameters.
     let advised = specification.model().dvi().is_some_and(|model| model.kinks.as_set.is_some());
     let known = || parameters.names().iter().map(String::as_str).zip(parameters.values().iter().copied());
     let same = structure.parameters().count() == known().count()
@@ -149,11 +150,11 @@ mod tests {
             let (found, anew) = (&found.specification, &anew.specification);
             assert_eq!(serde_json::to_value(found.summary()).unwrap(), serde_json::to_value(anew.summary()).unwrap());
             assert_eq!(found.model().initial(), anew.model().initial(), "{m} {f}");
-            // A text that comes for the third time is found as a whole.
+            // A text that comes for the third time is found by its whole text.
             let again = [0, 1].map(|_| compiled.find(other.as_bytes()).unwrap());
             assert!(Arc::ptr_eq(&again[0], &again[1]), "{m} {f}");
         }
-        // A text in which a compilation finds an error is not found.
+        // A specification with an error is not found in the cache.
         for (m, f) in [("0", "1"), ("1", "-1"), ("1e999", "1"), ("01", "1"), ("1.", "1"), ("\"1\"", "1")] {
             assert!(compiled.find(belt(m, f).as_bytes()).is_none(), "{m} {f}");
         }

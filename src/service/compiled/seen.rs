@@ -1,12 +1,12 @@
-//! Recently seen texts, as hashes: a text that comes once, like each of a parameter sweep, is not worth a place in the
-//! cache.
+//! Hashes of recently seen texts: a text that is posted once, like each one of a parameter sweep, is not worth an
+//! entry in the cache.
 
 use std::hash::{BuildHasher, RandomState};
 
-/// The number of hashes; a new hash replaces the one with the same lowest bits.
+/// The number of stored hashes; a new hash replaces the one at its index, the hash modulo `PLACES`.
 const PLACES: usize = 1 << 10;
 
-/// A table of hashes.
+/// A table of the hashes of recently seen texts.
 #[derive(Debug)]
 pub struct Seen {
     state: RandomState,
@@ -20,7 +20,7 @@ impl Default for Seen {
 }
 
 impl Seen {
-    /// Records `text`, and returns whether it was seen recently.
+    /// Records `text`, and returns whether it was recorded recently.
     pub fn again(&mut self, text: &[u8]) -> bool {
         let hash = self.state.hash_one(text);
         let place = &mut self.hashes[hash as usize % PLACES];

@@ -1,12 +1,13 @@
-//! The structure of a specification: its text without the numbers of its `parameters`. The text is scanned, not parsed:
-//! a structure is meaningful only once a text with the same structure has been parsed, and has these parameters.
+//! The structure of a specification: its text without the numbers of its `parameters`. The text is scanned, not
+//! parsed: a structure is meaningful only once a text with equal structure has been parsed and its parameters found
+//! to be those that the scan finds.
 
 use std::ops::Range;
 
-/// A text without the numbers of its parameters, and these numbers.
+/// The text of a specification without the numbers of its parameters, and the parameters with these numbers.
 #[derive(Debug)]
 pub struct Structure<'a> {
-    /// The text with `#` in place of each number.
+    /// The text of the specification with `#` in place of each number of a parameter.
     pub text: Vec<u8>,
     parameters: Vec<(&'a str, f64)>,
 }
@@ -14,7 +15,8 @@ pub struct Structure<'a> {
 const KEY: &[u8] = b"\"parameters\"";
 
 impl<'a> Structure<'a> {
-    /// The structure of `text`, if the text contains exactly one object of parameters, with at least one number.
+    /// Returns the structure of `text`, if the text contains exactly one object of parameters, with at least one
+    /// number.
     pub fn of(text: &'a [u8]) -> Option<Self> {
         let key = find(text, KEY)?;
         let rest = key + KEY.len();
@@ -55,7 +57,7 @@ impl<'a> Structure<'a> {
         Some(Self { text: left, parameters })
     }
 
-    /// The parameters that are numbers.
+    /// The names and values of the parameters that are numbers, not expressions.
     pub fn parameters(&self) -> impl Iterator<Item = (&'a str, f64)> {
         self.parameters.iter().copied()
     }
@@ -65,14 +67,14 @@ fn find(text: &[u8], sought: &[u8]) -> Option<usize> {
     text.windows(sought.len()).position(|window| window == sought)
 }
 
-/// A position in a text.
+/// A scanner: a text and the position reached in it.
 struct Scanner<'a> {
     text: &'a [u8],
     place: usize,
 }
 
 impl<'a> Scanner<'a> {
-    /// The next byte that is not white space.
+    /// Returns the next byte of the text that is not white space.
     fn peek(&mut self) -> Option<u8> {
         while matches!(self.text.get(self.place)?, b' ' | b'\t' | b'\n' | b'\r') {
             self.place += 1;
@@ -84,7 +86,7 @@ impl<'a> Scanner<'a> {
         (self.peek()? == byte).then(|| self.place += 1)
     }
 
-    /// A string without escape sequences.
+    /// Reads a JSON string without escape sequences.
     fn string(&mut self) -> Option<&'a str> {
         self.take(b'"')?;
         let rest = &self.text[self.place..];
@@ -94,7 +96,8 @@ impl<'a> Scanner<'a> {
         str::from_utf8(&rest[..length]).ok()
     }
 
-    /// A number in JSON syntax (RFC 8259, section 6), if it is finite as an `f64`.
+    /// Reads a number in JSON syntax (RFC 8259, section 6); returns its range and its value if it is finite as an
+    /// `f64`.
     fn number(&mut self) -> Option<(Range<usize>, f64)> {
         self.peek()?;
         let start = self.place;
@@ -117,7 +120,7 @@ impl<'a> Scanner<'a> {
         number.is_finite().then_some((start..self.place, number))
     }
 
-    /// Skips one of the bytes `any`, if it comes next; returns whether it did.
+    /// Skips the next byte of the text if it is one of `any`; returns whether it was.
     fn skip(&mut self, any: &[u8]) -> bool {
         let found = self.text.get(self.place).is_some_and(|byte| any.contains(byte));
         self.place += usize::from(found);

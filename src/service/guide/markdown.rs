@@ -1,10 +1,10 @@
-//! A chapter of Markdown as HTML: headings get ids, links to other files become addresses of chapters, and a specification can be
-//! opened on the page by one click.
+//! Conversion of a chapter of the guide from Markdown to HTML: headings get ids, links between Markdown files become
+//! links between chapters, and each example specification gets a link that opens it on the page of the service.
 
 use super::{Chapter, Section, id_of};
 use pulldown_cmark::{CodeBlockKind, CowStr, Event, Options, Parser, Tag, TagEnd, html};
 
-/// The chapter of a file.
+/// Converts a Markdown file of the guide to a chapter; `name` is the name of the file.
 pub fn chapter(name: &str, text: &str) -> Chapter {
     let options = Options::ENABLE_TABLES | Options::ENABLE_HEADING_ATTRIBUTES;
     let mut events: Vec<Event<'_>> = Parser::new_ext(text, options).collect();
@@ -20,13 +20,13 @@ pub fn chapter(name: &str, text: &str) -> Chapter {
     }
     let mut body = String::with_capacity(2 * text.len());
     html::push_html(&mut body, with_links_to_the_page(events).into_iter());
-    // What is wider than a screen scrolls by itself, also by keys.
+    // Tables and code blocks wider than the screen scroll by themselves; `tabindex` makes them scroll by keys too.
     let body = body.replace("<table>", "<div class=\"wide\" tabindex=\"0\"><table>");
     let body = body.replace("</table>", "</table></div>").replace("<pre>", "<pre tabindex=\"0\">");
     Chapter { name: name.to_owned(), title, html: body, sections }
 }
 
-/// What stands below each heading.
+/// Returns the sections of a chapter: each heading, and the plain text below it.
 fn sections(events: &[Event<'_>]) -> Vec<Section> {
     let mut sections: Vec<Section> = Vec::new();
     let mut in_heading = false;
@@ -57,7 +57,7 @@ fn sections(events: &[Event<'_>]) -> Vec<Section> {
     sections
 }
 
-/// `methods.md#radau-iia` in a file is the chapter `/docs/methods#radau-iia`.
+/// Returns the URL of a chapter for a link between files: `methods.md#radau-iia` becomes `/docs/methods#radau-iia`.
 fn address(link: &str) -> String {
     match link.split_once(".md") {
         Some((name, rest)) if !name.contains('/') => format!("/docs/{name}{rest}"),
@@ -65,7 +65,7 @@ fn address(link: &str) -> String {
     }
 }
 
-/// Before each specification a link that opens it.
+/// Inserts a link before each example specification, which opens it on the page of the service.
 fn with_links_to_the_page(events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     let mut made = Vec::with_capacity(events.len());
     let mut open: Option<(usize, String)> = None;
@@ -93,7 +93,8 @@ fn with_links_to_the_page(events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     made
 }
 
-/// The text as the page takes it behind `#s=`: deflated (RFC 1951) without compression, in base64url (RFC 4648, section 5).
+/// Encodes a specification for the URL fragment `#s=`: deflated (RFC 1951) without compression, in base64url (RFC
+/// 4648, section 5).
 fn packed(text: &str) -> String {
     const LONGEST: usize = 0xffff;
     let chunks: Vec<&[u8]> = text.as_bytes().chunks(LONGEST).collect();
@@ -127,7 +128,7 @@ mod tests {
 
     #[test]
     fn base64_has_the_vectors_of_the_standard() {
-        // RFC 4648, section 10, without padding.
+        // Test vectors of RFC 4648, section 10, without padding.
         for (text, wanted) in
             [("", ""), ("f", "Zg"), ("fo", "Zm8"), ("foo", "Zm9v"), ("foob", "Zm9vYg"), ("foobar", "Zm9vYmFy")]
         {

@@ -1,5 +1,5 @@
-//! The guide: chapters of Markdown (`api/guide`), and beside them three that are made from what the program knows of itself: every
-//! key of a specification, every field of an answer, every code. It is rendered once, when it is first asked for.
+//! The guide: chapters written in Markdown (`api/guide`), and three generated ones, which list every key of a
+//! specification, every field of a response and every error code. The guide is rendered once, on its first request.
 
 mod markdown;
 mod reference;
@@ -10,7 +10,7 @@ pub use search::{Found, search};
 use serde_json::Value;
 use std::sync::LazyLock;
 
-/// A chapter as it stands in `api/guide`.
+/// The Markdown source of a chapter, as it stands in `api/guide`.
 struct Source {
     name: &'static str,
     text: &'static str,
@@ -25,7 +25,7 @@ macro_rules! chapters {
     };
 }
 
-/// Every file of `api/guide`, in the order in which it is read.
+/// Every Markdown file of `api/guide`, in reading order.
 const SOURCES: &[Source] = chapters! {
     "start"
     "specification"
@@ -38,56 +38,57 @@ const SOURCES: &[Source] = chapters! {
     "administration"
 };
 
-/// A section: what stands below one heading.
+/// A section of a chapter: a heading and the text below it.
 #[derive(Debug)]
 pub struct Section {
-    /// The id of the heading.
+    /// The id of the section's heading, used in links.
     pub id: String,
-    /// The heading as text.
+    /// The heading of the section, without markup.
     pub heading: String,
-    /// The text below it, without markup.
+    /// The text below the heading, without markup.
     pub text: String,
 }
 
-/// A chapter that is ready to be shown.
+/// A chapter of the guide, rendered as HTML.
 #[derive(Debug)]
 pub struct Chapter {
-    /// The last segment of its address.
+    /// The last segment of the chapter's URL path.
     pub name: String,
-    /// Its first heading.
+    /// The first heading of the chapter.
     pub title: String,
-    /// Its body as HTML.
+    /// The body of the chapter as HTML.
     pub html: String,
-    /// Its sections, in order.
+    /// The sections of the chapter, in order.
     pub sections: Vec<Section>,
 }
 
-/// All chapters; `answer` is the description of the interface, from which fields of answers are taken.
+/// Returns all chapters of the guide; `answer` is the `OpenAPI` description of the service, from which the fields of
+/// responses are listed.
 pub fn chapters(answer: &Value) -> Vec<Chapter> {
     let written = SOURCES.iter().map(|source| markdown::chapter(source.name, source.text));
     written.chain([reference::keys(&SCHEMA), reference::answer(answer), reference::codes()]).collect()
 }
 
-/// The JSON Schema of a specification.
+/// The JSON Schema of a specification, parsed once.
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let text = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../api/specification.schema.json"));
-    // A test holds it against the code that writes it.
+    // A test compares the schema file with the schema that the code generates.
     serde_json::from_str(text).unwrap_or_default()
 });
 
-/// Text, and no markup.
+/// Escapes the special characters of HTML in `text`.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Text as HTML, what stands between backticks as code.
+/// Converts text to HTML, with what stands between backticks as code.
 fn with_code(text: &str) -> String {
     let escaped = escaped(text);
     let parts = escaped.split('`').enumerate();
     parts.map(|(k, part)| if k % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() }).collect()
 }
 
-/// The id of a heading: its letters, digits and underscores in lower case, hyphens between words.
+/// Returns the id of a heading: its letters, digits and underscores in lower case, with hyphens between words.
 fn id_of(heading: &str) -> String {
     let words = heading.split(|c: char| !(c.is_alphanumeric() || c == '_')).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("-").to_lowercase()

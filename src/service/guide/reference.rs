@@ -1,12 +1,12 @@
-//! Chapters that are made from what the program knows of itself: the keys of a specification from its schema, the fields of an answer
-//! from the description of the interface, the codes from their pages.
+//! Generated chapters of the guide: the keys of a specification from its JSON Schema, the fields of a response from
+//! the `OpenAPI` description, and the error codes from their explanations.
 
 use super::{Chapter, Section, escaped, id_of, with_code};
 use serde_json::{Map, Value};
 use std::collections::{BTreeSet, VecDeque};
 use std::fmt::Write as _;
 
-/// Every key of a specification.
+/// Returns the chapter that lists every key of a specification.
 pub fn keys(schema: &Value) -> Chapter {
     let introduction = "Every key, by object. Expressions are explained in <a href=\"/docs/expressions\">their own \
                         chapter</a>; the JSON Schema is at <a href=\"/schema\">/schema</a>.";
@@ -18,7 +18,7 @@ pub fn keys(schema: &Value) -> Chapter {
     chapter
 }
 
-/// Every field of an answer.
+/// Returns the chapter that lists every field of a response.
 pub fn answer(description: &Value) -> Chapter {
     let introduction = "The JSON result of <code>POST /solve</code> (<code>Solution</code>), and the status of jobs \
                         (<code>StatusInfo</code>). Their assessment is explained in <a href=\"/docs/evidence\">How to \
@@ -40,7 +40,7 @@ pub fn answer(description: &Value) -> Chapter {
     chapter
 }
 
-/// Every code, as `GET /problems` has it.
+/// Returns the chapter that lists every error code, with the texts that `GET /problems` returns.
 pub fn codes() -> Chapter {
     let introduction = "Every word that programs read: errors of a specification, warnings and verdicts, failures of a solve, refusals of the \
                         service. <code>dvi explain CODE</code> says the same on the command line, <code>GET /problems/CODE</code> over HTTP.";
@@ -70,11 +70,11 @@ impl Chapter {
         Self { name: name.to_owned(), title: title.to_owned(), html, sections: vec![first] }
     }
 
-    /// A schema as a section: what it says, its keys in a table, its alternatives in a list.
+    /// Adds the section of a schema: its description, its keys in a table, its alternatives in a list.
     fn object(&mut self, name: &str, schema: &Value) {
         let id = name.to_lowercase();
         let said = text(schema, "description");
-        // Writing to a string does not fail.
+        // Writing HTML to a string cannot fail.
         let _ = write!(self.html, "<section>\n<h2 id=\"{id}\">{}</h2>\n<p>{}</p>\n", escaped(name), with_code(said));
         let mut words = vec![said.to_owned()];
         let parts: Vec<&Value> = std::iter::once(schema).chain(list(schema.get("allOf"))).collect();
@@ -122,14 +122,14 @@ impl Chapter {
     }
 }
 
-/// What is said of a key, by itself or by the only alternative that says anything.
+/// Returns the description of a schema; if it has none, the first one among its alternatives.
 fn description(schema: &Value) -> &str {
     let own = text(schema, "description");
     let inner = || list(schema.get("oneOf")).map(|one| text(one, "description")).find(|text| !text.is_empty());
     if own.is_empty() { inner().unwrap_or_default() } else { own }
 }
 
-/// The kind of a value, with a link to the section of what has a name.
+/// Returns the type of a schema's values as HTML; a type that has a name is a link to its section.
 fn kind(schema: &Value) -> String {
     if let Some(reference) = schema.get("$ref").and_then(Value::as_str) {
         let name = reference.rsplit('/').next().unwrap_or_default();
@@ -176,7 +176,7 @@ fn kind(schema: &Value) -> String {
     }
 }
 
-/// The bounds of a number.
+/// Returns the bounds and the default of a number as sentences, without those that its description already states.
 fn bounds(schema: &Value) -> String {
     let bound = |key: &str, words: &str| schema.get(key).map(|value| format!(" {words} {value}."));
     let all = [
@@ -193,7 +193,7 @@ fn bounds(schema: &Value) -> String {
         .collect()
 }
 
-/// The names of the schemas that a schema refers to.
+/// Collects the names of the schemas that `schema` refers to.
 fn references(schema: &Value, into: &mut Vec<String>) {
     match schema {
         Value::Object(inner) => {

@@ -1,24 +1,25 @@
-//! Search in the guide: the sections that have every word, those first whose heading has them.
+//! Search in the guide: returns the sections that contain every word of a query, those first whose headings contain
+//! them.
 
 use super::{Chapter, Section};
 
-/// Results that are shown.
+/// The largest number of search results that are shown.
 const MOST: usize = 40;
-/// Characters of text around the first word that was found.
+/// The length of the excerpt around the first word of a query, in characters.
 const AROUND: usize = 160;
 
-/// A section that was found.
+/// A section of the guide that matches a search.
 #[derive(Debug)]
 pub struct Found<'a> {
-    /// Its chapter.
+    /// The chapter that contains the section.
     pub chapter: &'a Chapter,
-    /// The section.
+    /// The section that matches the search.
     pub section: &'a Section,
-    /// The text around the first word.
+    /// An excerpt of the section's text around the first word of the query.
     pub excerpt: String,
 }
 
-/// The sections in which every word of a query occurs.
+/// Returns the sections in which every word of `query` occurs, best match first.
 pub fn search<'a>(chapters: &'a [Chapter], query: &str) -> Vec<Found<'a>> {
     let query = query.to_lowercase();
     let words: Vec<&str> = query.split_whitespace().collect();
@@ -47,7 +48,8 @@ pub fn search<'a>(chapters: &'a [Chapter], query: &str) -> Vec<Found<'a>> {
     found.into_iter().take(MOST).map(|(_, found)| found).collect()
 }
 
-/// The text around a word. Lower case may have other lengths: the place is counted in characters.
+/// Returns the text around a word. A text in lower case may differ in length from the original, so that the position
+/// of the word is counted in characters.
 fn excerpt(text: &str, lower: &str, word: &str) -> String {
     let place = lower.find(word).map_or(0, |at| lower.get(..at).map_or(0, |before| before.chars().count()));
     let start = place.saturating_sub(AROUND / 3);

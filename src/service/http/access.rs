@@ -1,7 +1,7 @@
 //! Authentication and authorization: `Authorization: Bearer TOKEN` (RFC 6750), if the service requires tokens.
 //!
-//! Reading needs the scope `read`, everything else `submit`. A job of another client is reported as unknown, not as
-//! forbidden, so that the existence of an id is not revealed.
+//! Reading needs the scope `read`, every other request `submit`. A job of another client is reported as unknown, not
+//! as forbidden, so that the existence of an id is not revealed.
 
 use super::problem::{Kind, Problem};
 use crate::access::{Scope, Tokens, Unreadable};
@@ -16,14 +16,14 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A request extension: the client may access the jobs of all clients.
+/// A request extension which says that the client may access the jobs of all clients.
 #[derive(Clone, Copy, Debug)]
 struct Admin;
 
-/// The time after which the operator may have repaired the file of tokens.
+/// The time to recommend for a retry if the file of tokens is unreadable: the operator may have repaired it by then.
 const LATER: Duration = Duration::from_secs(10);
 
-/// Passes on a request whose token has the required scope, with its client set to the token.
+/// Passes on a request whose token has the required scope, and identifies its client by the token; refuses others.
 pub async fn authorize(State(tokens): State<Arc<Tokens>>, mut request: Request, next: Next) -> Response {
     let found = match bearer(request.headers()).map(|text| tokens.find(text)) {
         Some(Err(Unreadable)) => return Problem::plain(Kind::TokensUnreadable).after(LATER).into_response(),
@@ -54,7 +54,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// The client of a request; requests without a connection, as in tests, count as one client.
+/// Extracts the client of a request; requests without a connection, as in tests, count as one client.
 impl<S: Send + Sync> FromRequestParts<S> for Client {
     type Rejection = Infallible;
 
@@ -63,7 +63,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Client {
     }
 }
 
-/// The jobs that a request may access.
+/// The jobs that a request may access: those of its client, or those of all clients.
 #[derive(Clone, Copy, Debug)]
 pub struct Visibility {
     client: Client,
@@ -71,7 +71,7 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// Whether the request may access the job.
+    /// Whether the request may access `job`.
     pub fn reaches(self, job: &Job) -> bool {
         self.everyone || job.client == self.client
     }

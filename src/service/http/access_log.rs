@@ -10,19 +10,19 @@ use std::pin::Pin;
 use std::task::{Context as Waker, Poll};
 use std::time::Instant;
 
-/// The facts of a request that are known before its response has been sent.
+/// The properties of a request that are known before its response has been sent.
 pub struct Line {
     pub context: Context,
     pub client: Option<Client>,
     pub method: Method,
     pub path: String,
     pub status: StatusCode,
-    /// The job that the request created or named.
+    /// The job that the request created or that its path names.
     pub job: Option<JobId>,
     pub start: Instant,
 }
 
-/// A body that writes the log line when it is dropped.
+/// A response body that writes the line of the access log when it is dropped.
 struct Logged {
     body: Body,
     line: Line,
@@ -34,7 +34,7 @@ pub fn is_on() -> bool {
     tracing::enabled!(target: "dvi::request", tracing::Level::INFO)
 }
 
-/// Wraps a body, so that the log line is written at its end.
+/// Wraps a response body, so that the line of the access log is written at its end.
 pub fn logged(body: Body, line: Line) -> Body {
     Body::new(Logged { body, line, bytes: 0 })
 }

@@ -1,8 +1,8 @@
 //! `POST /jobs/{id}/retry` and `POST /jobs/{id}/continue`: repetition and continuation of a job that has ended.
 //!
-//! Both create a new job with an id of its own, for the client of the first job: an ended job does not change, so that
-//! its id keeps naming the same results and the same reason of failure. A job that was set aside because the service
-//! died while it ran starts without recorded crashes, and is set aside again only after two more.
+//! Both create a new job with an id of its own, for the client of the original job. An ended job does not change, so
+//! that its id keeps naming the same results and the same reason of failure. A job that was set aside because the
+//! service crashed while it ran is retried without its recorded crashes, and is set aside again only after two more.
 
 use super::Shared;
 use super::document::Document;
@@ -26,16 +26,16 @@ use std::io;
 use std::sync::Arc;
 use utoipa::{IntoResponses, ToSchema};
 
-/// How far a job is to be continued.
+/// The time up to which a job is to be continued.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Continuation)]
 pub struct Further {
-    /// The time at which the new job ends, later than the last time of the trajectory.
+    /// The end time of the new job, later than the last time of the trajectory.
     end: f64,
 }
 
-/// The new job, at `Location`
+/// The new job, whose URL is in `Location`
 #[derive(IntoResponses)]
 #[response(status = 202, headers(
     ("location" = String, description = "The new job"),
@@ -45,9 +45,9 @@ pub struct Further {
 #[expect(dead_code, reason = "only the OpenAPI description uses it")]
 pub struct Successor(StatusInfo);
 
-/// Send a job that failed or was cancelled to the queue again.
+/// Retry a job that failed or was cancelled.
 ///
-/// The same specification becomes a new job; the first stays as it is.
+/// A new job with the same specification is queued; the original job does not change.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/retry",
@@ -73,10 +73,10 @@ pub async fn retry_job(
     successor(&shared, &job, document, key).await
 }
 
-/// Go on from the end of a job.
+/// Continue a job from its end.
 ///
-/// A new job begins at the last time of the trajectory with the states that were reached there, velocities included; what
-/// they determine (active sets, contacts, regions) is found anew. The columns of the results must have all states.
+/// A new job begins at the last time of the trajectory with the states reached then, velocities included; active
+/// sets, contacts and regions are determined anew. The results must contain the columns of all states.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/continue",
@@ -109,7 +109,7 @@ pub async fn continue_job(
     let (start, ends) = match read {
         Ok(Some(last)) => last,
         Ok(None) => {
-            // What has no trajectory has a reason for it, unless it was stopped before its first step.
+            // Results without a trajectory have a reason, unless the solve was stopped before its first step.
             let why =
                 continued(&document, end, end, |_| None).err().filter(|why| matches!(why, NotContinuable::Problem(_)));
             return Err(refused(id, &why.map_or_else(|| "its trajectory is empty".to_owned(), |why| why.to_string())));
@@ -131,7 +131,8 @@ pub async fn continue_job(
     successor(&shared, &job, document.into(), key).await.map_err(|problem| no_start(id, problem))
 }
 
-/// The last time of a trajectory, and the values of its fields at that time; `None` if the trajectory is empty.
+/// Returns the last time of a trajectory, and the values of its fields at that time; `None` if the trajectory is
+/// empty.
 fn last_row(results: &Results) -> io::Result<Option<(f64, HashMap<String, f64>)>> {
     let columns = results.open()?.columns;
     let last = |column| columns.values(column, Rows::last(columns.rows())).map(|mut values| values.pop());
@@ -152,7 +153,8 @@ fn refused(job: JobId, why: &str) -> Box<Problem> {
     Problem::new(Kind::NotContinuable, format!("the job cannot be continued: {why}")).of_job(job)
 }
 
-/// The errors of a document that nobody wrote: the states at the end are no start of it.
+/// Turns the errors of a continued specification into the problem that the job cannot be continued: the client did
+/// not write that specification, whose initial values are the states at the end of the job.
 fn no_start(job: JobId, problem: Box<Problem>) -> Box<Problem> {
     match problem.errors() {
         [] => problem,
@@ -170,7 +172,8 @@ fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Probl
     vec![Finding { pointer, code: code.into(), detail, expected, did_you_mean: None }].into()
 }
 
-/// Creates the new job. Its idempotency key is bound to the first job and the document.
+/// Creates the new job of a retry or continuation. Its idempotency key is bound to the original job and the new
+/// specification.
 async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> HandlerResult<Response> {
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
     let next = job_under(shared, job.client, key, &Document::of(document), true, true).await?;

@@ -1,4 +1,4 @@
-//! `POST /check`: the errors of a specification, or its summary. It creates no job.
+//! `POST /check`: the errors of a specification, or its summary. The request creates no job.
 
 use super::Shared;
 use super::document::Document;
@@ -10,8 +10,8 @@ use axum::response::{IntoResponse, Response};
 
 /// Check a specification without solving it.
 ///
-/// The answer has the size, the method and the warnings of a correct specification, or all errors of another, each with a JSON pointer.
-/// No job is made. It is stopped when its client goes away.
+/// The response has the size, the method and the warnings of a correct specification, or all errors of an incorrect
+/// one, each with a JSON pointer. No job is created. The check is stopped if its client disconnects.
 #[utoipa::path(
     post,
     path = "/check",

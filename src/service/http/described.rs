@@ -1,18 +1,20 @@
-//! The parts of the API description that are common to all operations and stated by no handler: which operations need a
-//! token, the headers of every response, and the error statuses, each with the problems that have it.
+//! The parts of the `OpenAPI` description that are common to all operations and stated by no handler: which
+//! operations need a token, the headers of every response, and the error statuses, each with the problems that have
+//! it.
 
 use super::problem::Kind;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The error statuses of every operation.
+/// The error statuses that every operation may return.
 const ANY: [u16; 3] = [400, 421, 500];
 /// The further error statuses of operations that may require a token.
 const WORK: [u16; 4] = [401, 403, 406, 503];
 /// The further error statuses of operations with a request body.
 const BODY: [u16; 6] = [408, 409, 413, 415, 422, 429];
 
-/// Completes a description; the operations of the paths in `asks_token` need a token if the service requires tokens.
+/// Completes an `OpenAPI` description; the operations of the paths in `asks_token` need a token if the service
+/// requires tokens.
 pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
     description["servers"] =
         json!([{"url": "/", "description": "The root of the service, or the prefix of `--path-prefix`"}]);
@@ -68,7 +70,8 @@ pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
     }
 }
 
-/// The description of an error response with one of these problems, with the content of the default response.
+/// Returns the description of an error response with one of the problems `kinds`, with the content of the default
+/// response.
 fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
     let named: Vec<String> = kinds.iter().map(|kind| format!("`{kind}`")).collect();
     let content = default.and_then(|default| default.get("content")).cloned();
@@ -78,7 +81,7 @@ fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
     json!({"description": format!("A problem, one of {}", named.join(", ")), "content": content})
 }
 
-/// Describes a tuple as a list of fixed length: client generators do not know `items: false`.
+/// Describes tuples in a schema as lists of fixed length: client generators do not know `items: false`.
 fn bound_tuples(value: &mut Value) {
     let length = value.get("prefixItems").and_then(Value::as_array).map(Vec::len);
     if let Some(length) = length.filter(|_| value["items"] == Value::Bool(false)) {

@@ -5,7 +5,7 @@ use crate::guide::escaped;
 use serde_json::{Map, Value};
 use std::fmt::Write as _;
 
-/// Renders a description as the body of a page.
+/// Renders an `OpenAPI` description as the body of an HTML page.
 pub fn body(description: &Value) -> String {
     let text = |pointer: &str| escaped(description.pointer(pointer).and_then(Value::as_str).unwrap_or_default());
     let (title, version) = (text("/info/title"), text("/info/version"));
@@ -16,7 +16,7 @@ pub fn body(description: &Value) -> String {
     );
     for tag in list(description.get("tags")) {
         let name = tag["name"].as_str().unwrap_or_default();
-        // Writing to a string cannot fail.
+        // Writing HTML to a string cannot fail.
         let _ = write!(html, "<h2>{}</h2>\n<p>{}</p>\n", escaped(name), told(tag, "description"));
         for (path, item) in members(description.get("paths")) {
             for (method, operation) in members(Some(item)) {
@@ -77,7 +77,7 @@ fn operation_of(path: &str, method: &str, operation: &Value) -> String {
     html
 }
 
-/// A media type, with a link to its schema, if that has a name.
+/// Returns a media type as HTML, with a link to its schema, if the schema has a name.
 fn content_of(media_type: &str, content: &Value) -> String {
     let reference = content.pointer("/schema/$ref").and_then(Value::as_str).unwrap_or_default();
     let link = match reference.rsplit('/').next().map(escaped) {

@@ -1,6 +1,6 @@
-//! The body of a `POST`: a JSON document of bounded size that arrives within a time limit.
+//! The body of a `POST` request: a JSON document of bounded size that arrives within a time limit.
 //!
-//! `application/json` and every `+json` type are accepted, and so are a missing type and
+//! The media types `application/json` and `+json` are accepted, and so are a missing type and
 //! `application/x-www-form-urlencoded`, which is what `curl -d` sends by default.
 
 use super::Shared;
@@ -16,24 +16,25 @@ use std::pin::Pin;
 use std::sync::Arc;
 use tokio::time::timeout;
 
-/// The size in bytes up to which memory for a document is allocated before it has arrived.
+/// The size in bytes up to which memory for a document is allocated before the document has arrived.
 const SHORT: usize = 4 << 10;
 
-/// The document as bytes.
+/// The body of a request as bytes, expected to be JSON.
 pub struct Document(Arc<[u8]>);
 
 impl Document {
-    /// A document posted before, or derived from one.
+    /// Creates a document from the bytes of one posted earlier, or derived from such a document.
     pub fn of(bytes: Arc<[u8]>) -> Self {
         Self(bytes)
     }
 
     /// Parses and checks the document as a specification. A document that is large, or whose check takes long, is
-    /// checked by a worker: a few at a time, with the clients taking turns, within the time limit of a job and as long
-    /// as the client waits. The checks differentiate every expression, and examine every node and every pair of bodies.
+    /// checked by a worker process: a few at a time, with the clients taking turns, within the time limit of a job
+    /// and only while the client waits. The checks differentiate every expression, and examine every node and every
+    /// pair of bodies.
     ///
     /// # Errors
-    /// All errors of the document, or the bound that is reached.
+    /// All errors of the specification, or the limit that the check exceeds.
     pub async fn checked(&self, shared: &Shared, client: Client) -> HandlerResult<Correct> {
         let bytes = self.bytes();
         if let Some(known) = shared.compiled.read(&bytes, &shared.jobs.limits())? {
@@ -51,31 +52,31 @@ impl Document {
         }
     }
 
-    /// The document as it was posted.
+    /// Returns the document as it was posted.
     pub fn bytes(&self) -> Arc<[u8]> {
         Arc::clone(&self.0)
     }
 }
 
-/// A correct specification.
+/// A specification without errors.
 pub enum Correct {
-    /// Compiled in this process.
+    /// The specification was compiled in this process.
     Here(Arc<Known>),
-    /// Checked by a worker: its facts, and its summary as JSON.
+    /// The specification was checked by a worker process: its main properties, and its summary as JSON.
     Elsewhere(Facts, Vec<u8>),
 }
 
 impl Correct {
-    /// The summary as JSON.
+    /// Returns the summary of the specification as JSON.
     pub fn summary(self) -> Vec<u8> {
         match self {
-            // All numbers of a summary are finite, so that it can be encoded.
+            // Encoding cannot fail, since all numbers of a summary are finite.
             Self::Here(known) => serde_json::to_vec(&known.specification.summary()).unwrap_or_default(),
             Self::Elsewhere(_, summary) => summary,
         }
     }
 
-    /// The facts, and the specification itself if it was compiled in this process.
+    /// Returns the main properties of the specification, and its compiled form if it was compiled in this process.
     pub fn facts(self) -> (Facts, Option<Arc<Known>>) {
         match self {
             Self::Here(known) => (known.facts.clone(), Some(known)),

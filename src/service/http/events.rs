@@ -1,13 +1,13 @@
-//! `GET /jobs/{id}/events`: the course of a job, as server-sent events.
+//! `GET /jobs/{id}/events`: the progress of a job, as server-sent events.
 //!
 //! - `progress`: the status of the job, whenever it has changed;
-//! - `switch`: an event of the trajectory, `{number, t, kind, of}`; the latest ones are kept while the job runs, and a
-//!   gap in the numbers means that the reader was too slow for some (the results contain all);
+//! - `switch`: an event of the trajectory, `{number, t, kind, of}`; while the job runs, only the latest events are
+//!   kept, and a gap in the numbers means that the reader was too slow for some (the results contain all);
 //! - `done`: the final status of the job, with the verdict on its solution; the last event.
 //!
-//! The id of an event is the number of switches sent so far, so that `Last-Event-ID` resumes after the last of them. A
-//! stream that ends without `done` was ended because the service stops, or because the token of its client is no longer
-//! valid.
+//! The id of an event is the number of `switch` events sent so far, so that `Last-Event-ID` resumes after the last of
+//! them. A stream that ends without `done` was ended because the service stops, or because the token of its client is
+//! no longer valid.
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, ServerSentEvent, event_stream};
@@ -28,16 +28,18 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument;
 
-/// The interval between two polls of a job.
+/// The interval between two polls of the status of a job.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
-/// The longest time without data: proxies commonly take a connection for dead after a minute or half a minute.
+/// The longest time without data on a stream: proxies commonly close a connection after half a minute or a minute of
+/// silence.
 const SILENCE: Duration = Duration::from_secs(15);
 
-/// Follow a job as it goes.
+/// Follow the progress of a job.
 ///
-/// Server-sent events: `progress` with the time reached and the steps, `switch` for every change of an active set, a contact or a region,
-/// and `done` with the state of the job, after which the stream ends. After a break, `Last-Event-ID` goes on where it was.
+/// Server-sent events: `progress` with the time reached and the number of steps, `switch` for every change of an
+/// active set, a contact or a region, and `done` with the final status of the job, after which the stream ends. A
+/// client that reconnects with `Last-Event-ID` gets the events that follow.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",
@@ -60,7 +62,7 @@ pub async fn follow_job(
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
-        // A client that goes early is not an error.
+        // It is not an error if the client disconnects early.
         let _ = follow(&shared, client, &job, seen, &sink).await;
         drop(place);
     };
@@ -68,20 +70,20 @@ pub async fn follow_job(
     Ok(response)
 }
 
-/// A permit for one more stream.
+/// Returns a permit for one more event stream.
 ///
 /// # Errors
-/// [`Kind::TooManyStreams`].
+/// [`Kind::TooManyStreams`] if the largest number of streams is open.
 pub fn place(shared: &Shared) -> HandlerResult<OwnedSemaphorePermit> {
     let taken = Arc::clone(&shared.streams).try_acquire_owned();
     taken.map_err(|_| Problem::plain(Kind::TooManyStreams).after(Duration::from_secs(10)))
 }
 
-/// Sends the events of a job from the switch after the first `seen` to its end. Returns the number of switches sent;
-/// `None` if the stream was ended before the job.
+/// Sends the events of a job, from the `switch` event after number `seen` to its end. Returns the number of the last
+/// `switch` event sent; `None` if the stream ended before the job.
 ///
 /// # Errors
-/// The client has gone.
+/// The client has disconnected.
 pub async fn follow(
     shared: &Shared,
     client: Client,
@@ -102,7 +104,7 @@ pub async fn follow(
             () = sink.gone() => return Err(Gone),
             ended = &mut settled => match ended {
                 Some(_) => break,
-                // Parked: the job is left to the next process.
+                // The job was set aside at the stop of the service, for the next process to continue.
                 None => return Ok(None),
             },
             _ = &mut closed => return Ok(None),
@@ -119,11 +121,11 @@ pub async fn follow(
     Ok(Some(followed.seen))
 }
 
-/// The state of a stream: what has been sent to the client.
+/// The state of an event stream: what has been sent to the client.
 #[derive(Default)]
 struct Followed {
     seen: u64,
-    /// Set at the first poll that finds a worker at the job; keeps the events until the end.
+    /// The control of the solve, from the first poll that finds the job running; keeps the events until the end.
     control: Option<Arc<Control>>,
     status: Option<StatusInfo>,
     last: Option<Instant>,
@@ -132,8 +134,8 @@ struct Followed {
 impl Followed {
     async fn look(&mut self, shared: &Shared, job: &Job, sink: &EventSink) -> Result<(), Gone> {
         self.control = job.control().or(self.control.take());
-        // The events of a job in its first time slice wait until it is sure to stay: it may start again, with the same
-        // events.
+        // In its first time slice, a job may yet be stopped and started again, which repeats its events. They are
+        // sent only once the job is sure to keep its worker.
         if matches!(job.state(), jobs::State::Running { .. }) {
             self.switches(sink).await?;
         }
@@ -167,7 +169,7 @@ struct Numbered<'a> {
     event: &'a Event,
 }
 
-/// The number of switches sent to the client before; zero if the header is absent or invalid.
+/// The number of `switch` events that the client has received earlier; zero if the header is absent or invalid.
 pub struct LastEventId(pub u64);
 
 impl<S: Send + Sync> FromRequestParts<S> for LastEventId {

@@ -10,18 +10,18 @@ use serde::{Deserialize, Serialize};
 use specification::{EXAMPLES, Example};
 use utoipa::ToSchema;
 
-/// An example in the list.
+/// The entry of an example in the list of examples.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
     /// The name of the example.
     name: &'static str,
-    /// A few words.
+    /// A short description of the example.
     title: String,
-    /// Its address.
+    /// The URL of the example.
     href: String,
 }
 
-/// The part of a specification that the list needs.
+/// The label, which is the only part of a specification that the list of examples needs.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,
@@ -37,7 +37,7 @@ impl From<&Example> for Entry {
 
 /// List the examples.
 ///
-/// Names, titles and addresses of specifications that are ready to be posted to `/solve`.
+/// Names, titles and URLs of specifications that are ready to be posted to `/solve`.
 #[utoipa::path(
     get,
     path = "/examples",
@@ -50,7 +50,7 @@ pub async fn list_examples() -> Json<Vec<Entry>> {
 
 /// Fetch an example.
 ///
-/// A specification, ready to be posted to `/solve` or changed.
+/// The specification of the example, ready to be posted to `/solve`, with or without changes.
 #[utoipa::path(
     get,
     path = "/examples/{name}",

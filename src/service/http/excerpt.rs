@@ -1,4 +1,4 @@
-//! The requested part of the results: `?fields=x,i(R1,a)&from=0.5&to=2&every=10`.
+//! The part of the results that a query selects: `?fields=x,i(R1,a)&from=0.5&to=2&every=10`.
 
 use super::problem::Problem;
 use super::query::Query;
@@ -6,7 +6,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use solution::Excerpt;
 
-/// The excerpt that the query asks for; `None` for the whole.
+/// The excerpt of the results that a query selects; `None` for the whole results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExcerptQuery(pub Option<Excerpt>);
 
@@ -27,7 +27,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ExcerptQuery {
     }
 }
 
-/// Splits a list at commas; a comma within parentheses is part of a name.
+/// Splits a list of field names at commas; a comma within parentheses is part of a name.
 fn names(list: &str) -> Vec<String> {
     let mut depth = 0_usize;
     let parts = list.split(|c| {

@@ -1,5 +1,5 @@
-//! `GET /docs`: the guide, a page a chapter, with a search; and `GET /docs/interface`, the description of the interface to be read. Nothing
-//! of it runs scripts or asks another host.
+//! `GET /docs`: the guide, one page per chapter, with a search; and `GET /docs/interface`, the `OpenAPI` description
+//! as a page. The pages run no scripts and load nothing from other hosts.
 
 use super::docs;
 use super::openapi::{DESCRIPTION, POLICY};
@@ -16,7 +16,7 @@ use std::sync::LazyLock;
 const STYLE: &str = include_str!("docs.css");
 const CSS: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "text/css; charset=utf-8")];
 
-/// Longer queries are cut.
+/// The length in characters to which a search query is truncated.
 const LONGEST_QUERY: usize = 200;
 
 static CHAPTERS: LazyLock<Vec<Chapter>> = LazyLock::new(|| guide::chapters(&DESCRIPTION));
@@ -24,14 +24,14 @@ static INTERFACE: LazyLock<String> = LazyLock::new(|| page("Interface", "interfa
 
 type Page = ([(HeaderName, HeaderValue); 1], Html<String>);
 
-/// A page with what every page has.
+/// Returns a page with its content security policy and with links under the path prefix of the request.
 fn answered(html: &str) -> Page {
     ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(html.replace("=\"/", &format!("=\"{}", address("/")))))
 }
 
 /// Read the guide.
 ///
-/// Its first chapter as a page for people, without scripts, with links to the others.
+/// The first chapter as an HTML page without scripts, with links to the other chapters.
 #[utoipa::path(
     get,
     path = "/docs",
@@ -44,7 +44,7 @@ pub async fn read_guide() -> HandlerResult<Page> {
 
 /// Read a chapter of the guide.
 ///
-/// Chapters are named in the guide, such as `methods` or `evidence`.
+/// An HTML page. Links in the guide name the chapters, such as `methods` or `evidence`.
 #[utoipa::path(
     get,
     path = "/docs/{chapter}",
@@ -63,7 +63,7 @@ fn find(chapter: Option<&Chapter>) -> HandlerResult<Page> {
 
 /// Search in the guide.
 ///
-/// The sections in which every word occurs, as a page for people.
+/// The sections in which every word of the query occurs, as an HTML page.
 #[utoipa::path(
     get,
     path = "/docs/search",
@@ -84,7 +84,7 @@ pub async fn search_guide(RawQuery(query): RawQuery) -> Page {
     };
     let mut html = format!("<h1>Search: {}</h1>\n<p>{count}</p>\n<ul class=\"found\">\n", escaped(&words));
     for one in found {
-        // Writing to a string does not fail.
+        // Writing HTML to a string cannot fail.
         let _ = writeln!(
             html,
             "<li><a href=\"/docs/{}#{}\">{}</a> <small>{}</small><p>{}</p></li>",
@@ -101,7 +101,7 @@ pub async fn search_guide(RawQuery(query): RawQuery) -> Page {
 
 /// Read the description of the interface.
 ///
-/// The description as a page for people, without scripts.
+/// The description of the HTTP interface as an HTML page without scripts.
 #[utoipa::path(
     get,
     path = "/docs/interface",
@@ -112,9 +112,9 @@ pub async fn read_description() -> Page {
     answered(&INTERFACE)
 }
 
-/// The style of the guide.
+/// Fetch the style sheet of the guide.
 ///
-/// The style sheet of `/docs`.
+/// The style sheet of all pages under `/docs`.
 #[utoipa::path(
     get,
     path = "/docs/style.css",
@@ -125,7 +125,7 @@ pub async fn find_style() -> impl IntoResponse {
     (CSS, STYLE)
 }
 
-/// A body in the frame of the guide: where one is, where one can go, and the search.
+/// Renders a page of the guide around `body`: the list of chapters with the current one marked, and the search form.
 fn page(title: &str, name: &str, body: &str) -> String {
     let mut links = String::new();
     let entries = CHAPTERS

@@ -1,4 +1,4 @@
-//! `GET /healthz`, `GET /readyz`, `GET /version`.
+//! The state of the service for monitoring: `GET /healthz`, `GET /readyz`, `GET /version`.
 
 use super::Shared;
 use super::problem::{HandlerResult, Kind, Problem};
@@ -8,25 +8,26 @@ use serde::Serialize;
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// That all is well.
+/// The response of a service that is alive, or ready for jobs.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Well {
-    /// `alive` or `ready`.
+    /// The state of the service, `alive` or `ready`.
     status: &'static str,
 }
 
-/// What runs here.
+/// The name and the version of the program that runs the service.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Version {
     /// The name of the program.
     name: &'static str,
-    /// Its version.
+    /// The version of the program.
     version: &'static str,
 }
 
 /// Tell whether the service is alive.
 ///
-/// For probes that restart what does not answer. It needs no token and answers to any `Host`, also while the service stops.
+/// For probes that restart a service that does not respond. Needs no token and accepts any `Host`, also while the
+/// service stops.
 #[utoipa::path(
     get,
     path = "/healthz",
@@ -37,10 +38,11 @@ pub async fn check_health() -> Json<Well> {
     Json(Well { status: "alive" })
 }
 
-/// Tell whether the service takes on work.
+/// Tell whether the service accepts jobs.
 ///
-/// For load balancers. It is 503 while the service stops (`draining`), while the store takes nothing (`unwritable`), while the servers of the jobs are
-/// away (`store-away`), and while no worker can be started (`no-workers`). It needs no token and answers to any `Host`.
+/// For load balancers. The status is 503 while the service stops (`draining`), while the job store cannot be written
+/// (`unwritable`), while the NATS servers of the jobs do not respond (`store-away`), and while no worker can be
+/// started (`no-workers`). Needs no token and accepts any `Host`.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -61,7 +63,7 @@ pub async fn check_readiness(State(shared): State<Shared>) -> HandlerResult<Json
     Ok(Json(Well { status: "ready" }))
 }
 
-/// Tell which version runs.
+/// Tell the version of the service.
 ///
 /// The name and the version of the program.
 #[utoipa::path(

@@ -1,7 +1,7 @@
-//! Refusal of requests to foreign host names. A web page can make its own host name resolve to a loopback address after
-//! it was loaded (DNS rebinding); the browser then takes the service for the origin of the page, which may post and
-//! read whatever it likes. Only the name in `Host` shows this. If tokens are required, or if other machines can
-//! connect, the name protects nothing and is not checked.
+//! Refusal of requests to foreign host names. A web page can make its own host name resolve to a loopback address
+//! after it was loaded (DNS rebinding); the browser then takes the service for the origin of the page, which may post
+//! and read anything. Only the name in `Host` reveals such a request. If tokens are required, or if other machines
+//! can connect, the name protects nothing and is not checked.
 //!
 //! Every request of HTTP/1.1 has exactly one `Host` (RFC 9112, section 3.2).
 
@@ -12,16 +12,16 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Version, header};
 use std::net::IpAddr;
 
-/// Paths requested by monitoring under whatever name, which reveal nothing about jobs.
+/// Paths that monitoring may request under any host name, since they reveal nothing about jobs.
 const OPEN: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// Accepts requests to the names of this service, and refuses others.
+/// Accepts requests to the host names of this service, and refuses others.
 pub fn refuse_other_hosts(request: &Request, options: &Options) -> HandlerResult<()> {
     let given = host(request.headers(), request.version())?;
     if options.asks_tokens() || !options.listen.ip().is_loopback() || OPEN.contains(&request.uri().path()) {
         return Ok(());
     }
-    // A host in the request target takes precedence over the header.
+    // A host in the request target takes precedence over the header `Host`.
     let Some(host) = request.uri().host().or(given.as_ref().map(Authority::host)) else { return Ok(()) };
     if is_own(host, options) {
         return Ok(());
@@ -34,7 +34,7 @@ pub fn refuse_other_hosts(request: &Request, options: &Options) -> HandlerResult
     Err(Problem::new(Kind::ForeignHost, detail))
 }
 
-/// The value of the single `Host` header; `None` in HTTP/1.0 without one.
+/// Returns the value of the single `Host` header; `None` for an HTTP/1.0 request without one.
 fn host(headers: &HeaderMap, version: Version) -> HandlerResult<Option<Authority>> {
     let mut given = headers.get_all(header::HOST).iter();
     match (given.next(), given.next()) {
@@ -49,7 +49,7 @@ fn read(host: &HeaderValue) -> Option<Authority> {
     (!authority.as_str().contains('@')).then_some(authority)
 }
 
-/// Whether the host is one of the service's names. Ports are ignored, since a forwarded port differs.
+/// Whether `host` is one of the service's names. Ports are ignored, since a forwarded port differs.
 fn is_own(host: &str, options: &Options) -> bool {
     let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
     match bare.parse::<IpAddr>() {

@@ -1,5 +1,5 @@
 //! `GET /jobs`: the jobs of the client, or of all clients for an administrator, newest first, one page at a time. The
-//! total number is not given: it would take a look at every job and be outdated at once.
+//! total number is not given: counting would visit every job, and the number would be outdated at once.
 
 use super::access::Visibility;
 use super::problem::{HandlerResult, Problem};
@@ -22,7 +22,7 @@ const STATUSES: [&str; 5] = ["accepted", "running", "successful", "failed", "dis
 const DEFAULT_LIMIT: usize = 100;
 const MOST: usize = 1000;
 
-/// The jobs that the query asks for.
+/// The query of a list of jobs: status, label and page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filter {
     status: Option<String>,
@@ -32,7 +32,7 @@ pub struct Filter {
     cursor: Option<JobId>,
 }
 
-/// A page of the list.
+/// A page of the list of jobs.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct JobList {
     /// The jobs of the page, newest first.
@@ -41,8 +41,8 @@ pub struct JobList {
 
 /// List your jobs, newest first.
 ///
-/// Jobs of the client, known by its token or else its address, with those that have ended as long as they are kept. A page has a `Link`
-/// to the next where there is one.
+/// The jobs of the client, identified by its token or else its address, including ended jobs as long as they are
+/// kept. `Link` has the URL of the next page, if there is one.
 #[utoipa::path(
     get,
     path = "/jobs",
@@ -75,7 +75,7 @@ pub async fn list_jobs(State(shared): State<Shared>, visibility: Visibility, fil
 }
 
 impl Filter {
-    /// The value of `Link` for the page after `last`.
+    /// Returns the value of the header `Link` for the page of jobs after `last`.
     fn link(&self, last: JobId) -> String {
         let mut query = Serializer::new(String::new());
         for (name, value) in [("status", &self.status), ("label", &self.label)] {

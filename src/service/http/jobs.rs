@@ -1,4 +1,5 @@
-//! `GET /jobs/{id}`, `GET /jobs/{id}/specification`, `POST /jobs/{id}/cancel`, `DELETE /jobs/{id}`.
+//! The status, the specification and the deletion of a job: `GET /jobs/{id}`, `GET /jobs/{id}/specification`,
+//! `POST /jobs/{id}/cancel`, `DELETE /jobs/{id}`.
 
 use super::path::JobPath;
 use super::problem::{HandlerResult, Kind, Problem};
@@ -12,10 +13,10 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
 use std::io;
 
-/// Show where a job stands.
+/// Show the status of a job.
 ///
-/// The state has the words of OGC API - Processes: `accepted`, `running`, `successful`, `failed`, `dismissed`. A job that has ended
-/// also says whether its answer is trusted, or why it has no answer.
+/// The status is a word of OGC API - Processes: `accepted`, `running`, `successful`, `failed`, `dismissed`. For a job
+/// that has ended, the response also says whether its solution is trusted, or why there is none.
 #[utoipa::path(
     get,
     path = "/jobs/{id}",
@@ -27,9 +28,9 @@ pub async fn find_job(State(shared): State<Shared>, JobPath(job): JobPath) -> im
     (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
 }
 
-/// Show what was posted.
+/// Fetch the specification of a job.
 ///
-/// The specification, byte by byte as it was posted.
+/// The specification, byte for byte as it was posted.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/specification",
@@ -45,7 +46,7 @@ pub async fn find_specification(
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
 }
 
-/// The problem for stored data that cannot be read; details are logged only.
+/// Returns the problem for stored data of a job that cannot be read; details are only logged.
 pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     tracing::error!(job.id = %job, %error, "the stored job {job} cannot be read");
     if error.kind() == io::ErrorKind::NotConnected {
@@ -56,7 +57,7 @@ pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
 
 /// Stop a job and keep its trajectory so far.
 ///
-/// A running job stops at its next step. Of a job that has ended, this changes nothing.
+/// A running job stops at its next step. Has no effect on a job that has ended.
 #[utoipa::path(
     post,
     path = "/jobs/{id}/cancel",
@@ -69,9 +70,9 @@ pub async fn cancel_job(State(shared): State<Shared>, JobPath(job): JobPath) -> 
     Ok((no_store(), Json(StatusInfo::of(&job, &shared.jobs))))
 }
 
-/// Stop a job and forget it.
+/// Stop a job and delete it.
 ///
-/// A running job stops at its next step. Nothing of it is kept: neither its specification, nor its results, nor its name.
+/// A running job stops at its next step. Its specification, its results and its id are deleted.
 #[utoipa::path(
     delete,
     path = "/jobs/{id}",

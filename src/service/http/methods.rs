@@ -1,4 +1,4 @@
-//! `GET /methods`: the available methods with their checked conditions, and the bounds in force.
+//! `GET /methods`: the available methods with their checked conditions, and the limits in force.
 
 use super::Shared;
 use super::problem::Problem;
@@ -8,7 +8,7 @@ use axum::extract::State;
 use serde::Serialize;
 use specification::{Catalogue, catalogue};
 
-/// The catalogue of methods, and the bounds of the service.
+/// The catalogue of methods, and the limits of the service.
 #[derive(Debug, Serialize)]
 pub struct Methods {
     #[serde(flatten)]
@@ -16,9 +16,10 @@ pub struct Methods {
     service: Vec<Bound>,
 }
 
-/// List what there is to choose from.
+/// List problem types, methods and limits.
 ///
-/// Types of problems, sets, methods with their tableaux and checked conditions, and the bounds of this service, each with its flag.
+/// Types of problems, sets, methods with their tableaux and checked conditions, and the limits of this service, each
+/// with its command-line flag.
 #[utoipa::path(
     get,
     path = "/methods",

@@ -10,9 +10,9 @@ use axum::response::IntoResponse;
 const CONTENT_TYPE: [(HeaderName, &str); 1] =
     [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
 
-/// Fetch the figures of the service.
+/// Fetch the metrics of the service.
 ///
-/// `OpenMetrics` text for Prometheus: jobs, workers, answers, the store, the process. It answers to any `Host`.
+/// `OpenMetrics` text for Prometheus: jobs, workers, responses, the store, the process. Accepts any `Host`.
 #[utoipa::path(
     get,
     path = "/metrics",

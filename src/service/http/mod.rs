@@ -1,4 +1,4 @@
-//! The resources of the service, one file each, and the router.
+//! The HTTP resources of the service, one file each, and the router.
 
 mod access;
 mod access_log;
@@ -62,39 +62,39 @@ use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The state shared by all handlers.
+/// The state of the service, shared by all request handlers.
 pub type Shared = Arc<Common>;
 
-/// The state of the service.
+/// The state of the service that request handlers use.
 pub struct Common {
-    /// The jobs of the service.
+    /// The jobs of the service, with their queue and their store.
     pub jobs: Arc<Jobs>,
-    /// The options of the service.
+    /// The options with which the service was started.
     pub options: Options,
     /// The metrics of the service.
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, if the service requires them.
     pub tokens: Option<Arc<Tokens>>,
-    /// The cache of compiled specifications.
+    /// The cache of compiled specifications and their solutions.
     pub compiled: Compiled,
-    /// Places for the concurrent preparation of large responses.
+    /// Limits how many large responses are prepared concurrently; clients take turns.
     pub turns: Arc<Turns>,
-    /// Places for concurrent checks by workers.
+    /// Limits how many specifications are checked concurrently by workers; clients take turns.
     pub checks: Arc<Turns>,
-    /// The workers for checks.
+    /// The worker processes that check specifications.
     pub checkers: Arc<Checkers>,
-    /// Room for the bytes of pending responses.
+    /// The memory budget of responses that have not been sent completely.
     pub room: Room,
     /// Permits for open event streams.
     pub streams: Arc<Semaphore>,
     /// Permits for open connections.
     pub connections: Arc<Semaphore>,
-    /// Set to true when all event streams are to end.
+    /// Set to true when the service stops, to end all event streams.
     pub closing: watch::Sender<bool>,
 }
 
 impl Common {
-    /// Whether an admitted client may stay: its token is neither revoked nor expired.
+    /// Whether an admitted client may stay connected: its token is neither revoked nor expired.
     fn admits(&self, client: Client) -> bool {
         match (&self.tokens, client) {
             (Some(tokens), Client::Token(number)) => tokens.knows(number),
@@ -103,7 +103,7 @@ impl Common {
     }
 }
 
-/// The resources for the work of clients, which may require a token; one line per resource.
+/// Returns the routes for the work of clients, which may require a token; one line per path.
 fn work() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(solve::solve))
@@ -118,7 +118,7 @@ fn work() -> OpenApiRouter<Shared> {
         .routes(routes!(again::continue_job))
 }
 
-/// The resources that are the same for all clients and need no token.
+/// Returns the routes that are the same for all clients and need no token.
 fn open() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(examples::list_examples))
@@ -139,14 +139,14 @@ fn open() -> OpenApiRouter<Shared> {
         .routes(routes!(metrics::list_metrics))
 }
 
-/// The router of all resources, with the common middleware.
+/// Returns the router of all HTTP resources, with the middleware common to them.
 pub fn router(shared: Shared) -> Router {
     let work = match &shared.tokens {
         Some(tokens) => work().route_layer(from_fn_with_state(Arc::clone(tokens), access::authorize)),
         None => work(),
     };
-    // One layer instead of three: between layers, the router boxes the service and its response, which takes longer
-    // than the middleware.
+    // The three middlewares form one layer: between layers, the router boxes the service and its response, which
+    // takes longer than the middleware.
     let common = (
         from_fn_with_state(Arc::clone(&shared), observe::observe),
         CompressionLayer::new().quality(CompressionLevel::Fastest),
@@ -159,7 +159,7 @@ pub fn router(shared: Shared) -> Router {
         .method_not_allowed_fallback(no_such_method)
         .layer(common)
         .with_state(shared);
-    // Serve with and without the prefix, since some proxies pass it on and others strip it.
+    // Routes exist with and without the path prefix, since some proxies pass it on and others strip it.
     if prefix.is_empty() { router } else { router.clone().nest(&prefix, router) }
 }
 
@@ -178,13 +178,13 @@ fn panicked(_: Box<dyn Any + Send>) -> Response {
     Problem::plain(Kind::Internal).into_response()
 }
 
-/// Forbids caching: the state of a job changes.
+/// Returns a header that forbids caching, for responses that change over time, such as the state of a job.
 fn no_store() -> [(HeaderName, HeaderValue); 1] {
     [(header::CACHE_CONTROL, HeaderValue::from_static("no-store"))]
 }
 
-/// The value of `Retry-After`: whole seconds, at least one, and at most ten minutes, after which a retry is reasonable
-/// however slow the queue was.
+/// Returns the value of `Retry-After`: whole seconds, at least one, and at most ten minutes, after which a retry is
+/// reasonable even if the queue is slow.
 fn retry_after(time: Duration) -> HeaderValue {
     HeaderValue::from(time.as_secs_f64().ceil().clamp(1.0, 600.0) as u64)
 }

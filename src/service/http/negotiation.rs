@@ -1,12 +1,12 @@
-//! Content negotiation by `Accept` (RFC 9110, section 12.5.1): the most specific range that matches a form gives its
-//! weight, and the form of the greatest weight is chosen.
+//! Content negotiation by `Accept` (RFC 9110, section 12.5.1): the most specific media range that matches a format
+//! gives its weight, and the format of the greatest weight is chosen.
 
 use axum::http::{HeaderMap, header};
 
 /// The type and the subtype of a media type.
 pub type MediaType = (&'static str, &'static str);
 
-/// The form that the client prefers; `offered` is in the service's order of preference.
+/// Returns the format that the client prefers; `offered` lists the formats in the service's order of preference.
 pub fn choose<F: Copy>(headers: &HeaderMap, offered: &[(F, MediaType)]) -> Option<F> {
     let lines: Vec<&str> =
         headers.get_all(header::ACCEPT).iter().map(|line| line.to_str().unwrap_or_default()).collect();
@@ -14,7 +14,7 @@ pub fn choose<F: Copy>(headers: &HeaderMap, offered: &[(F, MediaType)]) -> Optio
         return offered.first().map(|(form, _)| *form);
     }
     let weighed = offered.iter().map(|(form, media_type)| (*form, weight(*media_type, &lines)));
-    // Strictly greater, so that the service's order decides among equal weights.
+    // The comparison is strict, so that the service's order decides among formats of equal weight.
     let best = weighed.reduce(|best, other| if other.1 > best.1 { other } else { best });
     best.filter(|(_, weight)| *weight > 0.0).map(|(form, _)| form)
 }

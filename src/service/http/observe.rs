@@ -2,8 +2,8 @@
 //! responses get the same security headers.
 //!
 //! The id of a request is the client's `X-Request-Id`, or a new one, and is returned in the response. The trace of a
-//! `traceparent` (W3C Trace Context) is logged for the request and its job, and is returned with a span of this service
-//! as its parent.
+//! `traceparent` header (W3C Trace Context) is logged for the request and its job, and is returned with a span of
+//! this service as its parent.
 
 use super::Shared;
 use super::access_log::{self, Line};
@@ -62,7 +62,7 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
     let mut response = context.clone().around(serving.instrument(span.clone())).await;
     let status = response.status();
     span.record("http.status", status.as_u16());
-    // The span ends with the head of the response.
+    // The trace span of a request ends when the headers of its response are known, not its body.
     drop(span);
     if status == StatusCode::INTERNAL_SERVER_ERROR {
         let duration_ms = start.elapsed().as_secs_f64() * 1e3;

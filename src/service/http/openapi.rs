@@ -1,5 +1,4 @@
-//! `GET /openapi.json`: the description of the API (`OpenAPI` 3.1), generated from the handlers; and `GET /docs/interface`:
-//! the description as a page.
+//! `GET /openapi.json`: the description of the HTTP interface (`OpenAPI` 3.1), generated from the handlers.
 
 use super::described;
 use super::problem::Problem;
@@ -15,16 +14,17 @@ use utoipa::{IntoResponses, OpenApi, ToSchema};
 
 const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
 
-/// The content security policy of pages of text: the style and the icon of the service, its search, and nothing else.
+/// The content security policy of the pages of the guide: they may load the style sheet and the icon of the service,
+/// send the search form, and nothing else.
 pub(super) const POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
 );
 
-/// The description, generated once.
+/// The `OpenAPI` description, generated once.
 pub(super) static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
 static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
 
-/// The parts of the description that belong to no handler.
+/// The parts of the `OpenAPI` description that belong to no handler.
 #[derive(OpenApi)]
 #[openapi(
     info(
@@ -42,10 +42,10 @@ static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
 )]
 struct Frame;
 
-/// The description of the API, generated from the code.
+/// Returns the `OpenAPI` description of the HTTP interface, generated from the code.
 pub fn description() -> Value {
     let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(work()).merge(open());
-    // A description consists of strings, lists and maps, so that it can be encoded.
+    // An `OpenAPI` description consists of strings, lists and maps, so that encoding it cannot fail.
     let mut description = serde_json::to_value(router.to_openapi()).unwrap_or_default();
     let mut work = utoipa_axum::router::OpenApiRouter::<super::Shared>::new().merge(work());
     let asks_token = work.to_openapi().paths.paths.into_keys().collect();
@@ -53,7 +53,7 @@ pub fn description() -> Value {
     description
 }
 
-/// The default response of every operation: a problem, in one form.
+/// Describes the default response of every operation: a problem (RFC 9457).
 impl IntoResponses for Problem {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
         let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(Self::name()))).build();
@@ -64,9 +64,9 @@ impl IntoResponses for Problem {
     }
 }
 
-/// Fetch the description of the interface.
+/// Fetch the `OpenAPI` description.
 ///
-/// This description, from which clients are generated.
+/// The description of the HTTP interface, from which clients can be generated.
 #[utoipa::path(
     get,
     path = "/openapi.json",

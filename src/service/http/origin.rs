@@ -14,7 +14,7 @@ pub fn refuse_other_sites(request: &Request) -> HandlerResult<()> {
 }
 
 fn is_own(headers: &HeaderMap) -> bool {
-    // `same-site` is not enough: another port of the host is the same site, but another service.
+    // `same-site` is not accepted: another port of the host is the same site, but may be another service.
     if let Some(site) = headers.get("sec-fetch-site") {
         return site == "same-origin" || site == "none";
     }

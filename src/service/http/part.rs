@@ -1,4 +1,4 @@
-//! Results, or an excerpt of them, opened for a response.
+//! The results of a job, or an excerpt of them, opened to generate a response.
 
 use super::Shared;
 use super::jobs::unreadable;
@@ -9,15 +9,16 @@ use solution::columnar::{Columns, Members, PART, Skeleton};
 use solution::{Excerpt, ExcerptError, Selection, Solution};
 use std::io;
 
-/// The whole results, or a part.
+/// The results of a job, or an excerpt of them.
 pub struct Part {
-    /// The columns of the whole results.
+    /// The trajectory of the whole results, as columns; if the values of the excerpt were copied, that of the
+    /// excerpt.
     pub columns: Box<dyn Columns>,
-    /// The requested rows and fields.
+    /// The rows and fields that the response contains.
     pub selection: Selection,
-    /// The other parts of the solution, with the events of the excerpt and the evidence of the whole.
+    /// The solution without its trajectory, with the events of the excerpt and the diagnostics of the whole solve.
     pub skeleton: Skeleton,
-    /// The room of the columns, if they are the requested values alone, in memory.
+    /// The memory reserved for the values of the excerpt, if they were copied to memory.
     _kept: Option<Kept>,
 }
 
@@ -25,8 +26,9 @@ pub struct Part {
 const MOST_NAMES: usize = 30;
 
 impl Part {
-    /// The part that `excerpt` asks for, verified against the digests of its blocks. If there is `room` for its values, they
-    /// are kept: they may be far apart on the disk, and are read once in place of twice.
+    /// Opens the results, or the part selected by `excerpt`, and verifies the digests of the blocks read. If `room`
+    /// has memory for the values, they are copied: they may be scattered over the disk, and are then read once
+    /// instead of twice.
     ///
     /// # Errors
     /// The excerpt names a field that does not exist, or the stored results cannot be read.
@@ -51,7 +53,8 @@ impl Part {
         Ok(part)
     }
 
-    /// The number of values in the part, those of the table of a sweep included if that is kept apart.
+    /// Returns the number of values in the excerpt, including those of the table of a sweep if it is stored
+    /// separately.
     pub fn numbers(&self) -> usize {
         let of_table =
             |members: &dyn Members| members.parts().saturating_mul(PART).saturating_mul(members.head().columns.len());
@@ -59,7 +62,7 @@ impl Part {
         self.selection.rows.len().saturating_mul(1 + self.selection.fields.len()).saturating_add(table)
     }
 
-    /// The part as a solution in memory.
+    /// Reads the excerpt as a solution in memory.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -69,7 +72,7 @@ impl Part {
     }
 }
 
-/// The problem for a request whose excerpt cannot be given.
+/// Returns the problem for a request whose excerpt of the results does not exist or cannot be read.
 pub async fn no_excerpt(shared: &Shared, job: &Job, error: ExcerptError) -> Box<Problem> {
     match error {
         ExcerptError::NoSuchField(name, known) => {

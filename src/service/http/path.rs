@@ -1,4 +1,4 @@
-//! The variable segment of a request path: a name, or the id of a job.
+//! Extraction of the variable segment of a request path: a name, or the id of a job.
 
 use super::Shared;
 use super::access::Visibility;
@@ -9,7 +9,7 @@ use axum::http::request::Parts;
 use std::convert::Infallible;
 use std::sync::Arc;
 
-/// The variable segment of the path; empty, and so the name of nothing, if it is not UTF-8.
+/// The variable segment of a request path; empty, which names nothing, if it is not UTF-8.
 pub struct Segment(pub String);
 
 impl<S: Send + Sync> FromRequestParts<S> for Segment {
@@ -22,7 +22,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Segment {
     }
 }
 
-/// The job that the path names, if the client may access it.
+/// The job that the request path names, if the client may access it.
 pub struct JobPath(pub Arc<Job>);
 
 impl FromRequestParts<Shared> for JobPath {

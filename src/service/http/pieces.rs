@@ -1,5 +1,6 @@
-//! Responses sent in pieces, each generated when the one before has been taken. The bytes of all pieces in memory have
-//! a common bound: the responses to slow clients wait for room, and hold only the room of the pieces not yet taken.
+//! Responses sent in pieces, each generated when the client has taken the previous one. The bytes of all pieces in
+//! memory have a common limit: responses to slow clients wait for memory, and occupy only that of the pieces not yet
+//! taken.
 
 use super::part::Part;
 use axum::body::{Bytes, HttpBody};
@@ -13,62 +14,63 @@ use std::task::{Context, Poll, ready};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::spawn_blocking;
 
-/// The unit of room, in bytes.
+/// The unit in which response memory is counted, in bytes.
 const KIB: usize = 1 << 10;
 
-/// The room taken for a piece before it is generated, in bytes: more than the length of most pieces.
+/// The memory reserved for a piece of a response before it is generated, in bytes: more than the length of most
+/// pieces.
 const PIECE: usize = 128 * KIB;
 
-/// The room for the bytes of pending responses.
+/// The memory budget of all responses that have not been sent completely.
 #[derive(Clone, Debug)]
 pub struct Room {
     free: Arc<Semaphore>,
-    /// The part of the room that kept values may take: pieces always have the rest.
+    /// The part of the budget that values of excerpts may take; the rest is always available to pieces of responses.
     for_kept: Arc<Semaphore>,
     kib: u32,
 }
 
-/// The room of values that are kept in memory until their response has been sent.
+/// A reservation of memory for the values of an excerpt, which are kept until their response has been sent.
 #[derive(Debug)]
 pub struct Kept(#[expect(dead_code, reason = "dropped with the values")] [OwnedSemaphorePermit; 2]);
 
-/// The part of the room that kept values may take in all, and the part that those of one response may take: a slow
-/// reader holds them for as long as it reads.
+/// The fraction `1/FOR_KEPT` of the memory budget is available to the values of all excerpts, and `1/OF_ONE` to those
+/// of one response: a slow reader holds them for as long as it reads.
 const FOR_KEPT: u32 = 2;
 const OF_ONE: u32 = 32;
 
 impl Room {
-    /// Room for `mib` MiB.
+    /// Creates a budget of `mib` MiB.
     pub fn new(mib: usize) -> Self {
         let kib = u32::try_from(mib.saturating_mul(KIB)).unwrap_or(u32::MAX).min(Semaphore::MAX_PERMITS as u32);
         let semaphore = |kib: u32| Arc::new(Semaphore::new(kib as usize));
         Self { free: semaphore(kib), for_kept: semaphore(kib / FOR_KEPT), kib }
     }
 
-    /// Takes room for `bytes` bytes of values, if they are few and there is room for them now. Who waited for such room
-    /// and held some might wait for ever.
+    /// Reserves memory for `bytes` bytes of values of an excerpt, if they are few and the memory is available at
+    /// once. A response that waited for such memory while holding some could wait for ever (deadlock).
     pub fn keep(&self, bytes: usize) -> Option<Kept> {
         let kib = u32::try_from(bytes.div_ceil(KIB)).ok().filter(|kib| *kib <= self.kib / OF_ONE)?;
         let taken = |of: &Arc<Semaphore>| Arc::clone(of).try_acquire_many_owned(kib).ok();
         Some(Kept([taken(&self.for_kept)?, taken(&self.free)?]))
     }
 
-    /// Waits for room for `bytes` bytes, or for all of the room if there is less.
+    /// Waits until `bytes` bytes of the budget are free, or the whole budget if it is smaller, and reserves them.
     pub async fn take(&self, bytes: usize) -> Option<OwnedSemaphorePermit> {
         let kib = u32::try_from(bytes.div_ceil(KIB)).unwrap_or(u32::MAX).min(self.kib);
-        // The semaphore is never closed.
+        // `acquire_many_owned` fails only on a closed semaphore, and the budget's semaphore is never closed.
         Arc::clone(&self.free).acquire_many_owned(kib).await.ok()
     }
 }
 
-/// Bytes and the room that they take, which is freed when they are dropped.
+/// Bytes of a response with the reservation of their memory, which is released when the bytes are dropped.
 pub struct Taken<B> {
     bytes: B,
     _room: Option<OwnedSemaphorePermit>,
 }
 
 impl<B> Taken<B> {
-    /// `bytes` in `room`.
+    /// Combines `bytes` with the reservation `room` of their memory.
     pub fn new(bytes: B, room: Option<OwnedSemaphorePermit>) -> Self {
         Self { bytes, _room: room }
     }
@@ -80,26 +82,26 @@ impl<B: AsRef<[u8]>> AsRef<[u8]> for Taken<B> {
     }
 }
 
-/// A response being generated.
+/// The generator of a response in pieces, by format.
 pub enum Making {
-    /// JSON.
+    /// A generator of the whole solution or an excerpt as JSON.
     Json(JsonPieces),
-    /// A table, in one of its formats.
+    /// A generator of the trajectory as a table, in one of the tabular formats.
     Table(TablePieces),
-    /// The table of a sweep, in one of its formats.
+    /// A generator of the table of a sweep, in one of the tabular formats.
     Members(Box<MembersPieces>),
 }
 
-/// A part of the results, and the state of its generation.
+/// An excerpt of the results with the generator of its response.
 pub struct Unwritten {
-    /// The part of the results.
+    /// The excerpt of the results that the response contains.
     pub part: Part,
-    /// The state of the generation.
+    /// The generator, which knows the position that the response has reached.
     pub making: Making,
 }
 
 impl Unwritten {
-    /// Appends the next piece to `out`; returns whether there are more.
+    /// Appends the next piece of the response to `out`; returns whether there are more.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -115,20 +117,20 @@ impl Unwritten {
     }
 }
 
-/// A piece, and the rest of the response.
+/// The next piece of a response, and the generator of the rest.
 type NextPiece = io::Result<(Bytes, Option<Box<Unwritten>>)>;
 
-/// The body of a response in pieces.
+/// The body of a response that is generated in pieces.
 pub struct Pieces {
     room: Room,
-    /// The rest of the response, between two pieces.
+    /// The generator of the rest of the response, while no piece is being generated.
     rest: Option<Box<Unwritten>>,
-    /// The generation of the next piece.
+    /// The pending generation of the next piece.
     next: Option<Pin<Box<dyn Future<Output = NextPiece> + Send>>>,
 }
 
 impl Pieces {
-    /// The body of a response that has not been begun.
+    /// Creates the body of a response of which nothing has been generated.
     pub fn new(answer: Unwritten, room: Room) -> Self {
         Self { room, rest: Some(Box::new(answer)), next: None }
     }
@@ -138,7 +140,8 @@ async fn next_piece(mut answer: Box<Unwritten>, room: Room) -> NextPiece {
     let taken = room.take(PIECE).await;
     let work = move || {
         let mut bytes = Vec::with_capacity(PIECE);
-        // As much as there is room for: to come back to the connection takes longer than to generate a little.
+        // The piece is filled to its size: returning to the connection's task takes longer than generating a little
+        // more.
         loop {
             let before = bytes.len();
             let more = answer.write(&mut bytes)?;
@@ -186,7 +189,7 @@ mod tests {
         assert!(timeout(Duration::from_secs(60), &mut second).await.is_err());
         drop(first);
         assert!(second.await.is_some());
-        // A request for more than the whole room takes the whole room.
+        // A request for more than the whole budget gets the whole budget.
         assert!(room.take(usize::MAX).await.is_some());
     }
 
@@ -201,7 +204,7 @@ mod tests {
         assert!(pieces.is_ok());
         kept.pop();
         assert!(room.keep(2 * KIB * KIB).is_some());
-        // Kept values that find no room take none.
+        // A failed reservation takes nothing from the budget.
         let all = Arc::clone(&room.free).try_acquire_many_owned(2 * KIB as u32);
         assert!(all.is_ok() && room.keep(1).is_none());
         drop((pieces, all));

@@ -1,8 +1,9 @@
 //! The time that a client is willing to wait: the header `Prefer` (RFC 7240).
 //!
-//! `wait=N` means N seconds, at most 60. `respond-async` alone means no wait. With both, the client waits N seconds and
-//! then accepts a monitor instead of results (section 4.1), as every client here must. Without either, it waits 30
-//! seconds. `transient` leaves no job behind an answer with results. An invalid preference is ignored (section 2).
+//! `wait=N` means N seconds, at most 60. `respond-async` alone means no wait. With both, the client waits N seconds
+//! and then accepts the address of the job in place of results (section 4.1); every client of the service must accept
+//! that. Without either, the client waits 30 seconds. With `transient`, a job is deleted once its results have been
+//! sent. An invalid preference is ignored (section 2).
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -13,7 +14,7 @@ use std::time::Duration;
 const DEFAULT_SECONDS: u64 = 30;
 const MOST_SECONDS: u64 = 60;
 
-/// The preferences of a client.
+/// The preferences of a client: the time to wait, and whether the job is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preferences {
     wait: Option<u64>,
@@ -22,12 +23,12 @@ pub struct Preferences {
 }
 
 impl Preferences {
-    /// Whether the job is to be deleted once its results have been given.
+    /// Whether the job is to be deleted once its results have been sent.
     pub fn is_transient(self) -> bool {
         self.transient
     }
 
-    /// The time to wait for the results.
+    /// Returns the time to wait for the results of a solve.
     pub fn wait(self) -> Duration {
         Duration::from_secs(match self {
             Self { wait: Some(seconds), .. } => seconds,
@@ -36,7 +37,7 @@ impl Preferences {
         })
     }
 
-    /// The value of `Preference-Applied` for a response that is `asynchronous` or not.
+    /// Returns the value of the header `Preference-Applied` of a response that is `asynchronous` (202) or not.
     pub fn applied(self, asynchronous: bool) -> Option<HeaderValue> {
         let Self { wait, respond_async, transient } = self;
         let applied = [
@@ -59,7 +60,7 @@ impl Preferences {
             let token = preference.split(';').next().unwrap_or_default();
             let (name, value) = token.split_once('=').unwrap_or((token, ""));
             let (name, value) = (name.trim(), value.trim().trim_matches('"'));
-            // The first of several values applies (RFC 7240, section 2).
+            // If a preference has several values, the first applies (RFC 7240, section 2).
             if name.eq_ignore_ascii_case("wait") && read.wait.is_none() {
                 read.wait = value.parse().ok().map(|seconds: u64| seconds.min(MOST_SECONDS));
             } else if name.eq_ignore_ascii_case("respond-async") {

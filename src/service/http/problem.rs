@@ -1,5 +1,5 @@
 //! All problems with which a request can fail, in one table, and their form in responses: `application/problem+json`
-//! (RFC 9457). The `type` of a problem is the URL of its row.
+//! (RFC 9457). The `type` of a problem is the URL of its explanation.
 
 use super::retry_after;
 use crate::context::address;
@@ -14,30 +14,30 @@ use utoipa::ToSchema;
 
 macro_rules! problems {
     ($($kind:ident, $slug:literal, $status:ident, $title:literal, $meaning:literal;)*) => {
-        /// The kinds of problem.
+        /// The kinds of problems with which a request can fail.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Kind { $(#[doc = $meaning] $kind,)* }
 
         impl Kind {
-            /// All kinds of problems.
+            /// All kinds of problems with which a request can fail.
             pub const ALL: &[Self] = &[$(Self::$kind),*];
 
-            /// The last segment of its URL.
+            /// Returns the last segment of the URL of the problem.
             pub fn slug(self) -> &'static str {
                 match self { $(Self::$kind => $slug,)* }
             }
 
-            /// The status of the response.
+            /// Returns the HTTP status of responses with the problem.
             pub fn status(self) -> StatusCode {
                 match self { $(Self::$kind => StatusCode::$status,)* }
             }
 
-            /// The title, the same for every occurrence.
+            /// Returns the title of the problem, equal for every occurrence.
             pub fn title(self) -> &'static str {
                 match self { $(Self::$kind => $title,)* }
             }
 
-            /// When the problem occurs, and what to do about it.
+            /// Returns when the problem occurs, and what to do about it.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$kind => $meaning,)* }
             }
@@ -153,24 +153,24 @@ problems! {
         "The service has been asked to stop and accepts no more jobs; ask its successor.";
 }
 
-/// One occurrence of a problem.
+/// An occurrence of a problem (RFC 9457).
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ProblemDetails)]
 pub struct Problem {
-    /// The address of its page.
+    /// The URL of the page that explains the problem.
     #[serde(rename = "type", serialize_with = "address_of")]
     #[schema(value_type = String)]
     kind: Kind,
-    /// The title, the same for every occurrence of the problem.
+    /// The title of the problem, equal for every occurrence.
     title: &'static str,
-    /// The status of the response.
+    /// The HTTP status of the response.
     status: u16,
-    /// The cause of this occurrence.
+    /// The cause of this occurrence of the problem.
     detail: String,
-    /// The job that the problem concerns.
+    /// The URL of the job that the problem concerns.
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
-    /// All errors of a specification.
+    /// All errors of the specification, if the problem is that it is invalid.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<Finding>,
     #[serde(skip)]
@@ -178,11 +178,11 @@ pub struct Problem {
     retry_after: Option<Duration>,
 }
 
-/// The result of a handler; problems are rare, so they are boxed.
+/// The result of a request handler; problems are boxed, since they are large and rare.
 pub type HandlerResult<T> = Result<T, Box<Problem>>;
 
 impl Problem {
-    /// A problem of this kind; `detail` describes the occurrence.
+    /// Creates a problem of `kind`; `detail` describes the occurrence.
     pub fn new(kind: Kind, detail: impl Into<String>) -> Box<Self> {
         Box::new(Self {
             kind,
@@ -195,22 +195,22 @@ impl Problem {
         })
     }
 
-    /// A problem with the description of its kind.
+    /// Creates a problem of `kind`, described by the general text of its kind.
     pub fn plain(kind: Kind) -> Box<Self> {
         Self::new(kind, kind.meaning())
     }
 
-    /// The kind of the problem.
+    /// Returns the kind of the problem.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// The description of the occurrence.
+    /// Returns the description of this occurrence of the problem.
     pub fn detail(&self) -> &str {
         &self.detail
     }
 
-    /// The errors of a specification.
+    /// Returns the errors of the specification that the problem reports, if any.
     pub fn errors(&self) -> &[Finding] {
         &self.errors
     }
@@ -221,7 +221,7 @@ impl Problem {
         self
     }
 
-    /// Sets the time after which a retry is reasonable.
+    /// Sets the time after which the client should retry, sent as `Retry-After`.
     pub fn after(mut self: Box<Self>, time: Duration) -> Box<Self> {
         self.retry_after = Some(time);
         self
@@ -311,7 +311,7 @@ impl From<Fault> for Box<Problem> {
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        // Strings and numbers can always be encoded.
+        // A problem consists of strings and numbers, so that encoding it cannot fail.
         let body = serde_json::to_vec(&self).unwrap_or_default();
         let mut response = (self.kind.status(), body).into_response();
         response.extensions_mut().insert(self.kind);

@@ -1,5 +1,5 @@
-//! `GET /problems` and `GET /problems/{code}`: a page for every code of errors, warnings, verdicts and refusals. The
-//! page is at the `type` of a problem: as JSON for programs, as HTML for browsers, as text for terminals.
+//! `GET /problems` and `GET /problems/{code}`: a page for every code of errors, warnings, verdicts and refusals, at
+//! the URL that is the `type` of a problem: as JSON for programs, as HTML for browsers, as text for terminals.
 
 use super::negotiation::{self, MediaType};
 use super::path::Segment;
@@ -13,26 +13,26 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use utoipa::ToSchema;
 
-/// What is said of a code.
+/// The explanation of a code.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Row {
-    /// The address of its page; of a refusal, the `type` of its problem.
+    /// The URL of the page of the code; of a refusal, it is the `type` of the problem.
     #[serde(rename = "type")]
     address: String,
     /// The name of the code, for programs.
     code: &'static str,
-    /// A few words.
+    /// A short title of the code.
     title: &'static str,
-    /// The status of an answer that refuses for this reason.
+    /// The HTTP status of a response that refuses a request with this code.
     #[serde(skip_serializing_if = "Option::is_none")]
     status: Option<u16>,
-    /// What it means.
+    /// The meaning of the code.
     meaning: &'static str,
-    /// The cause.
+    /// Why the code occurs.
     why: &'static str,
-    /// What to do about it.
+    /// What to do about the code.
     remedy: &'static str,
-    /// An example of its occurrence.
+    /// An example in which the code occurs.
     example: &'static str,
 }
 
@@ -47,7 +47,7 @@ impl From<&'static Page> for Row {
     }
 }
 
-/// The format of a page.
+/// The format of a page that explains codes.
 #[derive(Clone, Copy)]
 enum Form {
     Json,
@@ -60,7 +60,7 @@ const FORMS: [(Form, MediaType); 3] =
 
 /// List the codes of errors, warnings, verdicts and refusals.
 ///
-/// The whole table; the address of a row is the `type` of a problem.
+/// The explanations of all codes; the URL of an explanation is the `type` of a problem.
 #[utoipa::path(
     get,
     path = "/problems",
@@ -79,7 +79,8 @@ pub async fn list_problems(headers: HeaderMap) -> HandlerResult<Response> {
 
 /// Explain a code: what it means, why it occurs, what to do, an example.
 ///
-/// As JSON, as a page or as text, as `Accept` asks. A code may be written with underscores or hyphens.
+/// The explanation as JSON, as an HTML page or as text, by `Accept`. A code may be written with underscores or
+/// hyphens.
 #[utoipa::path(
     get,
     path = "/problems/{code}",
@@ -124,7 +125,7 @@ fn html(title: &str, rows: &[Row]) -> String {
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n"
     );
     for row in rows {
-        // Writing to a string cannot fail.
+        // Writing HTML to a string cannot fail.
         let _ = write!(
             html,
             "<section id=\"{0}\">\n<h2><code>{0}</code></h2>\n<p>{1}</p>\n<dl>\n<dt>Why</dt><dd>{2}</dd>\n<dt>What to do</dt>\
@@ -139,7 +140,7 @@ fn html(title: &str, rows: &[Row]) -> String {
     html + "</body>\n</html>\n"
 }
 
-/// Text as HTML, with the text between backticks as code.
+/// Converts text to HTML, with the text between backticks as code.
 fn marked_up(text: &str) -> String {
     let escaped = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let parts = escaped.split('`').enumerate();

@@ -1,4 +1,4 @@
-//! The query string of a request: parameters with values, each of them known, none given twice.
+//! The query string of a request: parameters with values, each of which must be known and given only once.
 
 use super::problem::{Kind, Problem};
 use axum::extract::FromRequestParts;
@@ -7,7 +7,7 @@ use std::convert::Infallible;
 use std::fmt::Display;
 use std::str::FromStr;
 
-/// The parameters of a query; a resource takes those that it knows.
+/// The parameters of a query string; a request handler takes those that it knows.
 pub struct Query {
     given: Vec<(String, String)>,
     known: Vec<&'static str>,
@@ -15,19 +15,20 @@ pub struct Query {
 }
 
 impl Query {
-    /// Takes a parameter as text.
+    /// Takes the query parameter `name` as text, if it is given.
     pub fn text(&mut self, name: &'static str) -> Option<String> {
         self.known.push(name);
         let index = self.given.iter().position(|(given, _)| given == name)?;
         Some(self.given.remove(index).1)
     }
 
-    /// Takes a parameter as a value.
+    /// Takes the query parameter `name` and parses it; if that fails, records an error that says what was `expected`.
     pub fn value<T: FromStr>(&mut self, name: &'static str, expected: impl Display) -> Option<T> {
         self.checked(name, expected, |text| text.parse().ok())
     }
 
-    /// Takes a parameter and converts it by `read`; if that fails, records an error that says what was `expected`.
+    /// Takes the query parameter `name` and converts it by `read`; if that fails, records an error that says what was
+    /// `expected`.
     pub fn checked<T>(
         &mut self,
         name: &'static str,
@@ -42,15 +43,15 @@ impl Query {
         value
     }
 
-    /// Takes a parameter as a finite number.
+    /// Takes the query parameter `name` as a finite number.
     pub fn number(&mut self, name: &'static str) -> Option<f64> {
         self.checked(name, "a finite number", |text| text.parse().ok().filter(|number: &f64| number.is_finite()))
     }
 
-    /// Checks that all conversions succeeded, and that no parameter is left over.
+    /// Checks that all conversions succeeded, and that no query parameter is unknown or repeated.
     ///
     /// # Errors
-    /// [`Kind::BadQuery`] with all errors.
+    /// [`Kind::BadQuery`] with all errors of the query.
     pub fn end(mut self) -> Result<(), Box<Problem>> {
         let known = self.known.join(", ");
         for (name, _) in &self.given {

@@ -1,4 +1,4 @@
-//! The representations of results.
+//! The media types in which the results of a job are available, and the bodies of their responses.
 
 use super::Shared;
 use super::jobs::unreadable;
@@ -21,26 +21,26 @@ use std::io;
 use std::sync::Arc;
 use tokio::task::spawn_blocking;
 
-/// A representation of the results.
+/// A format of the results of a job, chosen by the media type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Representation {
-    /// The whole solution; apart from the metadata of Arrow, the only representation that contains the whole verdict.
+    /// The whole solution as JSON, the only format that contains all of it, diagnostics included.
     Json,
-    /// The trajectory as a table.
+    /// The trajectory, or the table of a sweep, as comma-separated values.
     Csv,
-    /// The trajectory as JSON objects, one per line.
+    /// The trajectory, or the table of a sweep, as JSON objects, one per line.
     Lines,
-    /// The trajectory as columns for programs.
+    /// The trajectory, or the table of a sweep, as an Arrow stream, with the verdict in its metadata.
     Arrow,
-    /// The trajectory as a file of Parquet.
+    /// The trajectory, or the table of a sweep, as a Parquet file.
     #[cfg(feature = "parquet")]
     Parquet,
-    /// The trajectory as a picture.
+    /// A picture of the trajectory.
     Svg,
 }
 
 impl Representation {
-    /// All representations with their media types, in the service's order of preference.
+    /// All formats with their media types, in the service's order of preference.
     pub const OFFERED: &[(Self, MediaType)] = &[
         (Self::Json, ("application", "json")),
         (Self::Csv, ("text", "csv")),
@@ -51,7 +51,7 @@ impl Representation {
         (Self::Svg, ("image", "svg+xml")),
     ];
 
-    /// The value of `Content-Type`.
+    /// Returns the value of the header `Content-Type`.
     pub fn content_type(self) -> HeaderValue {
         HeaderValue::from_static(match self {
             Self::Json => "application/json",
@@ -64,7 +64,7 @@ impl Representation {
         })
     }
 
-    /// The form of the table of a sweep.
+    /// Returns the format of the table of a sweep; `None` for JSON and pictures.
     fn of_members(self) -> Option<MembersForm> {
         match self {
             Self::Csv => Some(MembersForm::Csv),
@@ -76,8 +76,8 @@ impl Representation {
         }
     }
 
-    /// The results of `job`, or an excerpt of them, in this representation. The JSON of short results is sent from
-    /// memory; long results are generated as the client takes them.
+    /// Returns a response body with the results of `job`, or an excerpt of them, in this format. The JSON of short
+    /// results is sent from memory; long results are generated as the client takes them.
     ///
     /// # Errors
     /// [`Kind::BadQuery`] if the excerpt names a field that does not exist, [`Kind::Internal`] if a thread was lost,
@@ -142,13 +142,13 @@ impl Representation {
     }
 }
 
-/// The largest size in bytes of responses that take no room: their connection takes more memory than they do.
+/// The size in bytes up to which a response is not counted in the memory budget: its connection takes more memory.
 const UNCOUNTED: usize = 4 << 10;
 
-/// The largest number of values that are written at once.
+/// The largest number of values of a response that is generated at once, not in pieces.
 const FEW: usize = 256;
 
-/// A response with this many numbers: in pieces, or at once if they are few.
+/// Returns a response body with `numbers` values: generated in pieces, or at once if they are few.
 fn pieces(mut answer: Unwritten, numbers: usize, job: JobId, shared: &Shared) -> HandlerResult<Body> {
     if numbers > FEW {
         return Ok(Body::new(Pieces::new(answer, shared.room.clone())));
@@ -166,8 +166,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
     }
 }
 
-/// Does work on results; if they are large, on a thread for blocking calls, a few at a time, with the clients taking
-/// turns.
+/// Does `work` on results; if they are large, on a thread for blocking calls, with a limited number at a time and the
+/// clients taking turns.
 pub async fn run_blocking<T: Send + 'static>(
     shared: &Shared,
     client: Client,
@@ -182,11 +182,11 @@ pub async fn run_blocking<T: Send + 'static>(
         let _turn = turn;
         work()
     };
-    // The work is not expected to panic.
+    // The result is an error only if the work has panicked, which is not expected.
     spawn_blocking(work).await.map_err(|_| Problem::plain(Kind::Internal))
 }
 
-/// An Arrow stream with the verdict and the provenance of a solution.
+/// Creates an encoder of an Arrow stream with the verdict and the provenance of a solution.
 fn arrow(part: &Part) -> io::Result<Arrow> {
     let (verdict, provenance) = (part.skeleton.verdict()?, part.skeleton.provenance()?);
     Ok(Arrow::with(&verdict).of(provenance.as_ref()))

@@ -1,14 +1,14 @@
-//! `GET /jobs/{id}/results`, the whole or an excerpt.
+//! `GET /jobs/{id}/results`: the results of a job, whole or as an excerpt.
 //!
 //! Results do not change, so that requests can be conditional (`ETag`, RFC 9110, section 13.1.2). The tag consists of
-//! the digest of the results as JSON and a hash of the representation and the excerpt. It is a weak tag, since it does
-//! not depend on the compression of the response.
+//! the digest of the results as JSON and a hash of the representation and the excerpt. It is a weak tag, since it
+//! does not depend on the compression of the response.
 //!
 //! A solve that failed or was stopped has results as well: the trajectory up to the stop, with `status` and `error`.
 //! The response is a problem only if there is no solution at all.
 //!
-//! `Dvi-Trusted` is `true` or `false` in every response with results, in any representation: a table has no place for
-//! the verdict.
+//! `Dvi-Trusted` is `true` or `false` in every response with results, in any representation, since a table has no
+//! place for the verdict.
 
 use super::excerpt::ExcerptQuery;
 use super::jobs::unreadable;
@@ -25,16 +25,17 @@ use solution::Excerpt;
 use solution::Solution;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Whether the solution can be trusted, `true` or `false`.
+/// The header that says whether the solution can be trusted, `true` or `false`.
 const TRUSTED: HeaderName = HeaderName::from_static("dvi-trusted");
 
-/// The solution is that of an earlier request with the identical specification.
+/// The header that says that the solution is that of an earlier request with the identical specification.
 const REPEATED: HeaderName = HeaderName::from_static("dvi-repeated");
 
 /// Fetch the results of a job.
 ///
-/// As JSON, CSV, lines of JSON, an Arrow stream or a picture, as `Accept` asks; the whole of it, or some fields and times. The results of
-/// a job that failed or was cancelled on the way are those up to there. `ETag` is a digest of them.
+/// The results in the format of `Accept` (JSON, CSV, JSON lines, an Arrow stream or a picture); whole, or some fields
+/// and times only. The results of a job that failed or was cancelled extend to the time that it reached. `ETag` is a
+/// digest of the results.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/results",
@@ -87,8 +88,8 @@ pub async fn find_results(
     Ok(response)
 }
 
-/// The tag of uncompressed bytes: the digest alone for the whole as JSON. For other representations and excerpts, the
-/// tag includes the version of the program, since another version may format them differently.
+/// Returns the entity tag of uncompressed results: their digest alone for the whole as JSON. For other formats and
+/// excerpts, the tag includes the version of the program, since another version may format them differently.
 fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Excerpt>) -> String {
     let digest = held.digest();
     if representation == Representation::Json && excerpt.is_none() {
@@ -99,14 +100,14 @@ fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Exce
     format!("W/\"{digest}-{:016x}\"", hasher.finish())
 }
 
-/// Whether the client already has the representation of `tag`.
+/// Whether the client already has the representation of `tag`, by its `If-None-Match`.
 fn is_known(tag: &str, headers: &HeaderMap) -> bool {
     let opaque = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     let lines = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|line| line.to_str().ok());
     lines.flat_map(|line| line.split(',')).any(|known| known.trim() == "*" || opaque(known) == opaque(tag))
 }
 
-/// The response with the results of an ended job, and with its waiting and solving times.
+/// Returns the response with the results of an ended job, and with the times that it waited and ran.
 pub async fn represent(
     shared: &Shared,
     job: &Job,

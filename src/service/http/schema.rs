@@ -9,7 +9,7 @@ const CONTENT_TYPE: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "applicati
 
 /// Fetch the JSON Schema of a specification.
 ///
-/// JSON Schema 2020-12, for editors that complete and check as one types.
+/// JSON Schema 2020-12, for editors that complete and check a specification during typing.
 #[utoipa::path(
     get,
     path = "/schema",

@@ -1,7 +1,8 @@
-//! `POST /solve`: the results, if the solve ends within the time that the client waits, and otherwise a monitor.
+//! `POST /solve`: the response has the results, if the solve ends within the time that the client waits, and
+//! otherwise the address of the job.
 //!
-//! If a client goes away while it waits, its job is cancelled and deleted. A client that has received a monitor may go:
-//! the job continues.
+//! If a client disconnects while it waits, its job is cancelled and deleted. A client that has received the address
+//! may disconnect: the job continues.
 
 use super::document::Document;
 use super::event_stream::ServerSentEvent;
@@ -27,9 +28,11 @@ use tokio::time::timeout;
 
 /// Solve a specification.
 ///
-/// A solve that ends within the time to wait (`Prefer: wait=SECONDS`, at most 60, 30 unless told) is answered with its results, in
-/// the form that `Accept` asks for, and `transient` leaves no job behind; else, and with `Prefer: respond-async` at once, with 202 and the address of the job, which then outlives the
-/// service. `Accept: text/event-stream` streams progress, switches and the end. A client that goes away cancels what it waits for.
+/// If the solve ends within the time to wait (`Prefer: wait=SECONDS`, at most 60, by default 30), the response has
+/// its results in the format of `Accept`; with `Prefer: transient`, the job is then deleted. Otherwise, and at once
+/// with `Prefer: respond-async`, the response is 202 with the address of the job, which is then durable.
+/// `Accept: text/event-stream` streams progress, switches and the end. A client that disconnects while it waits
+/// cancels the job.
 #[utoipa::path(
     post,
     path = "/solve",
@@ -79,14 +82,14 @@ pub async fn solve(
     let wait = preferences.wait();
     let job = job(&shared, client, key, &document, wait.is_zero(), anew).await?;
     let ended = if wait.is_zero() {
-        // A job posted before, under the same key, may be in memory only.
+        // A job that was posted earlier, with the same idempotency key, may be in memory only.
         shared.jobs.outlive(&job).await?;
         None
     } else {
         wait_for(&shared.jobs, &job, wait).await?
     };
     let asynchronous = ended.is_none();
-    // Where it is dropped, be it by a client that goes away, the job is deleted.
+    // Dropping this guard deletes the job, also when the client disconnects before it has received the response.
     let passing = (preferences.is_transient() && !asynchronous)
         .then(|| AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job)));
     let mut response = match ended {
@@ -108,7 +111,7 @@ pub async fn solve(
     Ok(response)
 }
 
-/// Admits a new job, or returns the earlier job with the same idempotency key.
+/// Admits a new job, or returns the earlier job with the idempotency key of the request.
 async fn job(
     shared: &Shared,
     client: Client,
@@ -121,7 +124,8 @@ async fn job(
     job_under(shared, client, key, document, durable, anew).await
 }
 
-/// Admits a new job under a key, or returns the earlier job with that key.
+/// Admits a new job under `key`, or returns the earlier job with that key. `durable` jobs are stored before they are
+/// accepted, and `anew` refuses stored solutions.
 pub async fn job_under(
     shared: &Shared,
     client: Client,
@@ -136,14 +140,15 @@ pub async fn job_under(
     {
         return Ok(job);
     }
-    // Check the bounds before the specification is parsed, so that a refusal costs little.
+    // The limits are checked before the specification is parsed, so that a refusal costs little.
     shared.jobs.admits(client, document_bytes.len())?;
     let (facts, known) = document.checked(shared, client).await?.facts();
     let order = Order { client, facts, known, anew, document: document_bytes, key };
     Ok(shared.jobs.submit(order, durable).await?)
 }
 
-/// Waits for the end of a job, for at most `wait`; otherwise the job is durable when this returns `None`.
+/// Waits for the end of a job, for at most `wait`. If the job has not ended then, makes it durable and returns
+/// `None`.
 async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerResult<Option<Arc<Ended>>> {
     let guard = AbandonGuard::watch(Arc::clone(jobs), Arc::clone(job));
     let ended = timeout(wait, job.settled()).await.ok().flatten();
@@ -152,7 +157,7 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerRe
         return Ok(ended);
     }
     if let Err(unwritable) = jobs.outlive(job).await {
-        // The client has not learned the id of the job.
+        // The client has not learned the id of the job, so that the job can be deleted.
         jobs.forget(job).await?;
         return Err(unwritable.into());
     }
@@ -162,7 +167,7 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerRe
     })
 }
 
-/// The response 202 with the status of a job.
+/// Returns the response 202 with the status of a job.
 pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
     response.extensions_mut().insert(job.id);
@@ -174,21 +179,21 @@ pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     response
 }
 
-/// A guard of the waiting request: if it is dropped because the client goes away, or has results and asked that nothing
-/// stays, it deletes the job, whose id nobody knows. A job with an idempotency key goes on, since the client can come back,
-/// and another request may wait for the job.
+/// A guard of a job whose id no client knows: dropping the guard deletes the job, because the client has
+/// disconnected, or has its results and asked for a transient job. A job with an idempotency key is not deleted,
+/// since the client can repeat its request, and another request may wait for the job.
 pub struct AbandonGuard {
     jobs: Arc<Jobs>,
     job: Option<Arc<Job>>,
 }
 
 impl AbandonGuard {
-    /// A guard of the job of a waiting client.
+    /// Creates a guard of a job for which a client waits; jobs with an idempotency key are not guarded.
     pub fn watch(jobs: Arc<Jobs>, job: Arc<Job>) -> Self {
         Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
     }
 
-    /// Disarms the guard, since the client gets a response.
+    /// Disarms the guard, since the client gets a response with the id of the job.
     pub fn disarm(mut self) {
         self.job = None;
     }
@@ -220,10 +225,10 @@ impl<S: Send + Sync> FromRequestParts<S> for Anew {
     }
 }
 
-/// The value of `Idempotency-Key`.
+/// The value of the header `Idempotency-Key`, if the request has one.
 pub struct IdempotencyKey(pub Option<String>);
 
-/// The longest accepted key, in bytes.
+/// The longest accepted idempotency key, in bytes.
 const LONGEST_KEY: usize = 255;
 
 impl<S: Send + Sync> FromRequestParts<S> for IdempotencyKey {

@@ -1,5 +1,5 @@
 //! `POST /solve` with `Accept: text/event-stream`: the events of the job, then `result` with the whole solution as
-//! JSON, or `problem` if there is none.
+//! JSON, or `problem` if there is no solution.
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, MEDIA_TYPE, event_stream};
@@ -20,12 +20,12 @@ use std::pin::Pin;
 use std::sync::Arc;
 use tracing::Instrument;
 
-/// The form in which a solve is delivered.
+/// The form in which the client wants the results of a solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// As a whole, in this representation.
+    /// The results in one response, in this format.
     Whole(Representation),
-    /// As a stream of events.
+    /// A stream of server-sent events, of which the last has the results.
     Stream,
 }
 
@@ -40,10 +40,10 @@ impl<S: Send + Sync> FromRequestParts<S> for Delivery {
     }
 }
 
-/// The response with the event stream of a new job; the job is deleted if its client goes away.
+/// Returns the response with the event stream of a new job; the job is deleted if its client disconnects.
 ///
 /// # Errors
-/// [`Kind::TooManyStreams`].
+/// [`Kind::TooManyStreams`] if the largest number of streams is open.
 pub fn stream(shared: Shared, client: Client, job: Arc<Job>) -> HandlerResult<Response> {
     let guard = AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
     let place = place(&shared)?;

@@ -9,81 +9,81 @@ use solution::Verdict;
 use specification::Time;
 use utoipa::ToSchema;
 
-/// Where a job stands.
+/// The status of a job, as responses report it.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct StatusInfo {
-    /// Its name.
+    /// The id of the job.
     id: String,
     /// `accepted`, `running`, `successful` (the end time was reached), `failed` or `dismissed`.
     status: &'static str,
-    /// Whether the answer may be relied upon; absent until there is one.
+    /// Whether the solution can be trusted; absent until there is a solution.
     #[serde(skip_serializing_if = "Option::is_none")]
     trusted: Option<bool>,
-    /// Why the answer is not trusted, and what else should be known of it; absent until there is one.
+    /// Why the solution is not trusted, and further remarks on it; absent until there is a solution.
     #[serde(skip_serializing_if = "Option::is_none")]
     verdict: Option<Verdict>,
-    /// Why it did not reach its end time.
+    /// Why the job did not reach its end time.
     #[serde(skip_serializing_if = "Option::is_none")]
     message: Option<String>,
-    /// The label of its specification.
+    /// The label of the job's specification.
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<String>,
-    /// The part of the time horizon that is done, in per cent.
+    /// The part of the time horizon that has been integrated, in per cent.
     #[schema(maximum = 100)]
     progress: u8,
-    /// The members of a sweep, where it is one: how many have rows.
+    /// The number of finished members, if the job is a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     members: Option<MembersDone>,
-    /// Jobs that will be taken before this one.
+    /// The number of jobs that will be started before this one.
     #[serde(skip_serializing_if = "Option::is_none")]
     queue_position: Option<usize>,
-    /// Which attempt this is, from one: a job is started again when its process ended while it ran.
+    /// The number of the attempt to run the job, from one: a job is started again if its process ended while it ran.
     attempt: u32,
-    /// The time reached in the problem.
+    /// The time that the solve has reached in the problem.
     time: f64,
-    /// Accepted steps of the method.
+    /// The number of accepted steps of the method.
     steps: u64,
-    /// When it was accepted.
+    /// The time at which the job was accepted.
     #[schema(value_type = String, format = DateTime)]
     created: Timestamp,
-    /// When a worker took it.
+    /// The time at which a worker started the job.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = DateTime)]
     started: Option<Timestamp>,
-    /// When it ended.
+    /// The time at which the job ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = DateTime)]
     finished: Option<Timestamp>,
-    /// What can be done with it.
+    /// Links to the resources of the job and to what can be done with it.
     links: Vec<Link>,
 }
 
-/// How far a sweep is.
+/// The progress of a sweep.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 struct MembersDone {
-    /// Members that have a row in the table.
+    /// The number of members that have a row in the table.
     done: usize,
-    /// All members.
+    /// The number of all members of the sweep.
     of: usize,
 }
 
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 struct Link {
-    /// The address.
+    /// The URL of the linked resource.
     href: String,
-    /// What the address is to this job.
+    /// The relation of the linked resource to the job.
     rel: &'static str,
-    /// The same in a few words.
+    /// A description of the relation in a few words.
     title: &'static str,
 }
 
 impl StatusInfo {
-    /// The status as one word.
+    /// Returns the status as one word, such as `accepted`.
     pub fn status(&self) -> &'static str {
         self.status
     }
 
-    /// The present status of `job`.
+    /// Returns the current status of `job`.
     pub fn of(job: &Job, jobs: &Jobs) -> Self {
         let state = job.state();
         let (status, message) = match &state {
@@ -111,7 +111,7 @@ impl StatusInfo {
             (100, end)
         } else {
             let done = done.clamp(0.0, 1.0);
-            // Rounded down: only a successful job has 100 per cent.
+            // The percentage is rounded down and limited to 99: only a successful job has 100 per cent.
             ((done * 100.0).min(99.0) as u8, start + done * (end - start))
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();

@@ -1,6 +1,7 @@
-//! Checks of a store in a child process, before the store is opened: a fault that a damaged page causes in the database
-//! library ends that child process alone, and is taken for a damaged store, which is then rebuilt. The child process ends
-//! with its standard input, so that it does not outlive a service that is killed, and its hold on the database.
+//! Checks of the job database in a child process, before the service opens it. If a damaged page makes the database
+//! library crash, only the child process dies; the database counts as damaged and is rebuilt. The child process ends
+//! when its standard input is closed, so that it does not outlive a service that is killed, nor keep the database
+//! locked.
 
 use super::database::Database;
 use super::guarded::guarded;
@@ -21,35 +22,35 @@ use std::sync::Arc;
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
-/// The exit code of a process that has found a store damaged, or has repaired one with losses.
+/// The exit code of a child process that has found the database damaged, or has repaired it with losses.
 pub const DAMAGED: u8 = 1;
 
-/// The time limit of a child process, since one that follows a cycle of pages may not end by itself: a start-up time,
-/// for a busy machine, and the time in which a slow disk reads the file.
+/// The time limit of a child process, which may never end by itself if damaged pages form a cycle: the start-up time
+/// on a busy machine, and the time in which a slow disk reads the file.
 const START: Duration = Duration::from_secs(30);
 const BYTES_PER_SECOND: u64 = 4 << 20;
 
-/// The time between two polls of the child process.
+/// The interval between two polls whether the child process has ended.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Whether the pages of the store in `folder` are intact, read in the way in which a start reads them. Where this
-/// cannot be decided, since another process uses the store or another version wrote it, the result is true: opening the
-/// store reports why.
+/// Whether the pages of the database in `folder` are intact, read in the way in which the service reads them at its
+/// start. If that cannot be decided, since another process uses the database or another version wrote it, returns
+/// true: opening the database will report the reason.
 pub fn is_sound(folder: &Path) -> bool {
-    // The exit code is report enough: no core file.
+    // The exit code reports enough, so that no core file is needed.
     let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     let Ok(overlay) = Overlay::open(&folder.join("jobs.redb")) else { return true };
     let open = || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));
-    // Less than the time limit of this process.
+    // The wait for the lock must end before the time limit of this process.
     let redb = match patiently(START / 2, open) {
         Ok(redb) => redb,
         Err(error) => return !is_damage(&error),
     };
-    // Rows of the first format have no digests to check: they are left to the start.
+    // Rows of the first format have no digests to check: they are checked when the service converts them.
     guarded(|| tables::has_first_rows(&redb)).unwrap_or(false) || Database::looked_at(redb).is_sound()
 }
 
-/// The time limit of a child process that reads the database at `path`.
+/// Returns the time limit of a child process that reads the database at `path`.
 ///
 /// # Errors
 /// I/O errors of the disk.
@@ -61,14 +62,14 @@ pub fn patience(path: &Path) -> io::Result<Duration> {
     Ok(START + Duration::from_secs(bytes / BYTES_PER_SECOND))
 }
 
-/// Has a process of `program` check the store in `folder`, and rebuilds the store if it is damaged. Returns whether it
-/// was rebuilt.
+/// Lets a process of `program` check the database in `folder`, and rebuilds the database if it is damaged. Returns
+/// whether it was rebuilt.
 ///
 /// # Errors
 /// I/O errors of the disk.
 pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
     let path = folder.join("jobs.redb");
-    // No file, or an empty one: the database has yet to be created.
+    // If there is no file, or an empty one, the database has yet to be created.
     if path.metadata().map_or(0, |data| data.len()) == 0 {
         return Ok(false);
     }
@@ -79,7 +80,7 @@ pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
         Some(_) => return Ok(false),
         None => tracing::error!("pages of the database lead in a circle; it is built anew"),
     }
-    // First from its tables, if they can be read.
+    // The database is rebuilt from its tables, if they can be read, and otherwise from its leaf pages.
     let (mended, told) = run("repair")?;
     if matches!(mended, Some(0 | DAMAGED)) && run("examine")?.0 == Some(0) {
         told.lines().for_each(|line| tracing::warn!("{line}"));
@@ -90,8 +91,8 @@ pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Runs `program` on the store; returns the exit code, `None` if it ended otherwise or was killed at its time limit,
-/// and its output.
+/// Runs the command `store ACTION` of `program` on `folder`; returns its exit code (`None` if the process was killed
+/// at its time limit or by a signal) and its output.
 fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Result<(Option<u8>, String)> {
     let mut process = Command::new(program)
         .arg0("dvi")
@@ -101,7 +102,7 @@ fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Resu
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
-    // Open until the process has ended.
+    // The pipe stays open until the process has ended.
     let _attending = process.stdin.take();
     let out = process.stdout.take();
     let reader = spawn(move || {

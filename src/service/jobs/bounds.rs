@@ -1,4 +1,4 @@
-//! The bounds of a service, and the reasons to refuse a job.
+//! The limits of a service, and the reasons to refuse a job.
 
 use super::index::Mismatch;
 use super::intake::{Intake, UNMEASURED};
@@ -8,35 +8,36 @@ use super::writer::Unwritable;
 use super::{Retention, Room};
 use std::time::Duration;
 
-/// The bounds of a service.
+/// The limits on the jobs of a service.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// The number of solves that run to their end at a time, without those on relief workers.
+    /// The largest number of solves that run to their end at a time, without those on relief workers.
     pub workers: usize,
-    /// The bounds of the queue.
+    /// The limits of the queue of waiting jobs.
     pub queue: Room,
     /// The largest number of accepted steps of a solve.
     pub steps: u64,
     /// The largest estimated memory of a solve, in bytes.
     pub memory: usize,
-    /// The wall-time limit of a job.
+    /// The wall-clock time limit of a job.
     pub wall: Duration,
     /// The largest size of one result as JSON, in bytes.
     pub result_bytes: usize,
-    /// The bounds on ended jobs.
+    /// The limits on the ended jobs that are kept.
     pub retention: Retention,
 }
 
 impl Bounds {
-    /// The memory that a worker may keep between jobs, in bytes: an eighth of what a solve may take, and an allowance
-    /// for what small solves leave behind.
+    /// Returns the memory that a worker may keep between jobs, in bytes: an eighth of the limit of a solve, and an
+    /// allowance for the memory that small solves leave allocated.
     pub fn kept_by_worker(&self) -> u64 {
         (self.memory / 8 + (64 << 20)) as u64
     }
 
-    /// The error for a full queue, with the time after which there should be room.
+    /// Returns the error for a full queue, with the time after which there should be room.
     pub fn admission_error(&self, intake: &Intake, full: Full) -> AdmissionError {
-        // Wait for a tenth of the places: a client that comes back then finds one, even if others come back too.
+        // The time is that in which a tenth of the places gets free, so that a client that comes back then finds a
+        // place even if other clients come back too.
         match full {
             Full::Queue => AdmissionError::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
             Full::Bytes => AdmissionError::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
@@ -47,30 +48,30 @@ impl Bounds {
     }
 }
 
-/// Why a job is not admitted.
+/// The reason why a job is not admitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdmissionError {
-    /// Every place in the queue is taken; one should be free after this time.
+    /// The largest number of jobs is waiting; a place in the queue should be free after this time.
     QueueFull(Duration),
-    /// The waiting specifications have reached their total size; there should be room after this time.
+    /// The waiting specifications have reached their largest total size; there should be room after this time.
     QueueBytes(Duration),
-    /// The client has its share of the queue; a place of its own should be free after this time.
+    /// The client has its share of the queue; one of its places should be free after this time.
     ClientShare(Duration),
     /// The solve is estimated to take this many bytes, more than a solve may take.
     Memory(usize),
     /// The service is about to stop.
     Draining,
-    /// A different document was posted under the key.
+    /// A different specification was posted under the idempotency key.
     KeyReused,
-    /// The first job under the key is still being stored.
+    /// The first job under the idempotency key is still being stored.
     KeyInUse,
-    /// The disk refuses writes.
+    /// The job store refuses writes, for instance since the disk is full.
     Unwritable,
-    /// The servers that jobs are shared over do not answer.
+    /// The NATS servers over which jobs are shared do not answer.
     Away,
 }
 
-/// The room to wait for a check is full as well; its drain rate is not measured.
+/// The error for a full queue of checks, whose drain rate is not measured.
 impl From<Full> for AdmissionError {
     fn from(full: Full) -> Self {
         match full {

@@ -1,4 +1,4 @@
-//! Changes to the tables of jobs, and the transaction that makes a group of them.
+//! Changes to the database of jobs, and the transaction that makes a group of changes.
 
 use super::seal::seal;
 use super::tables::{FORGOTTEN, JOBS, RESULTS, SPECIFICATIONS, STARTS};
@@ -6,54 +6,54 @@ use super::{JobId, Record, Results};
 use redb::{Database, ReadableTable, WriteTransaction};
 use std::sync::Arc;
 
-/// A change to the rows of jobs, made as a whole or not at all.
+/// A change to the database of jobs, made as a whole or not at all.
 #[derive(Debug, Default)]
 pub struct Change {
-    /// A job's row, to be inserted or replaced.
+    /// The id and the encoded row of a job, to be inserted or replaced.
     pub record: Option<(JobId, Vec<u8>)>,
-    /// The specification posted for that job.
+    /// The specification posted for the job of `record`.
     pub document: Option<Arc<[u8]>>,
-    /// The results of that job.
+    /// The results of the job of `record`, if they are short.
     pub results: Option<Arc<Results>>,
-    /// Jobs whose rows are to be removed. Their ids are kept until their files are removed.
+    /// The jobs whose rows are to be removed. Their ids are kept until their files are removed.
     pub forgotten: Vec<JobId>,
-    /// Deleted jobs whose files have been removed, so that their ids are removed too.
+    /// The deleted jobs whose files have been removed, so that their ids can be removed from the database too.
     pub discarded: Vec<JobId>,
 }
 
 impl Change {
-    /// A change that writes a row.
+    /// Creates a change that writes the row of a job.
     pub fn record(id: JobId, record: &Record) -> Self {
-        // Strings and finite numbers always have a JSON form.
+        // A record consists of strings and finite numbers, so that encoding it as JSON cannot fail.
         Self { record: Some((id, serde_json::to_vec(record).unwrap_or_default())), ..Self::default() }
     }
 
-    /// Whether the change takes hardly any room, or frees some.
+    /// Whether the change takes hardly any disk space, or frees some.
     pub fn is_small(&self) -> bool {
         self.document.is_none() && self.results.is_none()
     }
 
-    /// The size of the added data, in bytes.
+    /// Returns the size of the specification and the results that the change adds, in bytes.
     pub fn bytes(&self) -> usize {
         let document = self.document.as_ref().map_or(0, |document| document.len());
         document + self.results.as_ref().map_or(0, |results| results.bytes())
     }
 
-    /// A change that removes every row of these jobs.
+    /// Creates a change that removes every row of the jobs `forgotten`.
     pub fn forgotten(forgotten: Vec<JobId>) -> Self {
         Self { forgotten, ..Self::default() }
     }
 }
 
-/// Makes `changes`, in their order, and counts a start of the service if one is given, in one durable transaction: all
-/// of them or none.
+/// Makes `changes`, in their order, in one durable transaction, all of them or none; `start` is stored as the number
+/// of starts of the service, if it is given.
 pub fn write<'a>(
     redb: &Database,
     changes: impl IntoIterator<Item = &'a Change>,
     start: Option<u64>,
 ) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
-    // So that the file opens at once after a kill at any moment.
+    // With quick repair, the database opens at once after a kill at any moment.
     transaction.set_quick_repair(true);
     make(&transaction, changes, start)?;
     transaction.commit()?;
@@ -75,7 +75,7 @@ fn make<'a>(
             if let Some(document) = &change.document {
                 specifications.insert(id.number(), &**document)?;
             } else if jobs.get(id.number())?.is_none() {
-                // An update of a job whose insertion failed.
+                // The change updates a job whose insertion failed, and is skipped.
                 continue;
             }
             jobs.insert(id.number(), seal(*id, record).as_slice())?;

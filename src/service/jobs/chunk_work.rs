@@ -1,8 +1,9 @@
-//! The course of a sweep: chunks on workers, rows in the log, and the table in the end.
+//! The execution of a parameter sweep: chunks on workers, rows in a log, and at the end the table.
 //!
-//! 1. A worker takes a chunk, which is a job of its own that no client sees: it has a deadline, a first time slice, and
-//!    may be stopped. Its rows are in the log, on the disk if the job is durable, before they count.
-//! 2. What the chunk did not come to is open again, and the job of the sweep waits in the queue again.
+//! 1. A worker takes a chunk of members, which is a job of its own that no client sees: it has a deadline, a first
+//!    time slice, and may be stopped. Its rows are written to the log (on the disk if the job is durable) before they
+//!    count.
+//! 2. Members that the chunk has not solved are open again, and the job of the sweep returns to the queue.
 //! 3. When no member is left, or the sweep is stopped, the last worker makes the table of the rows, and the job ends.
 
 use super::chunks::{Chunk, Chunks, Settled, Solved as ChunkSolved, TARGET};
@@ -24,9 +25,9 @@ use std::time::{Duration, Instant};
 use tokio::task::spawn_blocking;
 use tracing::Instrument;
 
-/// A chunk for a worker.
+/// A chunk of a sweep for a worker, with what the worker needs to solve it.
 struct ChunkTask<'a> {
-    /// The job of the sweep, and that of the chunk.
+    /// The job of the sweep, and the job of the chunk.
     job: &'a Job,
     part: &'a Job,
     chunk: &'a Chunk,
@@ -35,15 +36,15 @@ struct ChunkTask<'a> {
     document: &'a [u8],
 }
 
-/// A table that could not be made.
+/// The reason why the table of a sweep could not be made.
 enum Unmade {
-    /// Its JSON would be longer than the limit.
+    /// The table as JSON would be longer than the limit.
     TooLarge,
-    /// Its rows could not be read.
+    /// The rows of the sweep could not be read.
     Unread(io::Error),
 }
 
-/// A sweep that has ended.
+/// How a sweep ended, with its solution and its stored results.
 struct Made {
     ending: Ending,
     solution: Solution,
@@ -51,7 +52,7 @@ struct Made {
 }
 
 impl Jobs {
-    /// Has the worker solve a chunk of a sweep, or, if there is none left, ends the sweep.
+    /// Lets the worker solve a chunk of a sweep, or, if no chunk is left, ends the sweep.
     pub(super) async fn see_chunk_through(
         &self,
         place: usize,
@@ -86,7 +87,7 @@ impl Jobs {
         self.call_relief(&intake);
     }
 
-    /// Changes the state of a sweep to running, if it waits; returns whether it runs.
+    /// Changes the state of a sweep to running, if it waits; returns whether it runs and is not asked to stop.
     pub(super) fn begin_sweep(&self, job: &Job, chunks: &Chunks, lane: Lane) -> bool {
         let allowed = chunks.facts.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
@@ -98,12 +99,12 @@ impl Jobs {
             if chunks.rows() == 0 {
                 self.metrics.waited(job.created.clock.elapsed());
             }
-            // A sweep that could not be kept when it had ended ends again.
+            // A sweep whose end could not be stored ends once more.
             chunks.resume();
             if posted.is_some() {
                 chunks.set_document(posted);
             }
-            // A sweep is not solved inline.
+            // The specification in memory for an inline solve is dropped, since a sweep is not solved inline.
             drop(job.solve_inline());
             if chunks.is_dismissed() {
                 job.halt(Halt::Dismiss);
@@ -138,14 +139,14 @@ impl Jobs {
         };
         self.store.mark(place, job);
         let part = Arc::new(job.of_chunk(&document));
-        // Never longer than the time that the client allows for the whole sweep.
+        // A chunk gets at most the remaining part of the time that the client allows for the whole sweep.
         let deadline = job.control().and_then(|control| control.deadline());
         let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let wall = left.unwrap_or(self.bounds.wall).min(self.bounds.wall);
         let (solved, bytes) = match part.start(wall, lane.get() == Lane::First) {
             Some(control) => {
                 chunks.begin(&part);
-                // A request to stop that came before the chunk could be found.
+                // A request to stop the sweep may have come before the chunk was registered.
                 if let Some(reason) = job.halted() {
                     part.halt(reason);
                 }
@@ -185,7 +186,7 @@ impl Jobs {
         let is_unwanted = || job.is_forgotten() || part.halted() == Some(Halt::Yield);
         let watch = Watch { origin, control, halted: &part.halted, is_unwanted: &is_unwanted };
         let over = || {
-            // A sweep that does not end in a slice is a long job.
+            // A sweep that does not end in its first time slice counts as a long job.
             job.use_up_slice();
             self.end_slice(part, lane);
             if lane.get() != Lane::First {
@@ -250,7 +251,8 @@ impl Jobs {
         (solved, Vec::new())
     }
 
-    /// Asks the chunks of a sweep to stop, if the job is one, and ends it if none is on a worker.
+    /// Asks the running chunks of a sweep to stop, if the job is a sweep, and ends the sweep if no chunk is on a
+    /// worker.
     pub(super) async fn stop_chunks(&self, job: &Arc<Job>, reason: Halt) {
         if let Some(chunks) = &job.chunks
             && job.control().is_some()
@@ -260,7 +262,7 @@ impl Jobs {
         }
     }
 
-    /// Ends a sweep, if it is to end now.
+    /// Ends a sweep, if its chunks say that it is to end.
     pub(super) async fn settle(&self, job: &Arc<Job>, chunks: &Arc<Chunks>) {
         let Some(control) = job.control() else { return };
         let is_late = control.poll().is_some();
@@ -272,7 +274,7 @@ impl Jobs {
                 return self.store.park(job).await;
             }
             Settled::Broken(fault) => job.ended(Ending::Broken(fault)),
-            // Who divides the sweep makes the table, of the rows in the log.
+            // For a part of a sweep, the process that divides the sweep makes the table, of the rows in the log.
             Settled::Table(_) if chunks.is_part() => {
                 return self.store.conclude(job, job.ended(Ending::Successful)).await;
             }
@@ -289,7 +291,7 @@ impl Jobs {
                     let before = chunks.rows();
                     chunks.resume();
                     if chunks.rows() < before {
-                        // Those that are damaged are made again.
+                        // Members whose rows are damaged are open again, and will be solved again.
                         self.metrics.found_damaged();
                         return;
                     }
@@ -304,17 +306,17 @@ impl Jobs {
         }
         job.log_end(&ended);
         self.store.conclude(job, ended).await;
-        // A job whose end could not be kept is parked, and makes its table again.
+        // A job whose end could not be stored is parked, and makes its table again when it resumes.
         let Some(ended) = job.settled().await else { return };
         chunks.set_document(None);
         *chunks.log() = RowLog::default();
-        // The rows stay as long as the table is in memory alone.
+        // The rows stay on the disk as long as the table is in memory only.
         if job.is_durable() && !matches!(ended.held, Some(Held::Memory(_))) {
             self.store.remove_rows(job.id);
         }
     }
 
-    /// The table of the rows, as results; `None` if there are no rows and none are expected.
+    /// Makes the table of the rows of a sweep, as results; returns `None` if there are no rows.
     async fn make_table(
         &self,
         job: &Arc<Job>,
@@ -339,14 +341,15 @@ impl Jobs {
     }
 }
 
-/// Whether `bytes` are so many rows, from that of member `first` on.
+/// Whether `bytes` encode `rows` rows of consecutive members of a sweep, the first of which is `first`.
 pub(super) fn are_rows(bytes: &[u8], first: usize, rows: usize) -> bool {
     let Ok(table) = Table::of_bytes(bytes) else { return false };
     let Some(members) = table.column("member") else { return false };
     table.rows() == rows && (0..rows).all(|row| members.number(row) == Some((first + row) as f64))
 }
 
-/// All rows in the log, in the order of members, as the parts of a table in `spool`; `None` if there are none.
+/// Writes all rows in the log of a sweep, in the order of members, as the parts of a table to `spool`; returns `None`
+/// if there are no rows.
 fn parts(chunks: &Chunks, mut spool: Spool) -> io::Result<Option<(Backing, PartsIndex)>> {
     let (log, mut writer) = (chunks.log(), PartsWriter::default());
     for (_, rows) in log.in_order() {

@@ -1,17 +1,18 @@
-//! The chunks of a sweep: consecutive members that one worker solves as one piece of work. The job of the sweep waits in
-//! the queue as long as there are members that no worker has; whoever takes it there takes the next chunk, and the job
-//! returns to the end of its client's line. So a sweep has the share of one job, and as many workers as are free.
+//! The chunks of a sweep: consecutive members that one worker solves as one task. The job of the sweep waits in the
+//! queue as long as there are members that no worker has; the worker that takes the job from the queue takes the next
+//! chunk, and the job returns to the end of its client's line. So a sweep has the share of one job, and as many
+//! workers as are free.
 //!
-//! A chunk has as many members as its share of what is left (guided self-scheduling: Polychronopoulos and Kuck 1987), and
-//! no more than fit in about [`TARGET`]; its worker begins no further member when that time is over, and the members
-//! that it has not come to are open again. What is lost in a kill is a chunk at most.
+//! A chunk has as many members as its share of those left (guided self-scheduling: Polychronopoulos and Kuck 1987),
+//! and no more than fit in about the time [`TARGET`]; its worker begins no further member after that time, and
+//! members not begun are open again. A kill of the process loses at most one chunk per worker.
 //!
-//! A chunk that takes its worker down is divided where it had come to, or in the middle, until it is one member: that
-//! member is lost, and has a row that says why. The rows of all other members are what they would be without it, since
-//! they depend on the member alone.
+//! A chunk that makes its worker die is divided at the member that the worker had reached, or in the middle, until it
+//! is one member: that member is lost, and its row says why. The rows of all other members do not change thereby,
+//! since each depends on its member alone.
 //!
-//! A chunk of a sweep that several machines share is, where it is solved, a sweep that has no other members open, and that
-//! ends with its first rows.
+//! A chunk of a sweep that several machines share is, on the machine that solves it, a sweep that has no other open
+//! members and that ends with its first rows.
 
 use super::ended::Fault;
 use super::job::{Halt, Job};
@@ -25,91 +26,94 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The time of a chunk: long beside the start of a worker and a write to the disk, and short for clients that wait.
+/// The target for the duration of a chunk: long compared with the start of a worker and a write to the disk, and
+/// short for clients that wait.
 pub const TARGET: Duration = Duration::from_secs(1);
 
-/// A chunk takes at least this part of [`TARGET`] where there are so many members.
+/// The least duration of a chunk as a fraction of [`TARGET`], as long as there are enough members.
 const LEAST: f64 = 1.0 / 32.0;
 
-/// The largest number of bytes of the rows of a chunk, and the members of a chunk before the size of a row is known.
+/// The largest size of the rows of a chunk in bytes, and the number of members of a chunk before the size of a row is
+/// known.
 const ROW_BYTES: usize = 4 << 20;
 const UNMEASURED: usize = 256;
 
-/// The largest number of members that may take their workers down, or outlast the wall-time limit, in one sweep: each
-/// costs a worker or all of its time.
+/// The largest number of members of one sweep that may make their workers die, or exceed the wall-clock time limit:
+/// each costs a worker or the whole time limit.
 const MOST_LOST: usize = 256;
 
-/// A piece of work.
+/// A range of members of a sweep that one worker solves as one task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chunk {
-    /// The members.
+    /// The range of members of the sweep that the chunk contains.
     pub members: Range<usize>,
-    /// Why the member, a single one, cannot be solved.
+    /// The reason why the only member of the chunk cannot be solved, if so.
     pub lost: Option<Lost>,
 }
 
-/// What has become of a chunk.
+/// The outcome of a chunk of a sweep.
 #[derive(Debug)]
 pub enum Solved {
-    /// So many of its first members have rows, of so many bytes.
+    /// The number of first members of the chunk that have rows, their accepted steps, and the size of the rows in
+    /// bytes.
     Rows { rows: usize, steps: u64, bytes: usize },
-    /// Its worker was lost after about so many members.
+    /// The worker was lost after about this number of members.
     Lost(Lost, usize),
-    /// Its first member outlasted the wall-time limit.
+    /// The first member of the chunk exceeded the wall-clock time limit.
     Late(Lost),
-    /// All its members are to have rows that say why.
+    /// All members of the chunk are to get rows with this error.
     SetAside(Lost),
-    /// Nothing: it was stopped.
+    /// The chunk was stopped before any member was solved.
     Nothing,
-    /// The sweep cannot go on.
+    /// A fault that prevents the whole sweep from continuing.
     Broken(Fault),
 }
 
-/// How a sweep is to end now.
+/// The way in which a sweep is to end.
 #[derive(Debug, PartialEq)]
 pub enum Settled {
-    /// With its table; `None` if all members have rows, or why some have none.
+    /// The sweep ends with its table; `None` if all members have rows, or else why some have none.
     Table(Option<Incomplete<'static>>),
-    /// Without: there is a fault.
+    /// The sweep ends without a table, because of a fault.
     Broken(Fault),
-    /// In another process.
+    /// The sweep is set aside, for another process to continue.
     Parked,
 }
 
-/// The members of a sweep, and where each stands.
+/// The members of a sweep, with the state of each: open, on a worker, or with a row.
 #[derive(Debug)]
 pub struct Chunks {
-    /// What is known of the sweep.
+    /// The number of members of the sweep, its time limit, and the size of its rows.
     pub facts: SweepFacts,
-    /// The client dismissed the job while no worker was at it, maybe before this process began.
+    /// Whether the client dismissed the job while no worker was on it, possibly before this process began.
     is_dismissed: AtomicBool,
-    /// This is a chunk of a sweep whose other chunks are elsewhere.
+    /// Whether this is a chunk of a sweep whose other chunks are on other machines.
     is_part: bool,
-    /// Rows have been added by this process.
+    /// Whether this process has added rows to the sweep.
     has_progressed: AtomicBool,
     division: Mutex<Division>,
     log: Mutex<RowLog>,
-    /// The posted document, from the first chunk on.
+    /// The posted specification, from the start of the first chunk on.
     document: Mutex<Option<Arc<[u8]>>>,
 }
 
 #[derive(Debug, Default)]
 struct Division {
-    /// The members that no worker has and that have no row, by the first of each range.
+    /// The members without a row that no worker has, by the first member of each range.
     open: BTreeMap<usize, Open>,
-    /// The number of chunks that workers have taken, and the jobs of those that have been begun.
+    /// The number of chunks that workers have taken, and the jobs of those chunks that have begun.
     taken: usize,
     running: Vec<Arc<Job>>,
     rows: usize,
     steps: u64,
     lost: usize,
-    /// The seconds that a member took in the last chunk, and the bytes of the widest row.
+    /// The time per member in the last chunk in seconds, and the largest measured size of a row in bytes.
     pace: Option<f64>,
     width: Option<f64>,
     broken: Option<Fault>,
-    /// The job waits in the queue.
+    /// Whether the job of the sweep waits in the queue.
     is_queued: bool,
-    /// The end is being made, or has been.
+    /// Whether the end of the sweep is being made, or has been made.
     is_settled: bool,
 }
 
@@ -120,12 +124,12 @@ struct Open {
 }
 
 impl Chunks {
-    /// All members open.
+    /// Creates the state of a sweep with all members open.
     pub fn new(facts: SweepFacts) -> Self {
         Self::restored(facts, RowLog::default(), false)
     }
 
-    /// The sweep that an earlier process began, with the rows in `log`.
+    /// Restores a sweep that an earlier process began, with the rows in `log`.
     pub fn restored(facts: SweepFacts, log: RowLog, is_dismissed: bool) -> Self {
         let width = (facts.kept > 0).then_some((size_of::<f64>() * facts.kept) as f64);
         let mut division = Division { width, ..Division::default() };
@@ -146,19 +150,19 @@ impl Chunks {
         }
     }
 
-    /// A chunk of a sweep whose other chunks are elsewhere.
+    /// Creates the state of a chunk of a sweep whose other chunks are on other machines.
     pub fn part(facts: SweepFacts, chunk: &Chunk) -> Self {
         let mut division = Division::default();
         division.open(chunk.members.clone(), chunk.lost.clone());
         Self { is_part: true, division: Mutex::new(division), ..Self::new(facts) }
     }
 
-    /// Whether this is a chunk of a sweep whose other chunks are elsewhere.
+    /// Whether this is a chunk of a sweep whose other chunks are on other machines.
     pub fn is_part(&self) -> bool {
         self.is_part
     }
 
-    /// Takes the next chunk for one of `workers`; `None` if there is none.
+    /// Takes the next chunk of the sweep for one of `workers` workers; returns `None` if there is none.
     pub fn take(&self, workers: usize) -> Option<Chunk> {
         let mut division = self.division();
         division.is_queued = false;
@@ -172,7 +176,7 @@ impl Chunks {
         let fit = division.width.map_or(UNMEASURED, |width| (ROW_BYTES as f64 / width.max(1.0)) as usize);
         let most = within(target).unwrap_or(usize::MAX).min(fit);
         let count = share.max(within(LEAST * target).unwrap_or(1)).min(most).clamp(1, end - first);
-        // That of a part was measured where the sweep is divided.
+        // The size of a part was determined where the sweep was divided, so that the part is taken whole.
         let count = if self.is_part { end - first } else { count };
         if first + count < end {
             division.open(first + count..end, lost.clone());
@@ -181,8 +185,8 @@ impl Chunks {
         Some(Chunk { members: first..first + count, lost })
     }
 
-    /// Whether the job is to wait in the queue: there are members for a worker, and it does not wait yet. The caller
-    /// then puts it there.
+    /// Whether the job of the sweep is to be put in the queue: there are open members, and it is not in the queue
+    /// yet. If so, it counts as queued, and the caller must put it there.
     pub fn queues(&self) -> bool {
         let mut division = self.division();
         let begins = !self.is_part || division.begins_part();
@@ -192,12 +196,12 @@ impl Chunks {
         queues
     }
 
-    /// Whether there are members that no worker has and that have no row.
+    /// Whether there are members without a row that no worker has.
     pub fn has_open(&self) -> bool {
         !self.division().open.is_empty()
     }
 
-    /// Counts members as a chunk that another process has taken; returns whether all of them were open.
+    /// Marks `members` as a chunk that another process has taken; returns whether all of them were open.
     pub fn adopt(&self, members: &Range<usize>) -> bool {
         let mut division = self.division();
         let are_open =
@@ -209,7 +213,7 @@ impl Chunks {
         are_open
     }
 
-    /// Counts a chunk that has been taken as one that can be asked to stop.
+    /// Registers the job of a chunk that a worker has begun, so that it can be asked to stop.
     pub fn begin(&self, chunk: &Arc<Job>) {
         self.division().running.push(Arc::clone(chunk));
     }
@@ -220,13 +224,13 @@ impl Chunks {
         self.has_progressed.store(true, Relaxed);
     }
 
-    /// Writes the rows that are in memory to the disk, if there is a `path`.
+    /// Writes the rows that are only in memory to the file `path`, if there is one.
     pub fn save(&self, path: Option<&Path>) {
         self.log().save(path);
     }
 
-    /// Counts a chunk out, after `time`, which is zero if it was not measured, as what became of it. Its rows are in the log
-    /// already.
+    /// Records the outcome of a chunk that a worker had taken. `time` is the duration of the chunk, or zero if it was
+    /// not measured. The rows of the chunk must be in the log already.
     pub fn end(&self, chunk: &Chunk, job: Option<&Arc<Job>>, solved: &Solved, time: Duration) {
         let mut division = self.division();
         division.taken -= 1;
@@ -254,7 +258,7 @@ impl Chunks {
                 let done = if (1..end - start).contains(done) { *done } else { (end - start) / 2 };
                 division.open(start..start + done, None);
                 division.open(start + done..end, None);
-                // The next chunks are small again.
+                // After the loss of a worker, the next chunks are small again.
                 division.pace = Some(time.as_secs_f64().max(TARGET.as_secs_f64()));
             }
             Solved::Late(lost) => {
@@ -276,13 +280,13 @@ impl Chunks {
         self.division().lost += members;
     }
 
-    /// The members that have been lost.
+    /// Returns the number of members that have been lost.
     pub fn lost(&self) -> usize {
         self.division().lost
     }
 
-    /// How the sweep is to end, if it is to end now, in the hands of the caller alone. `halted` says why its job was
-    /// asked to stop, and `is_late` that the time which its client allows is over.
+    /// Decides whether the sweep is to end at this moment, and how; only one caller gets an answer, and must end the
+    /// sweep. `halted` says why its job was asked to stop, and `is_late` that the time allowed by its client is over.
     pub fn settle(&self, halted: Option<Halt>, is_late: bool) -> Option<Settled> {
         let mut division = self.division();
         if division.is_settled || division.taken > 0 {
@@ -305,7 +309,8 @@ impl Chunks {
         Some(settled)
     }
 
-    /// Lets the sweep go on that was to end: its end could not be kept, or rows were damaged, whose members are open again.
+    /// Continues a sweep that was to end: either its end could not be stored, or rows were damaged, whose members are
+    /// then open again.
     pub fn resume(&self) {
         let damaged = self.log().drop_damaged();
         let mut division = self.division();
@@ -324,45 +329,46 @@ impl Chunks {
         }
     }
 
-    /// The members that have rows.
+    /// Returns the number of members that have rows.
     pub fn rows(&self) -> usize {
         self.division().rows
     }
 
-    /// The members that have rows, as a fraction of all, and the accepted steps of their solves.
+    /// Returns the fraction of all members that have rows, and the total number of accepted steps of their solves.
     pub fn progress(&self) -> (f64, u64) {
         let division = self.division();
         (division.rows as f64 / self.facts.members.max(1) as f64, division.steps)
     }
 
-    /// Whether rows have been added since the process began: an earlier death of the process says nothing any more.
+    /// Whether rows have been added since this process began; the death of an earlier process is then no evidence
+    /// against the sweep.
     pub fn has_progressed(&self) -> bool {
         self.has_progressed.load(Relaxed)
     }
 
-    /// Whether the client dismissed the job while no worker was at it.
+    /// Whether the client dismissed the job while no worker was on it.
     pub fn is_dismissed(&self) -> bool {
         self.is_dismissed.load(Relaxed)
     }
 
-    /// Has the sweep end with the rows that it has when it is begun again; returns whether it has any.
+    /// Makes the sweep end with the rows that it has when it is begun again; returns whether it has any.
     pub fn dismiss(&self) -> bool {
         let has_rows = self.rows() > 0;
         self.is_dismissed.fetch_or(has_rows, Relaxed);
         has_rows
     }
 
-    /// The rows.
+    /// Locks and returns the log of the rows.
     pub fn log(&self) -> MutexGuard<'_, RowLog> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The posted document, if the first chunk has been begun.
+    /// Returns the posted specification, if the first chunk has been begun.
     pub fn document(&self) -> Option<Arc<[u8]>> {
         self.document.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Keeps the posted document for the next chunks, or lets it go.
+    /// Keeps the posted specification for the next chunks, or drops it.
     pub fn set_document(&self, document: Option<Arc<[u8]>>) {
         *self.document.lock().unwrap_or_else(PoisonError::into_inner) = document;
     }
@@ -373,12 +379,13 @@ impl Chunks {
 }
 
 impl Division {
-    /// Whether the members of a part, which one worker has at a time, are to be solved: none has a row yet.
+    /// Whether the members of a part, which one worker solves at a time, are to be solved: no worker has them, and
+    /// none has a row.
     fn begins_part(&self) -> bool {
         self.taken == 0 && self.rows == 0
     }
 
-    /// Whether no further chunk is begun, whatever is open.
+    /// Whether no further chunk is to be begun, even if members are open.
     fn is_over(&self) -> bool {
         self.is_settled || self.broken.is_some() || self.lost > MOST_LOST
     }
@@ -389,7 +396,7 @@ impl Division {
         }
     }
 
-    /// Takes members out of those that are open.
+    /// Removes `members` from the open members.
     fn close(&mut self, members: &Range<usize>) {
         let within: Vec<usize> = self
             .open
@@ -421,7 +428,8 @@ mod tests {
         Lost { code: "stack_overflow".to_owned(), message: "told".to_owned() }
     }
 
-    /// Solves until there is no chunk, with `solve` for each.
+    /// Takes chunks until there are none, and ends each with the outcome that `solve` returns; returns the number of
+    /// chunks.
     fn through(chunks: &Chunks, workers: usize, mut solve: impl FnMut(&Chunk) -> (Solved, Duration)) -> usize {
         for count in 0.. {
             let Some(chunk) = chunks.take(workers) else { return count };
@@ -546,7 +554,7 @@ mod tests {
         let sweep = chunks(10);
         let chunk = sweep.take(1).unwrap();
         assert!(sweep.queues() && !sweep.queues());
-        // Not before the chunk that a worker has taken.
+        // The sweep does not end before the chunk that a worker has taken.
         assert_eq!(sweep.settle(Some(Halt::Dismiss), false), None);
         sweep.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
         assert_eq!(sweep.settle(None, false), None);

@@ -1,28 +1,28 @@
-//! A party that shares the service with others: the holder of a token, or, where no tokens are required, all requests
-//! from one address.
+//! A client of the service: the holder of a token, or, where no tokens are required, all requests from one IP
+//! address.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::net::IpAddr;
 
-/// A client. It sees its own jobs only, and takes turns with the other clients.
+/// A client, which sees only its own jobs, and takes turns with other clients in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Client {
-    /// All requests from this address.
+    /// The client of all requests from this IP address.
     Address(IpAddr),
-    /// The holder of the token with this number.
+    /// The client that holds the token with this number.
     Token(u64),
 }
 
 impl Client {
-    /// The client at `address`; an IPv4 address mapped into IPv6 is the same client.
+    /// Returns the client at `address`; an IPv4 address mapped into IPv6 is the same client as the IPv4 address.
     pub fn at(address: IpAddr) -> Self {
         Self::Address(address.to_canonical())
     }
 }
 
-/// The name in logs; the number of a token is no secret.
+/// Writes the name of the client for logs; the number of a token is not secret.
 impl fmt::Display for Client {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,21 +1,21 @@
-//! The evidence that the death of a process gives against the jobs that ran in it: the next process starts them again,
-//! unless they seem to have caused the death.
+//! The evidence that the death of a service process gives against the jobs that ran in it: the next process starts
+//! them again, unless they seem to have caused the death.
 
 use super::Record;
 use super::ended::{Ended, Ending, Fault};
 
-/// A job that ran alone this often when its process died, while the system had run out of memory, is not started again.
-/// If other jobs ran beside it, any of them may have used up the memory.
+/// The number of deaths of the service process by lack of memory, with the job running alone, after which the job is
+/// not started again. If other jobs ran as well, any of them may have used up the memory.
 const MOST_SHORTAGES: u32 = 2;
 
-/// A job that ran alone this often when its process died, without a memory shortage, is not started again. A kill from
-/// outside or a power failure says nothing against the running job, but the count bounds the attempts: a job that meets
-/// two kills of five, as a short job does if the service is killed every 50 ms, meets 16 in a row once in two million
-/// times.
+/// The number of deaths of the service process for any reason, with the job running alone, after which the job is not
+/// started again. A kill from outside or a power failure is no evidence against the job, but the number of attempts
+/// must be bounded: a job that is running in two of five kills, as a short job is if the service is killed every 50
+/// ms, is running in 16 successive kills with a probability of one in two million.
 pub const MOST_KILLS: u32 = 16;
 
-/// Updates the row of a job after the death of its process, in which the job was `running` or not, alone if `is_alone`,
-/// and in which memory `was_short` or not. Returns whether the row has changed.
+/// Updates the record of a job after the death of the service process. The job was `running` or not, alone if
+/// `is_alone`, and the system was out of memory if `was_short`. Returns whether the record has changed.
 pub fn recover(record: &mut Record, running: bool, is_alone: bool, was_short: bool) -> bool {
     if record.ended.is_some() {
         return false;
@@ -25,7 +25,7 @@ pub fn recover(record: &mut Record, running: bool, is_alone: bool, was_short: bo
     record.crashes += u32::from(crashed);
     record.crashes_alone += u32::from(crashed && is_alone);
     record.shortages_alone += u32::from(crashed && is_alone && was_short);
-    // A sweep that was dismissed ends with the rows that it has.
+    // A sweep that was dismissed is resumed, to end with the rows that it has.
     if record.dismissed && record.sweep().is_none() {
         record.ended = Some(Ended::unsolved(Ending::Dismissed));
     } else if record.shortages_alone >= MOST_SHORTAGES || record.crashes_alone >= MOST_KILLS {

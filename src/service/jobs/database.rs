@@ -1,4 +1,4 @@
-//! The tables of jobs, and the changes made to them, many in one transaction.
+//! The database of jobs, whose changes are made in transactions of many at a time.
 
 use super::change::{Change, write};
 use super::guarded::guarded;
@@ -19,43 +19,44 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
-/// The page cache of the database library, in bytes. Pages are read again soon after they are written; for the rest
-/// there is the page cache of the system.
+/// The size of the page cache of the database library, in bytes. It serves pages that are read soon after they were
+/// written; for others there is the page cache of the system.
 pub(super) const CACHE_BYTES: usize = 64 << 20;
 
-/// The rows of all jobs.
+/// The rows of all jobs in the database, sorted by whether they can be read.
 #[derive(Debug, Default)]
 pub struct Rows {
-    /// The rows that can be read.
+    /// The ids and records of the rows that can be read.
     pub records: Vec<(JobId, Record)>,
     /// The ids of intact rows in the format of another version.
     pub unreadable: Vec<JobId>,
     /// The ids of rows that are damaged or missing.
     pub damaged: Vec<JobId>,
-    /// The ids of rows that were damaged or missing at an earlier rebuild.
+    /// The ids of rows that were damaged or missing when the database was last rebuilt.
     pub lost: Vec<JobId>,
-    /// Whether a page could not be read.
+    /// Whether a page of the database could not be read.
     pub is_broken: bool,
 }
 
-/// The open database; its file is locked against other processes.
+/// The open database of jobs; its file is locked against other processes.
 ///
-/// A corrupted page can make the library fail or panic, after which it may refuse all further calls: the database is
-/// then reopened, so that one bad page does not block access to the others. If a corrupted page prevents a change, the
-/// database is rebuilt from what can be read.
+/// A corrupted page can make the database library fail or panic, after which it may refuse all further calls: the
+/// database is then reopened, so that one bad page does not block access to the others. If a corrupted page prevents
+/// a change, the database is rebuilt from what can be read.
 pub struct Database {
     open: Box<Open>,
-    /// `None` if it could not be reopened.
+    /// The database of the library; `None` if it could not be reopened.
     redb: RwLock<Option<Redb>>,
-    /// `None` if the database is only inspected and must not be rebuilt.
+    /// The place of the database file; `None` if the database is only inspected and must not be rebuilt.
     home: Option<Home>,
 }
 
-/// Opens or reopens the file.
+/// A function that opens or reopens the database file.
 type Open = dyn Fn() -> io::Result<Redb> + Send + Sync;
 
 impl Database {
-    /// A function that opens the database at `path`, creating it the first time, with the checksums of its blocks.
+    /// Returns a function that opens the database at `path`, creating it the first time; `sums` are the checksums of
+    /// the blocks of its file.
     pub fn at(path: &Path, sums: Arc<Mutex<Sums>>) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
         let (path, opened) = (path.to_owned(), AtomicBool::new(false));
         move || {
@@ -71,11 +72,11 @@ impl Database {
         }
     }
 
-    /// Opens the database and converts it to the present format; also returns its former format, `None` if it was
+    /// Opens the database and converts it to the current format; also returns its former format, `None` if it was
     /// empty. `file` examines the results file of a job, and may write columns beside it.
     ///
     /// # Errors
-    /// The file is in use by another process, is no database or one of a later version, or cannot be created.
+    /// The file is in use by another process, is not a database or one of a later version, or cannot be created.
     pub fn open(
         open: impl Fn() -> io::Result<Redb> + Send + Sync + 'static,
         file: &dyn Fn(JobId) -> Option<InFile>,
@@ -91,7 +92,7 @@ impl Database {
             );
             return Err(io::Error::new(io::ErrorKind::Unsupported, told));
         }
-        // Also creates the tables, which must exist to be read.
+        // The conversion also creates the tables, which must exist to be read.
         if format != Some(FORMAT) {
             guarded(|| tables::make(&redb, format, file))?;
         }
@@ -108,38 +109,38 @@ impl Database {
         Ok((Self { home: Some(Home::of(path, sums)?), ..database }, format))
     }
 
-    /// A database that is only inspected, and cannot be reopened.
+    /// Wraps a database that is only inspected, and cannot be reopened.
     pub fn looked_at(redb: Redb) -> Self {
         let open = || Err(io::ErrorKind::NotConnected.into());
         Self { open: Box::new(open), redb: RwLock::new(Some(redb)), home: None }
     }
 
-    /// Whether the opened file is still at its path.
+    /// Whether the opened database file is still at its path.
     pub fn is_in_place(&self) -> bool {
         self.home.as_ref().is_none_or(Home::is_in_place)
     }
 
-    /// Counts a rebuild before the opening.
+    /// Counts a rebuild of the database that was made before it was opened.
     pub fn count_rebuild(&self) {
         if let Some(home) = &self.home {
             home.count_rebuild();
         }
     }
 
-    /// The number of times the database was rebuilt.
+    /// Returns the number of times that the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.home.as_ref().map_or(0, Home::rebuilds)
     }
 
-    /// Sets the source of rows for a rebuild.
+    /// Sets the function that returns the rows in memory, from which a rebuild restores lost rows.
     pub fn remember(&self, memory: Memory) {
         if let Some(home) = &self.home {
             home.remember(memory);
         }
     }
 
-    /// Rebuilds the database from what can be read; the damaged file is kept under another name. Logs `reason` and the
-    /// losses.
+    /// Rebuilds the database from what can be read; the damaged file is kept under another name. Logs `reason` and
+    /// the losses.
     ///
     /// # Errors
     /// I/O errors of the disk; the database is unchanged.
@@ -148,7 +149,7 @@ impl Database {
         let source = if self.can_be_opened() { Source::Tables(self) } else { Source::leaves(home.path())? };
         let (rebuilt, salvaged) = home.rebuild(&source, reason)?;
         let last = self.redb.write().unwrap_or_else(PoisonError::into_inner).replace(rebuilt);
-        // Closing the damaged database may fail, which no longer matters.
+        // Errors of closing the damaged database do not matter after its replacement.
         let _ = guarded(|| {
             drop(last);
             Ok(())
@@ -156,7 +157,7 @@ impl Database {
         Ok(salvaged)
     }
 
-    /// Whether every page is intact. May write repairs to the file.
+    /// Whether every page of the database is intact. May write repairs to the file.
     pub fn is_sound(&self) -> bool {
         let sound = match &mut *self.redb.write().unwrap_or_else(PoisonError::into_inner) {
             Some(redb) => guarded(|| Ok(redb.check_integrity()?)),
@@ -170,7 +171,7 @@ impl Database {
         sound.unwrap_or(false)
     }
 
-    /// Compacts the file, which returns unused room to the disk.
+    /// Compacts the database file, which returns unused space to the disk.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -198,7 +199,7 @@ impl Database {
         self.insist(|redb| write(redb, changes.clone(), None))
     }
 
-    /// Makes `changes` and stores the number of a start of the service, in one transaction.
+    /// Makes `changes` and stores `start` as the number of starts of the service, in one transaction.
     ///
     /// # Errors
     /// I/O errors of the disk; the database is unchanged.
@@ -206,7 +207,7 @@ impl Database {
         self.insist(|redb| write(redb, changes, Some(start)))
     }
 
-    /// The number of the latest start.
+    /// Returns the number of the latest start of the service.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -214,7 +215,7 @@ impl Database {
         self.with(|redb| Ok(redb.begin_read()?.open_table(STARTS)?.get(())?.map_or(0, |start| start.value())))
     }
 
-    /// All rows, oldest job first; rows that cannot be read are logged and left as they are.
+    /// Reads the rows of all jobs, oldest job first; rows that cannot be read are logged and left in the database.
     pub fn records(&self) -> Rows {
         let all = RefCell::new(Rows::default());
         let whole = self.scan(JOBS, &|id, sealed| {
@@ -243,12 +244,12 @@ impl Database {
         rows
     }
 
-    /// The jobs whose rows were lost in a rebuild.
+    /// Returns the jobs whose rows were lost when the database was rebuilt.
     pub(super) fn lost(&self) -> io::Result<Vec<JobId>> {
         self.named(LOST)
     }
 
-    /// Deleted jobs whose files were not removed before the process ended.
+    /// Returns the deleted jobs whose files may still exist, since the process ended before it removed them.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -256,7 +257,7 @@ impl Database {
         self.named(FORGOTTEN)
     }
 
-    /// The ids in a table without values, which may be absent.
+    /// Returns the ids in a table that has ids only; no ids if there is no such table.
     fn named(&self, table: TableDefinition<'_, u128, ()>) -> io::Result<Vec<JobId>> {
         self.with(|redb| {
             let names = match redb.begin_read()?.open_table(table) {
@@ -267,7 +268,7 @@ impl Database {
         })
     }
 
-    /// All ids in any table, read from both ends up to the first page that cannot be read.
+    /// Returns all ids in any table, read from both ends of the table up to the first page that cannot be read.
     pub fn names(&self) -> BTreeSet<JobId> {
         let mut names = self.names_in(JOBS);
         names.extend(self.names_in(SPECIFICATIONS));
@@ -275,7 +276,7 @@ impl Database {
         names
     }
 
-    /// All ids in a table, read from both ends up to the first page that cannot be read.
+    /// Returns all ids in a table, read from both ends of the table up to the first page that cannot be read.
     fn names_in<V>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -285,7 +286,7 @@ impl Database {
             names.borrow_mut().insert(id);
             ControlFlow::Continue(())
         };
-        // An error leaves the ids found from either end.
+        // After a read error, the ids that were found from either end of the table are returned.
         let _ = self.scan(table, &visit);
         names.into_inner()
     }
@@ -319,7 +320,7 @@ impl Database {
         through(false).inspect_err(|_| drop(through(true)))
     }
 
-    /// The posted document of a job.
+    /// Returns the posted specification of a job, if it is in the database.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -327,7 +328,7 @@ impl Database {
         self.find(SPECIFICATIONS, id)
     }
 
-    /// The results of a job, if they are in the table.
+    /// Returns the results of a job, if they are in the database.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -335,7 +336,7 @@ impl Database {
         self.find(RESULTS, id)
     }
 
-    /// The value of a job in a table.
+    /// Returns the value that a table has for a job.
     pub(super) fn find<V>(&self, table: TableDefinition<'_, u128, V>, id: JobId) -> io::Result<Option<Vec<u8>>>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -346,7 +347,7 @@ impl Database {
         })
     }
 
-    /// Makes a change; if a damaged page prevents it, rebuilds the database once and tries again.
+    /// Does `work` on the database; if a damaged page prevents it, rebuilds the database once and tries again.
     fn insist<T>(&self, work: impl Fn(&Redb) -> Result<T, redb::Error>) -> io::Result<T> {
         let done = self.with(&work);
         let Err(damage) = &done else { return done };
@@ -404,7 +405,7 @@ impl Database {
 }
 
 impl Rows {
-    /// Sorts in the stored form of a job's row; `None` if it was not found.
+    /// Decodes the stored row of a job and adds it to the matching list; `None` is a row that was not found.
     fn take(&mut self, id: JobId, sealed: Option<&[u8]>) {
         match sealed.and_then(|sealed| unseal(id, sealed)).map(serde_json::from_slice) {
             Some(Ok(record)) => self.records.push((id, record)),

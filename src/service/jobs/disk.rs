@@ -1,4 +1,4 @@
-//! The folder of a durable service:
+//! The data folder of a durable service:
 //!
 //! ```text
 //! jobs.redb              for each job its row, its specification, and its results if they are short
@@ -12,8 +12,8 @@
 //! running-N              the marks of the running jobs of the Nth start
 //! ```
 //!
-//! A start removes no admitted job and no result: the database may be missing, or of another version, by a mistake that
-//! can be corrected.
+//! The start of a service removes no admitted job and no result: the database may be missing, or of another version,
+//! by a mistake that can be corrected.
 
 use super::apart;
 use super::change::Change;
@@ -39,23 +39,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fs, io};
 
-/// The folder of results whose job has no row.
+/// The name of the folder to which results without a job are moved.
 const ORPHANS: &str = "results.orphaned";
 
-/// The contents of the folder at a start.
+/// The contents of the data folder at the start of the service.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// The jobs of earlier processes, oldest first.
+    /// The records of the jobs of earlier processes, oldest job first.
     pub records: Vec<(JobId, Record)>,
-    /// The number of jobs whose rows another version wrote.
+    /// The number of jobs whose rows another version of the program wrote.
     pub unreadable: usize,
-    /// Jobs whose rows are damaged or lost.
+    /// The jobs whose rows are damaged or lost.
     pub damaged: HashSet<JobId>,
-    /// The number of results that were set aside.
+    /// The number of results without a job, which were moved to a folder of their own.
     pub orphaned: usize,
 }
 
-/// The open folder.
+/// The opened data folder.
 #[derive(Debug)]
 pub struct Disk {
     database: Arc<Database>,
@@ -66,9 +66,9 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Opens the folder, creating it if needed, and loads the jobs of earlier processes, oldest first. A job that was
-    /// running counts one more crash, and has failed if there are too many. With a `program`, a child process of it
-    /// checks the database first.
+    /// Opens the data folder, creating it if needed, and loads the jobs of earlier processes, oldest first. A job
+    /// that was running counts one more crash, and has failed if there are too many. If `program` is given, a child
+    /// process running it checks the database first.
     ///
     /// # Errors
     /// Another process uses the folder, or the disk reports an I/O error.
@@ -86,7 +86,7 @@ impl Disk {
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
         let open = || patiently(patience, || Database::in_file(&path, &|id| files.put_beside(id)));
-        // On a full disk, the reserve may be just the room that the opening takes.
+        // On a full disk, the reserve may free just the space that opening the database takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {
                 return Err(error);
@@ -115,7 +115,7 @@ impl Disk {
         }
         let (running, was_short) = Marks::read(&Marks::path(folder, start))?;
         let running: HashSet<_> = running.into_iter().collect();
-        // Files of deleted jobs that the last process did not get to remove.
+        // The last process may have ended before it removed the files of deleted jobs.
         let forgotten = database.forgotten().unwrap_or_default();
         forgotten.iter().try_for_each(|id| files.remove(*id))?;
         let mut changes = vec![Change { discarded: forgotten, ..Change::default() }];
@@ -125,7 +125,7 @@ impl Disk {
                 changes.push(Change::record(*id, record));
             }
         }
-        // One transaction for the changes and the number of the start: a crash is counted once.
+        // The changes and the number of the start are one transaction, so that a crash is counted once.
         database.start(&changes, start + 1).or_else(|_| {
             reserve.release();
             database.start(&changes, start + 1)
@@ -146,7 +146,7 @@ impl Disk {
         Ok((Self { database, files, marks, writer, _tenancy: tenancy }, found))
     }
 
-    /// Waits for a slot in the queue of changes.
+    /// Waits for a slot in the queue of changes to the database.
     ///
     /// # Errors
     /// The store cannot be written.
@@ -154,28 +154,29 @@ impl Disk {
         self.writer.place().await
     }
 
-    /// Sets the source of rows that the database has lost, for a rebuild.
+    /// Sets the function that returns the rows in memory, from which a rebuild restores rows that the database has
+    /// lost.
     pub fn remember(&self, memory: Memory) {
         self.database.remember(memory);
     }
 
-    /// The number of times the database was rebuilt.
+    /// Returns the number of times that the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.database.rebuilds()
     }
 
-    /// Whether the latest change could not be made.
+    /// Whether the latest change to the database failed.
     pub fn has_failed(&self) -> bool {
         self.writer.has_failed()
     }
 
-    /// The marks of the workers.
+    /// The marks that say which job each worker runs.
     pub fn marks(&self) -> &Marks {
         &self.marks
     }
 
-    /// Writes long results to their file, durably; short ones are returned, to be written in the change that records
-    /// the end.
+    /// Writes long results to their file, durably; short results are returned, to be written in the change that
+    /// records the end of the job.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -191,22 +192,22 @@ impl Disk {
         })
     }
 
-    /// The path of the rows of a sweep.
+    /// Returns the path of the file with the rows of a sweep.
     pub fn rows(&self, id: JobId) -> PathBuf {
         self.files.rows(id)
     }
 
-    /// Removes the rows of a sweep that has ended.
+    /// Removes the file with the rows of a sweep that has ended.
     pub fn remove_rows(&self, id: JobId) {
         self.files.remove_rows(id);
     }
 
-    /// The path of a scratch file for the results of a job.
+    /// Returns the path of a scratch file for the results of a job.
     pub fn scratch(&self, id: JobId) -> PathBuf {
         self.files.scratch(id)
     }
 
-    /// Removes the rows and the files of these jobs.
+    /// Removes the rows and the files of the jobs `jobs`.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -220,16 +221,16 @@ impl Disk {
         self.files.discard(id);
     }
 
-    /// The posted document of a job, verified against its digest.
+    /// Returns the posted specification of a job, verified against its digest.
     ///
     /// # Errors
-    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the document is damaged or missing.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the specification is damaged or missing.
     pub fn document(&self, id: JobId, digest: Option<&Digest>) -> io::Result<Vec<u8>> {
         let document = self.database.document(id)?.ok_or_else(gone)?;
         digest.ok_or_else(gone)?.vouch(document)
     }
 
-    /// The results of a job, verified against their digest (columns: when they are read).
+    /// Returns the results of a job. Text is verified against its digest; columns are verified when they are read.
     ///
     /// # Errors
     /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the results are damaged or missing.
@@ -257,12 +258,13 @@ impl Disk {
     }
 }
 
-/// The error for stored data that are missing.
+/// Returns the error for stored data that are missing.
 fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
-/// Reads the rows and the number of the latest start; rebuilds the database if one of its pages cannot be read.
+/// Reads the rows of all jobs and the number of the latest start; rebuilds the database if one of its pages cannot be
+/// read.
 fn look(database: &Database) -> io::Result<(Rows, u64)> {
     let (rows, start) = (database.records(), database.starts());
     let reason = match start {
@@ -356,7 +358,7 @@ mod tests {
                  \"diagnostics\":{{\"steps\":  7}}}}"
             )
         };
-        // The second is then corrupted on the disk, and the third has spaces that the encoder does not write.
+        // The second text is then corrupted on the disk, and the third has spaces that the encoder does not write.
         let texts = [json(0.3), json(0.3), json(0.3).replace("0.1,", "0.1, ")];
         for (k, text) in texts.iter().enumerate() {
             let id = JobId::of_number(k as u128);
@@ -399,7 +401,7 @@ mod tests {
             ended: None,
             ..Record::example(Held::Table(Fingerprint::of(b"")))
         };
-        // More than the cache of the database holds.
+        // The documents together are larger than the cache of the database.
         let ids: Vec<JobId> = (0..100).map(JobId::of_number).collect();
         for id in &ids {
             let document = Some(Arc::clone(&document));
@@ -408,7 +410,8 @@ mod tests {
         drop(database);
         let (database, _) = Database::in_file(&path, &|_| None).unwrap();
         let mut pages = fs::read(&path).unwrap();
-        // Each branch page gets itself as all its children, and each leaf page other contents.
+        // Each branch page is made to refer to itself in place of its children, and a byte of each leaf page is
+        // changed.
         for (number, page) in pages.chunks_mut(4096).enumerate().skip(1) {
             let others = usize::from(u16::from_le_bytes([page[2], page[3]])) + 1;
             let is_branch = page[0] == 2;

@@ -1,5 +1,5 @@
-//! The drain rate of the queue: the number of the latest departures, divided by the time since the first of them. It
-//! gives the waiting time that a refused client is told.
+//! The rate at which jobs leave the queue: the number of the latest departures, divided by the time since the first
+//! of them. It gives the waiting time that is reported to a refused client.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 /// The number of departures counted: enough for a steady rate, few enough to follow a change of load.
 const WINDOW: usize = 64;
 
-/// The latest departures.
+/// The times of the latest departures from the queue.
 #[derive(Debug, Default)]
 pub struct DrainRate {
     departures: VecDeque<Instant>,
@@ -22,8 +22,8 @@ impl DrainRate {
         self.departures.push_back(now);
     }
 
-    /// The time in which `jobs` jobs will leave at the present rate. The window ends at `now` and not at the latest
-    /// departure, so that a stall lowers the rate. `None` before the first departure.
+    /// Returns the time in which `jobs` jobs will leave at the current rate. The window of departures ends at `now`,
+    /// not at the latest departure, so that a stall lowers the rate. `None` before the first departure.
     pub fn time_for(&self, jobs: usize, now: Instant) -> Option<Duration> {
         let window = now.saturating_duration_since(*self.departures.front()?);
         let seconds = jobs as f64 * window.as_secs_f64() / self.departures.len() as f64;

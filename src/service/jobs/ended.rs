@@ -1,4 +1,4 @@
-//! The end of a job: how it ended, how far it came, and where its results are.
+//! The end of a job: how it ended, how far it came, and where its results are stored.
 
 use super::Results;
 use crate::digest::{Digest, Fingerprint};
@@ -9,21 +9,21 @@ use solution::{Status, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How a job ended.
+/// The way in which a job ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
-    /// The end time was reached.
+    /// The solve reached its end time.
     Successful,
     /// The numerical method failed or a limit stopped it, for this reason; the trajectory so far is kept.
     Failed(String),
-    /// There is no solution, because of a fault.
+    /// The job has no solution, because of a fault.
     Broken(Fault),
-    /// The client stopped the job, before the solve began or on the way.
+    /// The client stopped the job, before or during the solve.
     Dismissed,
 }
 
-/// Why there is no solution.
+/// The fault because of which a job has no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
@@ -32,39 +32,39 @@ pub enum Fault {
     Defect,
     /// The worker was refused memory beyond the limit of a solve.
     TooMuchMemory {
-        /// The limit, in bytes.
+        /// The memory limit of a solve, in bytes.
         allowed: usize,
         /// The size of the refused allocation in bytes, if it is known.
         asked: Option<u64>,
-        /// The estimate before the solve in bytes, if there was one.
+        /// The estimated memory of the solve in bytes, if there was an estimate.
         estimate: Option<usize>,
     },
     /// The worker exhausted its stack.
     StackOverflow,
-    /// The worker was killed from outside, by a signal.
+    /// The worker was killed by a signal from another process or the kernel.
     Killed {
-        /// The number of the signal.
+        /// The number of the signal that killed the worker.
         signal: i32,
     },
     /// The job did not stop at its deadline, and its worker was killed.
     Overran,
-    /// The process died while this job ran alone: twice for want of memory, or many times.
+    /// The service process died while this job ran alone: twice by lack of memory, or many times.
     Poisoned,
-    /// The results as JSON would be longer than the limit.
+    /// The results of the solve, as JSON, would be longer than the limit.
     TooLarge {
-        /// The limit, in bytes.
+        /// The size limit of results as JSON, in bytes.
         limit: usize,
     },
-    /// The disk refused the results.
+    /// The results could not be written to the disk.
     Unwritable,
-    /// The stored specification can no longer be parsed, for instance after a change of version.
+    /// The stored specification cannot be parsed, for instance after a change of version.
     Unreadable,
     /// The stored specification differs from what was written.
     Damaged,
 }
 
 impl Fault {
-    /// The code of the fault, which is also the name of its documentation page.
+    /// Returns the code of the fault, which is also the name of its documentation page.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Defect => "defect",
@@ -80,7 +80,8 @@ impl Fault {
         }
     }
 
-    /// The fault that a worker's death is for a job with `allowed` bytes of memory and an `estimate` of its needs.
+    /// Returns the fault for a worker's death by `death`, with `allowed` bytes of memory and an `estimate` of the
+    /// job's needs.
     pub fn of(death: &Death, allowed: usize, estimate: Option<usize>) -> Self {
         match death {
             Death::TooMuchMemory(asked) => Self::TooMuchMemory { allowed, asked: *asked, estimate },
@@ -92,20 +93,20 @@ impl Fault {
     }
 }
 
-/// Where the results of a job are held.
+/// The place where the results of a job are stored.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Held {
-    /// In memory, as long as the process lives.
+    /// The results are in memory, as long as the process lives.
     #[serde(skip)]
     Memory(Arc<Results>),
-    /// As JSON in the database.
+    /// The results are stored as JSON in the database.
     Table(Fingerprint),
-    /// As JSON in a file of their own, by a version before format 3.
+    /// The results are stored as JSON in a file of their own, written by a version before format 3.
     File(Fingerprint),
-    /// As columns in a file of their own.
+    /// The results are stored as columns in a file of their own.
     Columns {
-        /// The fingerprint of their JSON.
+        /// The fingerprint of the results as JSON.
         json: Fingerprint,
         /// The fingerprint of the index of the columns.
         index: Fingerprint,
@@ -113,7 +114,7 @@ pub enum Held {
 }
 
 impl Held {
-    /// The digest of the results as JSON.
+    /// Returns the digest of the results as JSON.
     pub fn digest(&self) -> Digest {
         match self {
             Self::Memory(results) => results.digest(),
@@ -122,49 +123,49 @@ impl Held {
     }
 }
 
-/// The waiting and the running time of a job.
+/// The times that a job waited and ran.
 #[derive(Clone, Copy, Debug)]
 pub struct Timing {
-    /// From admission to start.
+    /// The time from admission to start of the job.
     pub queue: Duration,
-    /// From start to end.
+    /// The time from start to end of the job.
     pub solve: Duration,
 }
 
-/// The end of a job.
+/// The record of the end of a job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Ended {
-    /// When a worker started it, if one did.
+    /// The time at which a worker started the job, if one did.
     pub started: Option<Timestamp>,
-    /// When it ended.
+    /// The time at which the job ended.
     pub finished: Timestamp,
-    /// The durations, if they were measured in this process.
+    /// The times that the job waited and ran, if they were measured in this process.
     #[serde(skip)]
     pub timing: Option<Timing>,
     /// The fraction of the time horizon that was integrated, in `[0, 1]`.
     pub fraction: f64,
-    /// The number of accepted steps.
+    /// The number of accepted steps of the solve.
     pub steps: u64,
-    /// How it ended.
+    /// The way in which the job ended.
     pub ending: Ending,
     /// The verdict on the solution, if there is one.
     #[serde(default)]
     pub verdict: Option<Verdict>,
-    /// The results, if there are any.
+    /// The place of the results, if there are any.
     pub held: Option<Held>,
-    /// The members of a sweep that have rows.
+    /// The number of members of the sweep that have rows, if the job is a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<usize>,
-    /// The stored results differ from what was written.
+    /// Whether the stored results differ from what was written.
     #[serde(default)]
     pub damaged: bool,
-    /// The results repeat an earlier solve of the identical specification.
+    /// Whether the results repeat an earlier solve of the identical specification.
     #[serde(skip)]
     pub repeated: bool,
 }
 
 impl Ended {
-    /// The end, now, of a job that was not solved in this process.
+    /// Creates the record of the end, at the current time, of a job that was not solved in this process.
     pub fn unsolved(ending: Ending) -> Self {
         let finished = Timestamp::now();
         Self {
@@ -182,7 +183,7 @@ impl Ended {
         }
     }
 
-    /// The size of what stands in memory of the results, in bytes.
+    /// Returns the size of the part of the results that is in memory, in bytes.
     pub fn resident(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.resident(),
@@ -190,7 +191,7 @@ impl Ended {
         }
     }
 
-    /// The size of the results, in bytes.
+    /// Returns the size of the results, in bytes.
     pub fn bytes(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.bytes(),
@@ -201,7 +202,7 @@ impl Ended {
 }
 
 impl Ending {
-    /// The ending as one word for logs: successful, failed, dismissed, or the code of the fault.
+    /// Returns the ending as one word for logs: successful, failed, dismissed, or the code of the fault.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Successful => "successful",
@@ -211,7 +212,7 @@ impl Ending {
         }
     }
 
-    /// The ending of a solve that returned; `cancelled` if it was asked to stop.
+    /// Returns the ending of a solve that returned; `cancelled` says whether the client asked it to stop.
     pub fn of(status: Status, failed: Option<&str>, cancelled: bool) -> Self {
         match (status, failed) {
             (Status::Completed, _) => Self::Successful,

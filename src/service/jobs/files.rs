@@ -14,25 +14,25 @@ use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// The suffixes of file names: results as columns and as JSON, unfinished files, and scratch files.
+/// The suffixes of file names: results as columns and as JSON, unfinished files, and scratch files of results.
 const COLUMNS: &str = ".columns";
 const JSON: &str = ".json";
 const PART: &str = ".part";
 const SCRATCH: &str = ".scratch";
-/// The suffix of the rows of a sweep that has not ended.
+/// The suffix of files with the rows of a sweep that has not ended.
 const ROWS: &str = ".rows";
 
-/// The suffixes of permanent results.
+/// The suffixes of files with results of ended jobs.
 const KINDS: [&str; 2] = [COLUMNS, JSON];
 
-/// A folder of results.
+/// A folder with the files of long results.
 #[derive(Debug)]
 pub struct Files {
     folder: PathBuf,
 }
 
 impl Files {
-    /// The folder, created if needed.
+    /// Opens the folder of results, creating it if needed.
     ///
     /// # Errors
     /// The folder cannot be created.
@@ -41,12 +41,12 @@ impl Files {
         Ok(Self { folder })
     }
 
-    /// An existing folder.
+    /// Refers to an existing folder of results.
     pub fn at(folder: PathBuf) -> Self {
         Self { folder }
     }
 
-    /// The jobs that have a file of results.
+    /// Returns the jobs that have a file of results.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -55,7 +55,7 @@ impl Files {
         Ok(entries.filter_map(|entry| of_any(entry.file_name().to_str()?, &KINDS)).collect())
     }
 
-    /// Stores the columns of a job, durably.
+    /// Stores the columns of a job's results, durably.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -69,35 +69,35 @@ impl Files {
         let path = self.path(id, COLUMNS);
         match fs::hard_link(scratch, &path) {
             Ok(()) => sync(&self.folder),
-            // A file left by an earlier solve of the job, whose end was not recorded.
+            // The existing file is of an earlier solve of the job, whose end was not recorded.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path)?;
                 fs::hard_link(scratch, &path)?;
                 sync(&self.folder)
             }
-            // A file system without hard links.
+            // On a file system without hard links, the columns are copied.
             Err(_) => self.write(id, &fs::read(scratch)?),
         }
     }
 
-    /// Writes the columns of a job, durably.
+    /// Writes the columns of a job's results, durably.
     fn write(&self, id: JobId, bytes: &[u8]) -> io::Result<()> {
         let unfinished = self.path(id, PART);
         let written = write_as(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, self.path(id, COLUMNS)));
         if written.is_err() {
-            // On a full disk, the unfinished file takes the room.
+            // On a full disk, the unfinished file must not occupy the remaining space.
             let _ = fs::remove_file(&unfinished);
         }
         written?;
         sync(&self.folder)
     }
 
-    /// The path of a scratch file for the columns of a job.
+    /// Returns the path of a scratch file for the columns of a job.
     pub fn scratch(&self, id: JobId) -> PathBuf {
         self.path(id, SCRATCH)
     }
 
-    /// The stored columns of a job, not yet opened.
+    /// Returns a reference to the stored columns of a job, which are opened later.
     pub fn columns(&self, id: JobId, json: Fingerprint, index: Fingerprint) -> Long {
         Long { backing: Backing::File(self.path(id, COLUMNS)), json, index }
     }
@@ -109,7 +109,7 @@ impl Files {
         }
     }
 
-    /// The results of a job as JSON, if there is such a file.
+    /// Reads the results of a job as JSON, if the job has a JSON file.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -120,13 +120,13 @@ impl Files {
         }
     }
 
-    /// The JSON file of a job, as a version before format 3 wrote it, if it can be read.
+    /// Returns the fingerprint of the JSON file of a job, as a version before format 3 wrote it, if it can be read.
     pub fn look(&self, id: JobId) -> Option<InFile> {
         Some(InFile { json: Fingerprint::of(&self.find(id).ok()??), index: None })
     }
 
-    /// The JSON file of a job, with columns written beside it that encode the identical JSON; without columns if that
-    /// is not possible.
+    /// Writes columns that encode the identical JSON beside the JSON file of a job, and returns the fingerprints of
+    /// both; without columns if such columns do not exist or cannot be written.
     ///
     /// The JSON file stays until the row of the job refers to the columns.
     pub fn put_beside(&self, id: JobId) -> Option<InFile> {
@@ -159,7 +159,7 @@ impl Files {
         }
     }
 
-    /// The path of the rows of a sweep.
+    /// Returns the path of the file with the rows of a sweep.
     pub fn rows(&self, id: JobId) -> PathBuf {
         self.path(id, ROWS)
     }
@@ -180,7 +180,7 @@ impl Files {
     }
 
     /// Removes unfinished and scratch files of an earlier process, and moves all other files that belong to none of
-    /// `jobs` to `orphans`; returns their number. No complete file is removed.
+    /// `jobs` to the folder `orphans`; returns the number of moved files. No complete file is removed.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -216,7 +216,7 @@ fn write_as(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Removes a file, if it is there.
+/// Removes the file at `path`, if it exists.
 fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -224,16 +224,16 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// The job whose file has this name, with one of the suffixes `kinds`.
+/// Returns the job whose file has this name, with one of the suffixes `kinds`.
 fn of_any(name: &str, kinds: &[&str]) -> Option<JobId> {
     kinds.iter().find_map(|kind| name.strip_suffix(kind)?.parse().ok())
 }
 
-/// The modes of files and folders: access for the owner alone, since specifications and results are confidential.
+/// The access modes of files and folders: for the owner only, since specifications and results are confidential.
 pub const OWN: u32 = 0o600;
 const OWN_FOLDER: u32 = 0o700;
 
-/// Creates a folder, if needed.
+/// Creates a folder with access for the owner only, if it does not exist.
 ///
 /// # Errors
 /// I/O errors of the disk.

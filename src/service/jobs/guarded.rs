@@ -3,14 +3,14 @@
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Calls the database library; a panic in it, for instance over a damaged page, is returned as an error. The panic is
-/// logged by the panic hook.
+/// Calls the database library by `work`; a panic in it, for instance over a damaged page, is returned as an error.
+/// The panic is logged by the panic hook.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(done)) => Ok(done),
         Ok(Err(redb::Error::DatabaseAlreadyOpen)) => Err(in_use()),
         Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
-        // Tables and their types are fixed at creation, so errors about them are damage as well.
+        // Tables and their types are fixed at creation, so that errors about them are damage as well.
         Ok(Err(
             error @ (redb::Error::Corrupted(_)
             | redb::Error::Io(_)
@@ -26,7 +26,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T
     }
 }
 
-/// The error for a store that another process uses.
+/// Returns the error for a store that another process uses.
 pub fn in_use() -> io::Error {
     io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process")
 }

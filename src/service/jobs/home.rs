@@ -1,5 +1,5 @@
-//! The place of a database file, and its replacement by a rebuilt one: all that can be read is written to a new file
-//! beside it, which takes its name; the damaged file is kept, under a name that contains the date.
+//! The place of the database file, and its replacement by a rebuilt one: all that can be read is written to a new
+//! file beside it, which is then renamed; the damaged file is kept, under a name that contains the date.
 
 use super::files::{self, OWN};
 use super::marks::Marks;
@@ -16,13 +16,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Returns the rows of the jobs that this process holds in memory.
+/// A function that returns the rows of the jobs that this process has in memory.
 pub type Memory = Box<dyn Fn() -> Vec<(JobId, Record)> + Send + Sync>;
 
-/// The path of a database file, and the identity (device and inode) of the file opened there.
+/// The path of a database file, and the identity (device and inode) of the file opened at that path.
 pub struct Home {
     path: PathBuf,
-    /// The checksums of the blocks of the file.
+    /// The checksums of the blocks of the database file.
     sums: Arc<Mutex<Sums>>,
     file: Mutex<(u64, u64)>,
     memory: OnceLock<Memory>,
@@ -31,7 +31,7 @@ pub struct Home {
 }
 
 impl Home {
-    /// The home of the file that is at `path` now, with the checksums of its blocks.
+    /// Records the identity of the file at `path`, with the checksums of its blocks.
     ///
     /// # Errors
     /// There is no file at `path`.
@@ -46,48 +46,50 @@ impl Home {
         })
     }
 
-    /// The path of the file.
+    /// The path of the database file of the job store.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the opened file is still at its path.
+    /// Whether the opened database file is still at its path.
     pub fn is_in_place(&self) -> bool {
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         identity(&self.path).is_ok_and(|there| there == *file)
     }
 
-    /// Sets the source of rows that a damaged file has lost.
+    /// Sets the function that returns the rows in memory, from which a rebuild restores rows that a damaged file has
+    /// lost.
     pub fn remember(&self, memory: Memory) {
-        // Set once: all sources hold the same jobs.
+        // `set` fails if a function is set already, which is harmless: all of them return the rows of one set of
+        // jobs.
         let _ = self.memory.set(memory);
     }
 
-    /// The number of times the file was rebuilt.
+    /// Returns the number of times that the database file was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.rebuilds.load(Relaxed)
     }
 
-    /// Counts a rebuild.
+    /// Counts a rebuild of the database file.
     pub fn count_rebuild(&self) {
         self.rebuilds.fetch_add(1, Relaxed);
     }
 
-    /// Whether another rebuild may help.
+    /// Whether another rebuild of the database file may help.
     pub fn may_be_rebuilt(&self) -> bool {
         !self.in_vain.load(Relaxed)
     }
 
-    /// Records that a rebuild did not help: if the machine damages what is written, each attempt would cost the room of
-    /// a file.
+    /// Records that a rebuild of the database file did not help: if the machine damages what is written, each attempt
+    /// would take the disk space of a file.
     pub fn give_up(&self) {
         self.in_vain.store(true, Relaxed);
     }
 
-    /// Replaces the file by a new one with all that can be read of `source`, and returns the new database.
+    /// Replaces the database file by a new one with all that can be read of `source`, and returns the new database.
     ///
     /// # Errors
-    /// I/O errors of the disk; the file stays in place.
+    /// I/O errors of the disk; the damaged file stays in place.
     pub fn rebuild(&self, source: &Source<'_>, reason: &io::Error) -> io::Result<(Redb, Salvaged)> {
         tracing::error!(%reason, "{} is built anew from what can be read", self.path.display());
         let part = beside(&self.path, "part");
@@ -128,11 +130,13 @@ impl Home {
         let (rebuilt, salvaged) = salvage(source, new, sums.clone(), start, remembered)?;
         let file = identity(part)?;
         let aside = beside(&self.path, &format!("damaged-{}", Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ")));
-        // Link before renaming, so that a file has the name of the store at any moment.
+        // The old file is linked to its new name before the rename, so that a file has the name of the database at
+        // any moment.
         if fs::hard_link(&self.path, &aside).is_err() {
             fs::copy(&self.path, &aside)?;
         }
-        // Set before the rename: a check in between finds the file missing from its path, and waits.
+        // The identity is set before the rename: a check in between finds the new file missing from its path, and
+        // waits.
         *self.file.lock().unwrap_or_else(PoisonError::into_inner) = file;
         fs::rename(part, &self.path)?;
         *self.sums.lock().unwrap_or_else(PoisonError::into_inner) = sums;
@@ -141,7 +145,7 @@ impl Home {
     }
 }
 
-/// A path with `.` and a suffix appended to its name.
+/// Appends `.` and a suffix to the name of a path.
 fn beside(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");
@@ -149,7 +153,7 @@ fn beside(path: &Path, what: &str) -> PathBuf {
     name.into()
 }
 
-/// The device and the inode of a file.
+/// Returns the device and the inode of the file at `path`.
 fn identity(path: &Path) -> io::Result<(u64, u64)> {
     let data = fs::metadata(path)?;
     Ok((data.dev(), data.ino()))

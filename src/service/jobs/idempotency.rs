@@ -1,19 +1,19 @@
 //! Idempotent requests: a client that does not know whether its job was admitted posts it again under the same
-//! `Idempotency-Key` and gets the same job. A key belongs to one client and lives as long as its job.
+//! `Idempotency-Key` and gets the first job. A key belongs to one client and lives as long as its job.
 
 use crate::digest::Digest;
 use serde::{Deserialize, Serialize};
 
-/// An idempotency key and the digest of the document first posted under it.
+/// An idempotency key with the digest of the specification first posted under it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Key {
-    /// The text of the key, chosen by the client.
+    /// The text of the idempotency key, chosen by the client.
     pub name: String,
     digest: String,
 }
 
 impl Key {
-    /// The key `name` for `document`.
+    /// Creates the idempotency key `name` for `document`.
     pub fn new(name: impl Into<String>, document: &[u8]) -> Self {
         Self { name: name.into(), digest: Digest::of(document).to_string() }
     }
@@ -28,7 +28,7 @@ mod tests {
         let key = Key::new("k", b"abc");
         assert_eq!(key, Key::new("k", b"abc"));
         assert_ne!(key, Key::new("k", b"abd"));
-        // FIPS 180-4, the digest of "abc".
+        // The SHA-256 digest of "abc" in FIPS 180-4.
         assert_eq!(key.digest, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     }
 }

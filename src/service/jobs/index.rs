@@ -1,6 +1,6 @@
-//! The index of jobs that clients may ask for: all unfinished jobs, and the latest ended ones, bounded in number, size
-//! and age. The job that ended first is forgotten first; the latest is kept whatever its size. What stands in memory has
-//! a bound of its own, beyond which the first of these is forgotten, and none of those on the disk.
+//! The index of the jobs that clients may ask for: all unfinished jobs, and the latest ended ones, limited in number,
+//! size and age. The job that ended first is deleted first; the latest is kept whatever its size. Ended jobs in
+//! memory have a size limit of their own, beyond which the first of them is deleted, and none of those on the disk.
 
 use super::Client;
 use super::idempotency::Key;
@@ -10,35 +10,35 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Bounds on the ended jobs that are kept.
+/// The limits on the ended jobs that are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Retention {
-    /// The number of ended jobs.
+    /// The largest number of ended jobs.
     pub jobs: usize,
-    /// The bytes of their specifications and results.
+    /// The largest total size of the specifications and results of ended jobs, in bytes.
     pub bytes: usize,
-    /// The time since their end.
+    /// The longest time since the end of a job.
     pub age: Duration,
 }
 
 /// The size of an ended job, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
-    /// Of its specification and results.
+    /// The size of the job's specification and results.
     pub bytes: usize,
-    /// Of these, what stands in memory; 0 for a job on the disk.
+    /// The part of `bytes` that is in memory; 0 for a job on the disk.
     pub resident: usize,
 }
 
-/// An idempotency key was used before with a different document.
+/// The error that an idempotency key was used earlier with a different specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mismatch;
 
-/// The jobs by id and by idempotency key, in memory.
+/// The jobs in memory, by id and by idempotency key.
 #[derive(Debug)]
 pub struct Index {
     retention: Retention,
-    /// The bytes of ended jobs in memory.
+    /// The largest total size of ended jobs in memory, in bytes.
     most_resident: usize,
     held: Mutex<Held>,
 }
@@ -47,13 +47,13 @@ pub struct Index {
 struct Held {
     jobs: HashMap<JobId, Arc<Job>>,
     keys: HashMap<(Client, String), Arc<Job>>,
-    /// The ended jobs on the disk and those in memory, each in order of their ends.
+    /// The ended jobs on the disk and those in memory, each list in order of their ends.
     ended: [VecDeque<Past>; 2],
     bytes: usize,
     resident: usize,
 }
 
-/// The places in [`Held::ended`].
+/// The indices of the two lists in [`Held::ended`].
 const ON_DISK: usize = 0;
 const IN_MEMORY: usize = 1;
 
@@ -65,15 +65,15 @@ struct Past {
 }
 
 impl Index {
-    /// An empty index, which keeps ended jobs of at most `most_resident` bytes in memory.
+    /// Creates an empty index, which keeps ended jobs of at most `most_resident` bytes in memory.
     pub fn new(retention: Retention, most_resident: usize) -> Self {
         Self { retention, most_resident, held: Mutex::default() }
     }
 
-    /// Adds a job that has just been admitted, or returns the earlier job with the same key.
+    /// Adds a job that has just been admitted, or returns the client's earlier job with the same idempotency key.
     ///
     /// # Errors
-    /// A different document was posted under the key.
+    /// A different specification was posted under the key.
     pub fn insert(&self, job: &Arc<Job>) -> Result<Option<Arc<Job>>, Mismatch> {
         let mut held = self.lock();
         if let Some(key) = &job.key {
@@ -86,31 +86,31 @@ impl Index {
         Ok(None)
     }
 
-    /// The job with this id, unless it is forgotten.
+    /// Returns the job with this id, unless it has been deleted.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.lock().jobs.get(&id).map(Arc::clone)
     }
 
-    /// The client's job with this key.
+    /// Returns the client's job with this idempotency key.
     ///
     /// # Errors
-    /// A different document was posted under the key.
+    /// A different specification was posted under the key.
     pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, Mismatch> {
         self.lock().recall(client, key)
     }
 
-    /// The number of ended jobs, and their bytes.
+    /// Returns the number of ended jobs, and their total size in bytes.
     pub fn kept(&self) -> (usize, usize) {
         let held = self.lock();
         (held.count(), held.bytes)
     }
 
-    /// All jobs, in no particular order.
+    /// Returns all jobs of the index, in no particular order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.lock().jobs.values().map(Arc::clone).collect()
     }
 
-    /// Counts a job as ended, with its size, and returns the jobs that are forgotten to make room.
+    /// Counts a job as ended, with its size; removes ended jobs to make room, and returns them.
     pub fn keep(&self, id: JobId, finished: Timestamp, size: Size) -> Vec<Arc<Job>> {
         let mut held = self.lock();
         if !held.jobs.contains_key(&id) {
@@ -130,7 +130,7 @@ impl Index {
         forgotten
     }
 
-    /// Forgets the jobs whose retention time has passed at `now`, and returns them.
+    /// Removes the ended jobs whose retention time has passed at `now`, and returns them.
     pub fn expire(&self, now: Timestamp) -> Vec<Arc<Job>> {
         let mut held = self.lock();
         let mut forgotten = Vec::new();
@@ -143,7 +143,7 @@ impl Index {
         forgotten
     }
 
-    /// Forgets a job, whether it has ended or not.
+    /// Removes a job from the index, whether it has ended or not.
     pub fn forget(&self, id: JobId) {
         let mut held = self.lock();
         if held.take(id).is_none() {
@@ -169,12 +169,12 @@ impl Held {
         if job.key.as_ref() == Some(key) { Ok(Some(Arc::clone(job))) } else { Err(Mismatch) }
     }
 
-    /// The number of ended jobs.
+    /// Returns the number of ended jobs.
     fn count(&self) -> usize {
         self.ended.iter().map(VecDeque::len).sum()
     }
 
-    /// The job that ended first, with its place.
+    /// Returns the job that ended first, with the index of its list.
     fn oldest(&self) -> Option<(usize, &Past)> {
         let first = |place: usize| self.ended[place].front().map(|past| (place, past));
         [ON_DISK, IN_MEMORY].into_iter().filter_map(first).min_by_key(|(_, past)| past.finished)

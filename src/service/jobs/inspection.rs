@@ -1,4 +1,4 @@
-//! The inspection of a store, as by `dvi store check`: it changes nothing, and refuses a store in use.
+//! The inspection of a job store by `dvi store check`: it changes nothing, and refuses a store in use.
 
 use super::JobId;
 use super::database::{Database, Rows};
@@ -12,24 +12,24 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::Path;
 
-/// The contents of a store.
+/// The contents of a job store, and its damage.
 #[derive(Debug, Default)]
 pub struct Inspection {
-    /// The format version of the store.
+    /// The format version of the database.
     pub format: u64,
     /// The number of jobs whose rows can be read.
     pub jobs: usize,
-    /// The number of those that have ended.
+    /// The number of jobs that have ended, of those whose rows can be read.
     pub ended: usize,
-    /// The number of intact results.
+    /// The number of ended jobs whose results are intact.
     pub results: usize,
-    /// The bytes of the intact results.
+    /// The total size of the intact results, in bytes.
     pub result_bytes: usize,
-    /// The parts that are damaged or missing, by job.
+    /// The parts of each job that are damaged or missing.
     pub damaged: BTreeMap<JobId, Vec<&'static str>>,
-    /// Jobs written by another version.
+    /// The jobs whose rows another version of the program wrote.
     pub unreadable: Vec<JobId>,
-    /// Jobs whose rows were lost in a rebuild of the database.
+    /// The jobs whose rows were lost when the database was rebuilt.
     pub lost: Vec<JobId>,
     /// The number of result files whose job has no row.
     pub orphaned: usize,
@@ -38,7 +38,7 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Inspects the store in `folder`.
+    /// Inspects the job store in `folder`.
     ///
     /// # Errors
     /// The store is absent, in use or of a later version, or its database cannot be opened.
@@ -84,7 +84,7 @@ impl Inspection {
                 found.damages(id, "results");
             }
         }
-        // Ids whose row is lost, since a page above it in the tree cannot be read.
+        // Ids that are only in other tables have lost their rows: a page above the row in the tree cannot be read.
         for id in database.names().difference(&known) {
             found.damages(*id, "row");
         }
@@ -92,7 +92,7 @@ impl Inspection {
         Ok(found)
     }
 
-    /// Whether nothing is damaged.
+    /// Whether no part of the job store is damaged.
     pub fn is_whole(&self) -> bool {
         self.is_sound && self.damaged.is_empty()
     }

@@ -1,12 +1,13 @@
-//! The waiting jobs and the counts of running ones: which job an ordinary or a relief worker takes next.
+//! The waiting jobs and the counts of running ones, which decide the job that an ordinary or a relief worker takes
+//! next.
 //!
 //! At most `workers` jobs run to their end at a time. Some additional workers (`express`) give each job a *first time
-//! slice*, a short time in which most jobs end: a job that has not had its slice waits for slices of others only, never
-//! for long runs. A job that has not ended in its slice goes on where it is if fewer than `workers` jobs run to their
-//! end. Otherwise it yields: it is stopped, and starts again when a place to run to the end is free.
+//! slice*, a short time in which most jobs end: a job that has not had its slice waits only for slices of other jobs,
+//! never for long runs. A job that has not ended in its slice continues if fewer than `workers` jobs run to their
+//! end. Otherwise it yields: it is stopped, and starts again from the beginning when another job has ended.
 //!
-//! A restart costs at most the first slice again. To suspend the worker process instead would hold its memory while the
-//! job waits, and a thousand jobs may wait; to let the job go on beside the others would take a process for each.
+//! A restart costs at most the first slice again. To suspend the worker process instead would occupy its memory while
+//! the job waits, and a thousand jobs may wait; to let the job run beside the others would take a process for each.
 
 use super::Client;
 use super::chunks::Chunk;
@@ -18,7 +19,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The waiting jobs and the counts of running ones.
+/// The queue of waiting jobs and the counts of running ones.
 pub struct Intake {
     pub queue: FairQueue<Arc<Job>>,
     pub running: usize,
@@ -35,56 +36,56 @@ pub struct Intake {
     pub drain_rate: DrainRate,
 }
 
-/// The counts of running jobs of a client.
+/// The numbers of running jobs of a client.
 #[derive(Debug, Default)]
 struct Running {
     all: usize,
-    /// The number of jobs that run to their end, on relief workers or not.
+    /// The number of the client's jobs that run to their end, on relief workers or not.
     long: usize,
 }
 
 /// The terms under which a job runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// In its first time slice, after which it may have to yield.
+    /// The job is in its first time slice, after which it may have to yield its worker.
     First,
-    /// To its end, on an ordinary worker.
+    /// The job runs to its end, on an ordinary worker.
     Long,
-    /// To its end, on a relief worker.
+    /// The job runs to its end, on a relief worker.
     Relief,
 }
 
-/// A job that a worker has taken.
+/// A job that a worker has taken from the queue.
 #[derive(Debug)]
 pub struct Taken {
     pub job: Arc<Job>,
-    /// The chunk, if the job is a sweep that has one left.
+    /// The next chunk of members, if the job is a sweep that has one left.
     pub chunk: Option<Chunk>,
     pub lane: Lane,
 }
 
-/// The lane of a job while it runs.
+/// The terms under which a job runs, which change when its first time slice ends.
 #[derive(Debug)]
 pub struct LaneCell(Mutex<Lane>);
 
 impl LaneCell {
-    /// A cell with this lane.
+    /// Creates a cell with `lane`, the terms under which a job starts.
     pub fn of(lane: Lane) -> Self {
         Self(Mutex::new(lane))
     }
 
-    /// The current lane.
+    /// Returns the terms under which the job currently runs.
     pub fn get(&self) -> Lane {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets the lane.
+    /// Sets the terms under which the job runs.
     pub fn set(&self, lane: Lane) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lane;
     }
 }
 
-/// The waiting time reported to a refused client before any job has ended.
+/// The waiting time that is reported to a refused client before any job has ended.
 pub const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Heavy for Arc<Job> {
@@ -94,8 +95,8 @@ impl Heavy for Arc<Job> {
 }
 
 impl Intake {
-    /// An intake without running jobs. At most `workers` jobs may run to their end at a time, and the worker time that
-    /// clients have used decays with `half_life`.
+    /// Creates an intake without running jobs. At most `workers` jobs may run to their end at a time, and the worker
+    /// time that clients have used decays with `half_life`.
     pub fn new(queue: FairQueue<Arc<Job>>, workers: usize, half_life: Duration) -> Self {
         Self {
             queue,
@@ -110,14 +111,14 @@ impl Intake {
         }
     }
 
-    /// The number of jobs that run to their end.
+    /// Returns the number of jobs that run to their end, on ordinary or relief workers.
     pub fn long(&self) -> usize {
         self.long + self.relieved
     }
 
-    /// Takes the next job for a worker, of the client with the fewest running jobs. While `workers` jobs run to their
-    /// end, only jobs that have not had their first time slice are taken, and ties between clients go to the one with
-    /// the least recent worker time: a few short jobs do not wait for the slices of many long ones.
+    /// Takes the next job for a worker, from the client with the fewest running jobs. While `workers` jobs run to
+    /// their end, only jobs that have not had their first time slice are taken, and ties between clients go to the
+    /// one with the least recent worker time: a few short jobs do not wait for the slices of many long ones.
     pub fn take(&mut self) -> Option<Taken> {
         let (now, may_be_long) = (Instant::now(), self.long < self.workers);
         let spent = |client| if may_be_long { Duration::ZERO } else { self.spent.by(client, now) };
@@ -127,8 +128,8 @@ impl Intake {
         Some(self.begin(job, lane))
     }
 
-    /// Whether `workers` jobs run to their end, and a job that has used up its first time slice waits whose client has
-    /// no job that runs to its end.
+    /// Whether `workers` jobs run to their end, and another job that has used up its first time slice waits, whose
+    /// client has no job that runs to its end.
     pub fn wants_relief(&self) -> bool {
         let waits_in_vain = |client: Client, job: &Arc<Job>| job.has_had_slice() && !has_long(&self.of, client);
         self.long >= self.workers && self.queue.any(waits_in_vain)
@@ -145,7 +146,7 @@ impl Intake {
         Some(self.begin(job, Lane::Relief))
     }
 
-    /// Whether a job may go on at the end of its first time slice; if so, counts it as one that runs to its end.
+    /// Whether a job may continue at the end of its first time slice; if so, counts it as one that runs to its end.
     pub fn goes_on(&mut self, job: &Job) -> bool {
         let may = self.draining || self.long < self.workers;
         if may {
@@ -155,7 +156,7 @@ impl Intake {
         may
     }
 
-    /// Counts a job out that has left its worker after `time`.
+    /// Updates the counts for a job that has left its worker after `time`.
     pub fn depart(&mut self, job: &Job, lane: Lane, time: Duration) {
         let now = Instant::now();
         self.running -= 1;
@@ -171,7 +172,7 @@ impl Intake {
         self.spent.add(job.client, time, now);
     }
 
-    /// Forgets worker time that has decayed to nothing.
+    /// Drops the worker times of clients that have decayed to nothing.
     pub fn forget(&mut self) {
         self.spent.forget(Instant::now());
     }
@@ -184,7 +185,7 @@ impl Intake {
         self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
 
-    /// Takes the next chunk of a sweep, whose job then waits for other workers to take the rest.
+    /// Takes the next chunk of a sweep, whose job then returns to the queue for other workers to take the rest.
     fn begin(&mut self, job: Arc<Job>, lane: Lane) -> Taken {
         let chunk = job.chunks.as_ref().and_then(|chunks| chunks.take(self.workers));
         self.wait_again(&job);
@@ -192,8 +193,8 @@ impl Intake {
         Taken { job, chunk, lane }
     }
 
-    /// Has the job of a sweep wait for a worker, if there are members that none has; returns whether it was put in the
-    /// queue.
+    /// Puts the job of a sweep in the queue, if there are members that no worker has; returns whether it was put in
+    /// the queue.
     pub fn wait_again(&mut self, job: &Arc<Job>) -> bool {
         let queues = job
             .chunks
@@ -215,7 +216,7 @@ impl Intake {
     }
 }
 
-/// Whether a job of `client` runs to its end.
+/// Whether a job of `client` runs to its end, on an ordinary or relief worker.
 fn has_long(running: &HashMap<Client, Running>, client: Client) -> bool {
     running.get(&client).is_some_and(|of| of.long > 0)
 }

@@ -1,18 +1,18 @@
-//! One job and the states it passes through:
+//! A job and the states that it passes through:
 //!
 //! ```text
 //! accepted -> running -> successful | failed | dismissed
 //! accepted ------------------------------> dismissed
 //! ```
 //!
-//! A running job may have to release its worker at the end of its first time slice: until it is sure to stay, its
-//! reported state is accepted.
+//! A running job may have to release its worker at the end of its first time slice: until it is sure to keep the
+//! worker, its reported state is accepted.
 //!
-//! The states are those of OGC API - Processes, part 1, `statusCode`. *Successful* means that the end time was reached;
-//! whether the solution can be trusted is said by its verdict.
-//! A solve stopped by a limit did not reach the requested end time, so its job is *failed*, as is a job whose numerical
-//! method failed; a job stopped by its client is *dismissed*. All three keep the trajectory up to the stop. A running
-//! job that is parked goes back to accepted, for the next process to start.
+//! The states are those of OGC API - Processes, part 1, `statusCode`. *Successful* means that the end time was
+//! reached; the verdict says whether the solution can be trusted. A solve stopped by a limit did not reach the
+//! requested end time, so that its job is *failed*, as is a job whose numerical method failed; a job stopped by its
+//! client is *dismissed*. All three keep the trajectory up to the stop. A running job that is parked (stopped because
+//! the service process ends) goes back to accepted, for the next process to start.
 
 use super::chunks::Chunks;
 use super::ended::{Ended, Ending, Timing};
@@ -41,23 +41,24 @@ use uuid::{Uuid, Variant};
 pub struct JobId(Uuid);
 
 impl JobId {
-    /// A new id.
+    /// Creates a new job id.
     pub(super) fn new() -> Self {
         Self(Uuid::now_v7())
     }
 
-    /// The id as a number, the key in the database.
+    /// The job id as a number, which is the key in the database.
     pub(super) fn number(self) -> u128 {
         self.0.as_u128()
     }
 
-    /// The id with this key in the database, if the service can have issued it (RFC 9562, version 7).
+    /// Returns the job id that has this key in the database, if the service can have issued the id (RFC 9562, version
+    /// 7).
     pub(super) fn of_key(key: [u8; 16]) -> Option<Self> {
         let id = Uuid::from_u128(u128::from_le_bytes(key));
         (id.get_version_num() == 7 && id.get_variant() == Variant::RFC4122).then_some(Self(id))
     }
 
-    /// The id with this number.
+    /// Returns the job id with this number.
     pub(super) fn of_number(number: u128) -> Self {
         Self(Uuid::from_u128(number))
     }
@@ -80,14 +81,14 @@ impl FromStr for JobId {
 /// A point in time: calendar time to report, monotonic time to measure durations.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
-    /// Calendar time.
+    /// The calendar time, which is reported to clients.
     pub date: Timestamp,
-    /// Monotonic time.
+    /// The monotonic time, by which durations are measured.
     pub clock: Instant,
 }
 
 impl Moment {
-    /// The present moment.
+    /// Returns the current point in time.
     pub fn now() -> Self {
         Self { date: Timestamp::now(), clock: Instant::now() }
     }
@@ -96,95 +97,96 @@ impl Moment {
 /// The state of a job.
 #[derive(Clone, Debug)]
 pub enum State {
-    /// The job waits for a worker; `None` if its document is in the store and not in memory.
+    /// The job waits for a worker; the value is its specification, `None` if that is in the store and not in memory.
     Accepted(Option<Arc<[u8]>>),
     /// A worker solves the job.
     Running {
-        /// When the attempt started.
+        /// The time at which the current attempt to solve the job started.
         started: Moment,
-        /// Reports progress and stops the solve.
+        /// Reports the progress of the solve and stops it.
         control: Arc<Control>,
-        /// Why the job was asked to stop, if it was; decides its next state.
+        /// The reason for which the job was asked to stop, if it was; decides its next state.
         halt: Option<Halt>,
-        /// The job is in its first time slice, may have to make room for others, and is still reported as accepted.
+        /// Whether the job is in its first time slice: it may have to yield its worker, and is still reported as
+        /// accepted.
         on_trial: bool,
     },
     /// The job has ended, and its state is final.
     Ended(Arc<Ended>),
 }
 
-/// Why a running job is asked to stop.
+/// The reason for which a running job is asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halt {
     /// The client cancelled the job.
     Dismiss,
-    /// The process is about to end; the next process starts the job again.
+    /// The service process is about to end; the next process starts the job again.
     Park,
-    /// The first time slice is over, and other jobs wait for theirs; the job starts again later.
+    /// The first time slice of the job is over, and other jobs wait for theirs; the job starts again later.
     Yield,
 }
 
-/// Where a job is kept, and whether it outlives the process.
+/// The place where a job is stored, and whether the job outlives the process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Persistence {
-    /// In memory alone: the job is lost when the process ends.
+    /// The job is in memory only, and is lost when the process ends.
     Memory,
-    /// On the disk, once the pending write has completed.
+    /// The job is on the disk once a pending write has completed.
     Storing,
-    /// On the disk: the job outlives the process.
+    /// The job is on the disk and outlives the process.
     Disk,
-    /// Nowhere: the job is deleted.
+    /// The job is stored nowhere: it is deleted.
     Forgotten,
 }
 
-/// The part of a job that changes.
+/// The part of a job that changes: its state and the place where it is stored.
 #[derive(Debug)]
 pub(super) struct Lifecycle {
     pub state: State,
     pub persistence: Persistence,
-    /// The job is left to the next process.
+    /// Whether the job has been stopped and left to the next process.
     pub parked: bool,
-    /// The end of the running job is on its way to the disk: no other change may be written after it.
+    /// Whether the end of the running job is being written to the disk, after which no other change may be written.
     pub is_ending: bool,
 }
 
-/// A job: a specification to be solved, its state and its bookkeeping.
+/// A job: a specification to be solved, the state of the solve, and the counts and ids that accompany it.
 #[derive(Debug)]
 pub struct Job {
-    /// The id.
+    /// The id of the job.
     pub id: JobId,
-    /// The client that posted it.
+    /// The client that posted the job.
     pub client: Client,
     /// A label chosen by the client.
     pub label: Option<String>,
-    /// The time horizon of its problem.
+    /// The time horizon of the job's problem.
     pub horizon: Time,
     /// The problem type and the estimated memory of a solve; absent from jobs stored by earlier versions.
     pub(super) estimate: Option<Estimate>,
-    /// When it was accepted.
+    /// The time at which the job was accepted.
     pub created: Moment,
     /// The idempotency key under which the client may ask for the job again.
     pub(super) key: Option<Key>,
-    /// The number of times the process, or the worker on another machine, died while the job ran.
+    /// The number of times that the process, or the worker on another machine, died while the job ran.
     pub(super) crashes: AtomicU32,
-    /// The number of those crashes in which no other job ran.
+    /// The number of crashes of the process in which no other job ran.
     pub(super) crashes_alone: u32,
-    /// The number of those lone crashes in which the system had run out of memory.
+    /// The number of crashes of the process in which no other job ran and the system had run out of memory.
     pub(super) shortages_alone: u32,
-    /// The size of the posted document, in bytes.
+    /// The size of the posted specification, in bytes.
     pub(super) document_bytes: usize,
-    /// Where the members stand, if the job is a sweep that has not ended.
+    /// The state of the members, if the job is a sweep that has not ended.
     pub(super) chunks: Option<Arc<Chunks>>,
-    /// The posted document, unless it is on the disk.
+    /// The posted specification, unless it is on the disk.
     pub(super) document: Option<Arc<[u8]>>,
-    /// The digest of the document, once the document is to be on the disk.
+    /// The digest of the specification, once the specification is to be on the disk.
     pub(super) digest: OnceLock<Digest>,
-    /// The tracing context of the request that posted the job, if that was in this process.
+    /// The ids and the trace of the request that posted the job, if that was in this process.
     pub(super) context: Context,
-    /// The compiled specification for an inline solve, if it was read in this process, until an attempt takes it; and
-    /// whether the job is to be solved even if its solution is known.
+    /// The compiled specification for an inline solve, if it was compiled in this process, until an attempt takes it;
+    /// and whether the job is to be solved even if its solution is known.
     solve_inline: Mutex<Option<(Arc<Known>, bool)>>,
-    /// The job has used up its first time slice.
+    /// Whether the job has used up its first time slice.
     sliced: AtomicBool,
     lifecycle: Mutex<Lifecycle>,
     settled: Notify,
@@ -192,14 +194,15 @@ pub struct Job {
     pub(super) halted: Notify,
 }
 
-/// Facts of a solve that are known before it runs.
+/// The properties of a solve that are known before it runs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Estimate {
-    /// The problem type.
+    /// The problem type, such as `dvi` or `circuit`.
     pub problem: Cow<'static, str>,
-    /// The estimated memory, in bytes.
+    /// The estimated memory of the solve, in bytes.
     pub memory: usize,
-    /// The sweep, if it is one; absent from jobs stored by earlier versions, which are solved in one piece.
+    /// The properties of the sweep, if the job is one; absent from jobs stored by earlier versions, which are solved
+    /// in one piece.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<SweepFacts>,
 }
@@ -207,27 +210,27 @@ pub struct Estimate {
 /// A client's request for a solve.
 #[derive(Clone, Debug)]
 pub struct Order {
-    /// The client.
+    /// The client that requests the solve.
     pub client: Client,
-    /// The facts of the problem: label, horizon, type and estimated memory.
+    /// The label, time horizon, type and estimated memory of the problem.
     pub facts: Facts,
-    /// The compiled specification, if it was read in this process.
+    /// The compiled specification, if it was compiled in this process.
     pub known: Option<Arc<Known>>,
-    /// Solve even if the solution of this specification is known.
+    /// Whether to solve even if the solution of this specification is known.
     pub anew: bool,
-    /// The posted document.
+    /// The posted specification.
     pub document: Arc<[u8]>,
     /// The idempotency key, if the client sent one.
     pub key: Option<Key>,
 }
 
 impl Job {
-    /// A job admitted now, kept on the disk if it is `durable` and otherwise in memory.
+    /// Creates a job, stored on the disk if it is `durable` and otherwise in memory.
     pub(super) fn new(order: Order, durable: bool) -> Self {
         Self::named(JobId::new(), order, durable)
     }
 
-    /// A job admitted now under an id that has been issued.
+    /// Creates a job under an id that has been issued earlier.
     pub(super) fn named(id: JobId, order: Order, durable: bool) -> Self {
         let Order { client, facts, document, key, known, anew } = order;
         let Facts { label, horizon, problem, memory, sweep } = facts;
@@ -261,7 +264,7 @@ impl Job {
         }
     }
 
-    /// A job admitted now under an id that has been issued, to be solved and kept elsewhere.
+    /// Creates a job under an id that has been issued earlier, to be solved and stored on other machines.
     pub(super) fn elsewhere(id: JobId, order: Order) -> Self {
         let job = Self::named(id, Order { known: None, ..order }, true);
         *job.lock() =
@@ -269,7 +272,7 @@ impl Job {
         Self { chunks: None, ..job }
     }
 
-    /// A job that another process has admitted, to be solved here, with the chunks of a sweep.
+    /// Creates a job that another process has admitted and this process is to solve, with the chunks of a sweep.
     pub(super) fn taken_on(id: JobId, record: Record, chunks: Option<Chunks>, document: Arc<[u8]>) -> Self {
         let job = Self::recovered(id, Record { ended: None, ..record }, chunks);
         let state = State::Accepted(Some(Arc::clone(&document)));
@@ -277,7 +280,7 @@ impl Job {
         Self { document: Some(document), ..job }
     }
 
-    /// The job of a chunk of a sweep: a job of the same name and client, which no client sees.
+    /// Creates the job of a chunk of this sweep, with the sweep's id and client, which no client sees.
     pub(super) fn of_chunk(&self, document: &Arc<[u8]>) -> Self {
         let lifecycle = Lifecycle {
             state: State::Accepted(Some(Arc::clone(document))),
@@ -309,7 +312,7 @@ impl Job {
         }
     }
 
-    /// A job that an earlier process admitted, with the chunks of an unfinished sweep.
+    /// Restores a job that an earlier process admitted, with the chunks of an unfinished sweep.
     pub(super) fn recovered(id: JobId, record: Record, chunks: Option<Chunks>) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
         let Record { crashes, crashes_alone, shortages_alone, .. } = record;
@@ -338,7 +341,7 @@ impl Job {
         }
     }
 
-    /// The reported state: a job in its first time slice is reported as waiting.
+    /// Returns the reported state: a job in its first time slice is reported as waiting.
     pub fn state(&self) -> State {
         match &self.lock().state {
             State::Running { on_trial: true, .. } => State::Accepted(None),
@@ -346,7 +349,7 @@ impl Job {
         }
     }
 
-    /// The control of the solve if a worker is at the job, whatever the reported state.
+    /// Returns the control of the solve if a worker has the job, whatever the reported state.
     pub fn control(&self) -> Option<Arc<Control>> {
         match &self.lock().state {
             State::Running { control, .. } => Some(Arc::clone(control)),
@@ -359,12 +362,12 @@ impl Job {
         self.key.is_some()
     }
 
-    /// The number of the current attempt, counted from one.
+    /// Returns the number of the current attempt to solve the job, counted from one.
     pub fn attempt(&self) -> u32 {
         self.crashes() + 1
     }
 
-    /// The number of times the process, or the worker on another machine, died while the job ran.
+    /// Returns the number of times that the process, or the worker on another machine, died while the job ran.
     pub(super) fn crashes(&self) -> u32 {
         self.crashes.load(Relaxed)
     }
@@ -383,7 +386,8 @@ impl Job {
         }
     }
 
-    /// The members of a sweep that have rows, and all; `None` if the job is no sweep.
+    /// Returns the number of members of a sweep that have rows, and the number of all members; `None` if the job is
+    /// not a sweep.
     pub fn members(&self) -> Option<(usize, usize)> {
         let all = self.estimate.as_ref()?.sweep?.members;
         let done = match &self.lock().state {
@@ -401,8 +405,8 @@ impl Job {
         self.lock().is_durable()
     }
 
-    /// Changes the state from accepted to running, for at most `wall`; `on_trial` if it is in its first time slice.
-    /// Returns `None` if the job has been dismissed or parked meanwhile.
+    /// Changes the state from accepted to running, for at most the time `wall`; `on_trial` says whether the job is in
+    /// its first time slice. Returns `None` if the job has been dismissed or parked meanwhile.
     pub(super) fn start(&self, wall: Duration, on_trial: bool) -> Option<Arc<Control>> {
         let control = match Instant::now().checked_add(wall) {
             Some(deadline) => Control::with_deadline(deadline),
@@ -417,15 +421,15 @@ impl Job {
         if lifecycle.parked || !matches!(lifecycle.state, State::Accepted(_)) {
             return None;
         }
-        // Consume a pending notification: a request to stop that came as the last attempt ended does not apply to this
-        // one.
+        // Consume a pending notification: a request to stop that came as the last attempt ended does not apply to the
+        // attempt that begins.
         pin!(self.halted.notified()).as_mut().enable();
         let (started, control) = (Moment::now(), Arc::new(control));
         lifecycle.state = State::Running { started, control: Arc::clone(&control), halt: None, on_trial };
         Some(control)
     }
 
-    /// Ends the trial of a running job: the job may now run to its end.
+    /// Ends the trial of a running job, which may then run to its end.
     pub(super) fn stay(&self) {
         if let State::Running { on_trial, .. } = &mut self.lock().state {
             *on_trial = false;
@@ -448,8 +452,8 @@ impl Job {
         self.solve_inline.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Changes the state from running to accepted, with `document`; if the job was asked to be dismissed or parked,
-    /// leaves the state as it is and returns the reason.
+    /// Changes the state from running to accepted, with the specification `document`; if the job was asked to be
+    /// dismissed or parked, leaves the state as it is and returns the reason.
     pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
         let mut lifecycle = self.lock();
         if let State::Running { halt, .. } = &lifecycle.state {
@@ -462,7 +466,7 @@ impl Job {
     }
 
     /// Asks a running job to stop at its next step, and returns whether the job runs. A request of the client, or to
-    /// park, takes precedence over a request to yield.
+    /// park the job, takes precedence over a request to yield.
     pub(super) fn halt(&self, reason: Halt) -> bool {
         let mut lifecycle = self.lock();
         let State::Running { halt, .. } = &mut lifecycle.state else { return false };
@@ -471,7 +475,7 @@ impl Job {
         true
     }
 
-    /// Why the running job was asked to stop, if it was.
+    /// Returns the reason for which the running job was asked to stop, if it was.
     pub(super) fn halted(&self) -> Option<Halt> {
         match &self.lock().state {
             State::Running { halt, .. } => *halt,
@@ -479,7 +483,7 @@ impl Job {
         }
     }
 
-    /// The record of an end now, with the times and the progress of the running solve.
+    /// Creates the record of an end at the current time, with the times and the progress of the running solve.
     pub(super) fn ended(&self, ending: Ending) -> Ended {
         let finished = Moment::now();
         match &self.lock().state {
@@ -503,19 +507,20 @@ impl Job {
         }
     }
 
-    /// Ends the job, unless it has ended, and wakes all who wait for its end.
+    /// Ends the job, unless it has ended, and wakes all tasks that wait for its end.
     pub(super) fn finish(&self, ended: Ended) {
         self.lock().finish(ended);
         self.wake();
     }
 
-    /// Ends the job as stored on the disk, even if an end was reported before, and wakes all who wait for its end.
+    /// Ends the job as stored on the disk, even if another end was reported earlier, and wakes all tasks that wait
+    /// for its end.
     pub(super) fn conclude(&self, ended: Ended) {
         self.lock().state = State::Ended(Arc::new(ended));
         self.wake();
     }
 
-    /// Wakes all who wait for the end.
+    /// Wakes all tasks that wait for the end of the job.
     pub(super) fn wake(&self) {
         self.settled.notify_waiters();
     }
@@ -523,7 +528,7 @@ impl Job {
     /// Waits until the job has ended, and returns its end, or until it has been parked, and returns `None`.
     pub async fn settled(&self) -> Option<Arc<Ended>> {
         loop {
-            // Registered before the state is read, so that an end in between is not missed.
+            // The notification is registered before the state is read, so that an end in between is not missed.
             let settled = self.settled.notified();
             {
                 let lifecycle = self.lock();

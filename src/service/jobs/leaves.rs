@@ -1,11 +1,11 @@
-//! The rows of a redb file that the library cannot open, for instance since its header is damaged: they are found on
-//! the leaf pages without the trees above them, and verified by their digests.
+//! The rows of a `redb` database file that the library cannot open, for instance since its header is damaged: they
+//! are found on the leaf pages without the trees above them, and verified by their digests.
 //!
 //! A leaf begins with its kind (one byte), a byte of padding, and the number of its rows (two bytes, little-endian).
-//! Then come the end offsets of its values, from the beginning of the leaf (four bytes each), the keys (here sixteen
-//! bytes each), and the values. Pages begin at multiples of the page size, and a leaf may span several. Free pages
-//! contain rows as well, of earlier states of a job: the latest row found is used. So a job that was deleted not long
-//! ago may reappear.
+//! Then come the end offsets of its values, from the beginning of the leaf (four bytes each), the keys (job ids of
+//! sixteen bytes each), and the values. Pages begin at multiples of the page size, and a leaf may span several. Free
+//! pages contain rows as well, of earlier states of a job: the latest row found is used, so that a recently deleted
+//! job may reappear.
 
 use super::seal::unseal;
 use super::{JobId, Record};
@@ -17,13 +17,13 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// The size of a page, in bytes.
+/// The size of a database page, in bytes.
 const PAGE: u64 = 4096;
 
-/// The kind of a leaf page.
+/// The byte that marks a leaf page.
 const LEAF: u8 = 1;
 
-/// The sizes of the head of a leaf, of an end offset, and of a key, in bytes.
+/// The sizes of the header of a leaf, of an end offset, and of a key, in bytes.
 const HEAD: usize = 4;
 const END: usize = 4;
 const KEY: usize = 16;
@@ -31,7 +31,7 @@ const KEY: usize = 16;
 /// The longest value that is considered, in bytes: longer than a specification may be by default.
 const LONGEST: u64 = 64 << 20;
 
-/// A file of database pages.
+/// A database file, read page by page.
 #[derive(Debug)]
 pub struct Leaves {
     file: File,
@@ -39,7 +39,7 @@ pub struct Leaves {
 }
 
 impl Leaves {
-    /// The pages of the file at `path`.
+    /// Opens the database file at `path`.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -49,7 +49,7 @@ impl Leaves {
         Ok(Self { file, length })
     }
 
-    /// Visits every possible value with its key, of whatever table.
+    /// Visits every possible value with its key, of any table.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -63,7 +63,7 @@ impl Leaves {
         })
     }
 
-    /// The latest row of each job, in its stored form.
+    /// Returns the latest row of each job, in its stored form.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -79,7 +79,7 @@ impl Leaves {
         Ok(rows.into_iter().map(|(id, (_, sealed))| (id, sealed)).collect())
     }
 
-    /// Every key that is the id of a job.
+    /// Returns every key that is the id of a job.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -122,8 +122,8 @@ impl Leaves {
     }
 }
 
-/// The progress of a job, to order its rows: whether it has ended, whether it was dismissed, its number of crashes, and
-/// whether its results are intact.
+/// The progress of a job, which orders its rows: whether it has ended, whether it was dismissed, its number of
+/// crashes, and whether its results are intact.
 type Age = (bool, bool, u32, Reverse<bool>);
 
 fn age(row: &[u8]) -> Option<Age> {

@@ -1,12 +1,12 @@
-//! Marks of running jobs: which job each worker runs, so that the next process knows which jobs were running when this
-//! one died.
+//! Marks of running jobs: a file which says what job each worker runs, so that the next process knows which jobs were
+//! running when this process died.
 //!
-//! The id of a job is written into its worker's slot of a file before the job starts. The write is not synced: data
-//! written by a process outlive it, and a power failure, in which a mark may be lost, is not the fault of a job. So a
-//! mark costs a microsecond, where a commit would wait for the disk.
+//! The id of a job is written into its worker's slot of the file before the job starts. The write is not synced: data
+//! written by a process outlive it, and a power failure, in which a mark may be lost, is no evidence against a job.
+//! So a mark costs a microsecond, while a commit would wait for the disk.
 //!
-//! The head of the file holds the number of processes that the system had killed for want of memory, up to the last
-//! kill that this process has noticed: if the process itself is killed, the system's count is larger.
+//! The header of the file contains the number of processes that the system had killed for lack of memory, up to the
+//! last kill that this process has noticed: if the process itself is killed, the system's count is larger.
 
 use super::JobId;
 use super::files::OWN;
@@ -16,28 +16,28 @@ use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// The prefix of the file name, which ends with the number of the start.
+/// The prefix of the file name, which ends with the number of the service's start.
 const PREFIX: &str = "running-";
 
-/// The size of a slot, in bytes: an id and a line feed.
+/// The size of a worker's slot, in bytes: an id and a line feed.
 const SLOT: usize = 37;
 
-/// The size of the head, in bytes: two slots, since versions before 0.2 read the whole file as slots.
+/// The size of the header, in bytes: two slots, since versions before 0.2 read the whole file as slots.
 const HEAD: usize = 2 * SLOT;
 
-/// The file of marks of one process.
+/// The open file of the marks of one process.
 #[derive(Debug)]
 pub struct Marks {
     file: File,
 }
 
 impl Marks {
-    /// The path of the marks of a `start` in `folder`.
+    /// Returns the path of the marks in `folder` of the service's start number `start`.
     pub fn path(folder: &Path, start: u64) -> PathBuf {
         folder.join(format!("{PREFIX}{start}"))
     }
 
-    /// The marks of all starts in `folder`: the number of each start, and the path.
+    /// Returns the number and the path of the marks of every start of the service in `folder`.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -60,7 +60,7 @@ impl Marks {
         Ok(marks)
     }
 
-    /// Writes the count of kills for want of memory that this process has accounted for.
+    /// Writes the number of kills for lack of memory that this process has noticed.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -68,8 +68,8 @@ impl Marks {
         self.file.write_all_at(format!("{:<1$}\n", taken.line(), HEAD - 1).as_bytes(), 0)
     }
 
-    /// Reads the marked jobs, none if there is no such file, and whether the system has run out of memory since the
-    /// head was written.
+    /// Reads the marked jobs (none if there is no such file), and whether the system has run out of memory since the
+    /// header was written.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -92,7 +92,7 @@ impl Marks {
         self.write(worker, &format!("{id}\n"))
     }
 
-    /// Marks a worker as idle.
+    /// Marks a worker as idle, after its job has left it.
     ///
     /// # Errors
     /// I/O errors of the disk.

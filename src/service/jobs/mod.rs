@@ -1,14 +1,14 @@
 //! Jobs from admission to expiry: a fair bounded queue, a bounded pool of workers, and a store of jobs and results.
 //!
-//! 1. [`Jobs::submit`] puts a job in the store and in the queue, or returns the bound that is reached.
-//!    A small problem that has no other job to wait for is solved inline instead (see `solve_inline`).
+//! 1. [`Jobs::submit`] puts a job in the store and in the queue, or returns the limit that is reached. A small
+//!    problem that has no other job to wait for is solved inline instead, in this process (see `solve_inline`).
 //! 2. A free [worker](crate::worker) solves the next job, chosen fairly among clients, under a deadline. A job that
 //!    exceeds its first time slice may have to release its worker, and starts again from the beginning later. Of a
-//!    sweep, it solves the next members (see `chunks`).
-//! 3. The ended job is entered in the store, which expires the oldest results, and waiting requests are woken.
+//!    sweep, a worker solves the next members (see `chunks`).
+//! 3. The ended job is entered in the store, which deletes the oldest results, and waiting requests are woken.
 //!
-//! Where jobs are shared with other machines (see `nats`), 1. goes to the servers there, 2. is the work of other processes,
-//! and 3. comes from the servers.
+//! If jobs are shared with other machines (see `nats`), jobs are stored on NATS servers, solved by other processes,
+//! and their ends are received from the servers.
 //!
 //! [`Jobs::cancel`] and [`Jobs::forget`] bypass the queue: they work when it is full. In a durable service a job that
 //! was accepted asynchronously outlives the process (see the module `store`).
@@ -101,17 +101,18 @@ pub struct Jobs {
     metrics: Arc<Metrics>,
     bounds: Bounds,
     intake: Mutex<Intake>,
-    /// Wakes an idle worker, since a job has arrived.
+    /// Wakes an idle worker when a job has arrived.
     arrival: Notify,
-    /// Wakes a relief worker, since a job may need relief.
+    /// Wakes a relief worker when a job may need relief.
     relief: Notify,
     store: Store,
-    /// The servers that jobs are shared over, and what is known of the jobs there; `None` if this process has them all.
+    /// The connection to the servers over which jobs are shared, with the known jobs; `None` if jobs are not shared.
     far: Option<Far>,
-    /// Jobs that were running when an earlier process died are suspects: see [`Jobs::apart`].
+    /// Held exclusively, at first, by a job that was running when an earlier process died, and shared by all other
+    /// jobs: see [`Jobs::apart`].
     suspects: RwLock<()>,
     idle: Notify,
-    /// Wakes supervisors that wait for a worker, since they are to end.
+    /// Wakes supervisors that wait for a job, when they are to end.
     dismissed: Notify,
     is_dismissed: AtomicBool,
     /// The shortest start-up time of a worker, in nanoseconds.
@@ -125,7 +126,7 @@ pub struct Jobs {
 
 impl Jobs {
     /// Loads the jobs stored in `folder` and queues the unfinished ones. Without a folder no job is loaded, and none
-    /// outlives the process. With a `program`, a child process of it checks the folder first.
+    /// outlives the process. If `program` is given, a child process running it checks the folder first.
     ///
     /// # Errors
     /// The folder is in use, or the disk reports an I/O error.
@@ -142,7 +143,7 @@ impl Jobs {
         Ok(Self::of(bounds, solver, queue, store, metrics))
     }
 
-    /// The jobs that are shared over `far`; what is forgotten here to make room is told to `forgotten`.
+    /// Creates the jobs that are shared over `far`; jobs removed from memory to make room are sent to `forgotten`.
     fn far(
         bounds: Bounds,
         solver: Solver,
@@ -177,10 +178,10 @@ impl Jobs {
         }
     }
 
-    /// Whether a job of `client` with a document of `document_bytes` would be admitted now.
+    /// Whether a job of `client` with a specification of `document_bytes` bytes would be admitted at this moment.
     ///
     /// # Errors
-    /// The bound that is reached.
+    /// The limit that is reached.
     pub fn admits(&self, client: Client, document_bytes: usize) -> Result<(), AdmissionError> {
         self.admit(&self.lock(), client, document_bytes)
     }
@@ -192,10 +193,10 @@ impl Jobs {
         intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.admission_error(intake, full))
     }
 
-    /// The job that the client has already posted under this idempotency key.
+    /// Returns the job that the client has already posted under an idempotency key.
     ///
     /// # Errors
-    /// The key belongs to a different document, or its job is not yet on the disk.
+    /// The key belongs to a different specification, or its job is not yet on the disk.
     pub async fn recall(
         &self,
         client: Client,
@@ -204,7 +205,8 @@ impl Jobs {
     ) -> Result<Option<Arc<Job>>, AdmissionError> {
         let here = self.store.index().recall(client, key)?;
         match (here, &self.far) {
-            // A job that is admitted reserves its key, and finds there what another gateway has admitted a moment ago.
+            // If a job can be admitted, its admission reserves the key on the servers, and then finds jobs that
+            // another gateway has just admitted.
             (None, Some(far)) if self.admits(client, document_bytes).is_err() => {
                 self.recall_far(far, client, key).await
             }
@@ -212,17 +214,17 @@ impl Jobs {
         }
     }
 
-    /// The limits of one task on a worker.
+    /// Returns the limits of one task on a worker.
     pub fn limits(&self) -> Limits {
         let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
         Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
     }
 
     /// Admits a job, or returns the earlier job with the same idempotency key. A durable job is on the disk, if the
-    /// service has a folder, when this returns.
+    /// service has a data folder, when this function returns.
     ///
     /// # Errors
-    /// The bound that is reached.
+    /// The limit that is reached.
     pub async fn submit(&self, order: Order, durable: bool) -> Result<Arc<Job>, AdmissionError> {
         let memory = order.facts.memory;
         if memory > self.bounds.memory {
@@ -240,7 +242,7 @@ impl Jobs {
         let answer = {
             let mut intake = self.lock();
             self.admit(&intake, client, document.len())?;
-            // Under the lock of the intake: a worker that takes the job must find it in the store.
+            // The lock of the intake is held, since a worker that takes the job must find it in the store.
             if let Some(first) = self.store.index().insert(&job)? {
                 return known(first);
             }
@@ -257,18 +259,19 @@ impl Jobs {
         Ok(job)
     }
 
-    /// Makes a job durable, if the service has a folder, once its client no longer waits for it.
+    /// Makes a job durable, if the service has a data folder, once its client no longer waits for it.
     ///
     /// # Errors
-    /// The disk did not accept the job.
+    /// The job could not be written to the disk.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.store.outlive(job).await
     }
 
-    /// The job with this id, unless it is forgotten; one that another gateway has admitted a moment ago included.
+    /// Returns the job with this id, unless it has been deleted; includes jobs that another gateway has just
+    /// admitted.
     ///
     /// # Errors
-    /// The servers that keep the jobs do not answer.
+    /// The servers that store the jobs do not answer.
     pub async fn look_up(&self, id: JobId) -> Result<Option<Arc<Job>>, Away> {
         match &self.far {
             Some(far) => self.look_up_far(far, id).await,
@@ -276,17 +279,17 @@ impl Jobs {
         }
     }
 
-    /// The job with this id in memory, unless it is forgotten.
+    /// Returns the job with this id in memory, unless it has been deleted.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.store.index().find(id)
     }
 
-    /// All jobs that are not forgotten, in no particular order.
+    /// Returns all jobs that have not been deleted, in no particular order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.store.index().all()
     }
 
-    /// The posted document of a job.
+    /// Returns the posted specification of a job.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -297,7 +300,7 @@ impl Jobs {
         }
     }
 
-    /// The results of a job.
+    /// Returns the results of a job.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -321,7 +324,7 @@ impl Jobs {
         }
     }
 
-    /// Whether the row of this job on the disk is damaged.
+    /// Whether the row of the job `id` on the disk is damaged.
     pub fn is_damaged(&self, id: JobId) -> bool {
         self.store.is_damaged(id)
     }
@@ -329,7 +332,7 @@ impl Jobs {
     /// Dismisses a waiting job, asks a running job to stop at its next step, and leaves an ended job unchanged.
     ///
     /// # Errors
-    /// The disk did not accept the change, so a later process may start the job again.
+    /// The change could not be written to the disk, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if let Some(far) = self.far.as_ref().filter(|_| job.is_durable()) {
             return self.cancel_far(far, job).await;
@@ -337,7 +340,7 @@ impl Jobs {
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
         if let Some(chunks) = job.chunks.as_ref().filter(|chunks| chunks.is_dismissed()) {
-            // It waited with rows: no worker is needed to end it.
+            // The sweep waited with rows: it can end with its table without a worker.
             self.begin_sweep(job, chunks, Lane::Long);
         }
         self.stop_chunks(job, Halt::Dismiss).await;
@@ -347,7 +350,7 @@ impl Jobs {
     /// Cancels a job and deletes it.
     ///
     /// # Errors
-    /// The disk did not accept the change, so a later process will list the job again.
+    /// The change could not be written to the disk, so that a later process will list the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if let Some(far) = self.far.as_ref().filter(|_| job.is_durable()) {
             return self.forget_far(far, job).await;
@@ -382,29 +385,30 @@ impl Jobs {
         }
     }
 
-    /// The number of times the database was rebuilt.
+    /// Returns the number of times that the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.store.rebuilds()
     }
 
-    /// The number of ended jobs whose ends wait for room on the disk.
+    /// Returns the number of ended jobs whose ends wait for space on the disk.
     pub fn unsaved(&self) -> usize {
         self.store.unsaved()
     }
 
-    /// The number of jobs that will be taken before this waiting job; `None` if it does not wait.
+    /// Returns the number of jobs that will be taken before this waiting job; `None` if it does not wait.
     pub fn position(&self, job: &Job) -> Option<usize> {
         self.lock().queue.position(job.client, |waiting| waiting.id == job.id)
     }
 
-    /// The estimated time until the job ends, for `Retry-After`.
+    /// Returns the estimated time until the job ends, for `Retry-After`.
     pub fn time_to_end(&self, job: &Job) -> Duration {
         match job.state() {
             State::Accepted(_) => self.position(job).map_or(Duration::ZERO, |ahead| self.lock().time_for(ahead + 1)),
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                // The wall-time limit bounds the remaining time, but that of a sweep.
+                // The wall-clock time limit bounds the remaining time, except for sweeps, whose limit is that of each
+                // chunk.
                 let most = if job.chunks.is_some() { Duration::MAX } else { self.bounds.wall.saturating_sub(spent) };
                 Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
@@ -412,52 +416,54 @@ impl Jobs {
         }
     }
 
-    /// The numbers of waiting and of running jobs; those of the chunks of sweeps that machines share included.
+    /// Returns the numbers of waiting and of running jobs, including chunks of sweeps that machines share.
     pub fn load(&self) -> (usize, usize) {
         let (waiting, taken) = self.far.as_ref().map_or((0, 0), |far| far.mirror().load());
         let intake = self.lock();
         (intake.queue.len() + waiting, intake.running + taken)
     }
 
-    /// The number of running jobs that may run to their end without making room for others.
+    /// Returns the number of running jobs that may run to their end without making room for others.
     pub fn long(&self) -> usize {
         self.lock().long()
     }
 
-    /// The number of ended jobs that are kept, and the bytes of their specifications and results.
+    /// Returns the number of ended jobs that are kept, and the total size of their specifications and results in
+    /// bytes.
     pub fn kept(&self) -> (usize, usize) {
         self.store.index().kept()
     }
 
-    /// The bytes of the waiting specifications.
+    /// Returns the total size of the waiting specifications, in bytes.
     pub fn waiting_bytes(&self) -> usize {
         self.lock().queue.bytes()
     }
 
-    /// The number of panics of the solver.
+    /// Returns the number of panics of the solver.
     pub fn panics(&self) -> u64 {
         self.panics.load(Relaxed)
     }
 
-    /// Whether the intake has stopped admitting jobs.
+    /// Whether the service has stopped admitting jobs.
     pub fn is_draining(&self) -> bool {
         self.lock().draining
     }
 
-    /// Whether the servers that jobs are shared over, if there are any, are connected.
+    /// Checks that the servers over which jobs are shared, if there are any, are connected.
     ///
     /// # Errors
-    /// They are not.
+    /// The servers are not connected.
     pub fn near(&self) -> Result<(), Away> {
         self.far.as_ref().map_or(Ok(()), |far| far.exchange.near())
     }
 
-    /// Whether the disk, if the service has a folder, accepts writes, and the servers that jobs are shared over are connected.
+    /// Whether the disk, if the service has a data folder, accepts writes, and the servers over which jobs are
+    /// shared, if any, are connected.
     pub fn is_writable(&self) -> bool {
         self.store.is_writable() && self.near().is_ok()
     }
 
-    /// Wakes a relief worker if a job needs relief.
+    /// Wakes a relief worker if a job needs relief: its first time slice is over, and others occupy all workers.
     fn call_relief(&self, intake: &Intake) {
         if intake.wants_relief() {
             self.relief.notify_one();
@@ -486,7 +492,7 @@ pub fn is_damage(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::InvalidData
 }
 
-/// The job posted earlier under the key, once it is on the disk if it is to be durable.
+/// Returns the job that was posted earlier under a key, or an error if it is to be durable and not yet on the disk.
 fn known(job: Arc<Job>) -> Result<Arc<Job>, AdmissionError> {
     if job.lock().persistence == Persistence::Storing { Err(AdmissionError::KeyInUse) } else { Ok(job) }
 }

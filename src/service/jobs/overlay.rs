@@ -1,5 +1,5 @@
-//! A read-only view of a file: writes of the database, which repairs a file that was not closed properly as it opens
-//! it, stay in memory.
+//! A read-only view of the database file. The database library repairs a file that was not closed properly as it
+//! opens it; the view keeps such writes in memory.
 
 use redb::backends::FileBackend;
 use redb::{BackendError, StorageBackend};
@@ -11,10 +11,10 @@ use std::ops::Bound;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The size of a page of the overlay, in bytes.
+/// The size of a page of the view, in bytes.
 const PAGE: u64 = 4096;
 
-/// A file and the pages written over it; clones share both.
+/// A file and the pages written over it in memory; clones share both.
 #[derive(Clone, Debug)]
 pub struct Overlay {
     file: Arc<FileBackend>,
@@ -28,7 +28,7 @@ struct Over {
 }
 
 impl Overlay {
-    /// The file at `path`, with nothing written over it yet.
+    /// Opens a view of the file at `path`, with nothing written over it.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -43,7 +43,7 @@ impl Overlay {
         self.over.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The page with this number as it is in the file, padded with zeros behind the end of the file.
+    /// Reads the page with this number from the file, padded with zeros beyond the end of the file.
     fn below(&self, number: u64) -> io::Result<Box<[u8]>> {
         let mut page = vec![0; PAGE as usize].into_boxed_slice();
         let here = self.file.len()?.saturating_sub(number * PAGE).min(PAGE);
@@ -54,8 +54,8 @@ impl Overlay {
     }
 }
 
-/// The pages that `length` bytes from `offset` on touch: for each, its number, the first byte in it, and the byte
-/// count.
+/// Returns the pages that a range of `length` bytes from `offset` touches: for each page its number, the first byte
+/// of the range within the page, and the number of bytes.
 fn pages(offset: u64, length: usize) -> impl Iterator<Item = (u64, usize, usize)> {
     let end = offset + length as u64;
     (offset / PAGE..end.div_ceil(PAGE)).map(move |number| {
@@ -112,7 +112,7 @@ impl StorageBackend for Overlay {
         Ok(())
     }
 
-    // A shared lock: the reader excludes writers, but not other readers.
+    // The lock on the file is a shared one: the reader excludes writers, but not other readers.
     fn try_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         self.file.try_lock_shared_range(start, end)
     }

@@ -1,10 +1,10 @@
-//! The pool: threads that each supervise a worker process, give it a job, wait for the end and take the next job. A
-//! long solve delays no request, and the number of workers bounds the concurrent work. Some additional workers serve
-//! the first time slices of jobs. While other clients' long jobs occupy all workers, relief workers run long jobs of
-//! clients that have none running, one at a time per client.
+//! The pool of workers: threads that each supervise a worker process, give it a job, wait for the end and take the
+//! next job. A long solve delays no request, and the number of workers bounds the concurrent work. Some additional
+//! workers serve the first time slices of jobs. While other clients' long jobs occupy all workers, relief workers run
+//! long jobs of clients that have none running, one at a time per client.
 //!
-//! Each thread has an async runtime of its own. Threads of a shared runtime wake each other in search of work whenever
-//! one of them is woken, which takes more time than a small solve.
+//! Each thread has an async runtime of its own. The threads of a shared runtime wake each other in search of work
+//! whenever one of them is woken, which takes more time than a small solve.
 
 use super::Jobs;
 use crate::worker::{Confinement, Event, Launcher, Supervisor};
@@ -18,13 +18,13 @@ use tokio::runtime::Builder;
 /// The pool of workers; dropping it stops each worker at the end of its current job.
 pub struct Pool {
     jobs: Arc<Jobs>,
-    /// The resource limits that the workers have been able to set.
+    /// The resource limits that the worker processes could impose on themselves.
     confinement: Confinement,
 }
 
 impl Pool {
-    /// Starts `workers` workers on the queue of `jobs`, the express workers included. The `relief` workers get their
-    /// threads now, and a process when one is needed.
+    /// Starts `workers` workers on the queue of `jobs`, including the express workers. The `relief` relief workers
+    /// get their threads at once, and a process when it is first needed.
     ///
     /// # Errors
     /// The system provides no thread, or a worker cannot be started.
@@ -45,7 +45,7 @@ impl Pool {
                         while jobs.relieve_next(place, &mut supervisor).await {}
                         return;
                     }
-                    // The receiver is gone if another worker could not be started.
+                    // Sending fails if another worker could not be started, since the receiver is dropped then.
                     let _ = starting.send(supervisor.start().await);
                     drop(starting);
                     while jobs.solve_next(place, &mut supervisor).await {}
@@ -60,7 +60,7 @@ impl Pool {
         Ok(pool)
     }
 
-    /// The resource limits that the workers have been able to set.
+    /// The resource limits that the worker processes could impose on themselves.
     pub fn confinement(&self) -> &Confinement {
         &self.confinement
     }
@@ -79,7 +79,7 @@ mod tests {
     use crate::worker::{Start, serve};
     use std::time::{Duration, Instant};
 
-    /// A worker on threads of this process.
+    /// Starts a worker on a thread of this process.
     fn start() -> io::Result<Start> {
         let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
         thread::spawn(move || serve(input, output, Arc::new(study::solve), Confinement::default()));

@@ -1,40 +1,40 @@
-//! A bounded queue in which no client can starve another: one first-in-first-out line per client, and the clients
-//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). Since jobs take different times,
-//! the client with the least load goes first: the workers and their time are shared evenly (max-min fairness: Bertsekas
-//! & Gallager 1992, "Data networks", section 6.5.2).
+//! A bounded queue in which no client can starve another: one first-in-first-out line per client, with the clients
+//! taking turns (round robin: Nagle 1987, "On packet switches with infinite storage"). Since jobs take different
+//! times, the client with the least load goes first, so that the workers and their time are shared evenly (max-min
+//! fairness: Bertsekas & Gallager 1992, "Data networks", section 6.5.2).
 
 use super::Client;
 use std::collections::{HashMap, VecDeque};
 
-/// The bound of the queue that is reached.
+/// The limit of the queue that is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Full {
-    /// The number of waiting items.
+    /// The largest number of waiting items is reached.
     Queue,
-    /// The total size of the waiting items, with the new one.
+    /// The total size of the waiting items, including the new one, would exceed its limit.
     Bytes,
-    /// The number of waiting items of one client.
+    /// The largest number of waiting items of one client is reached.
     Share,
 }
 
-/// The bounds of the queue.
+/// The limits of the queue.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// The number of items.
+    /// The largest number of waiting items.
     pub places: usize,
-    /// The number of items of one client.
+    /// The largest number of waiting items of one client.
     pub share: usize,
-    /// The total bytes of all items; an item that waits alone may be larger.
+    /// The largest total size of all items, in bytes; an item that waits alone may be larger.
     pub bytes: usize,
 }
 
-/// An item that takes memory while it waits.
+/// An item of the queue that takes memory while it waits.
 pub trait Heavy {
-    /// The size of the item, in bytes.
+    /// Returns the size of the item, in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// The waiting items, by client.
+/// A fair queue of items, with one line per client.
 #[derive(Debug)]
 pub struct FairQueue<T> {
     lines: HashMap<Client, VecDeque<T>>,
@@ -46,45 +46,45 @@ pub struct FairQueue<T> {
 }
 
 impl<T: Heavy> FairQueue<T> {
-    /// An empty queue.
+    /// Creates an empty queue with the limits `room`.
     pub fn new(room: Room) -> Self {
         Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, bytes: 0, room }
     }
 
-    /// The total bytes of the waiting items.
+    /// Returns the total size of the waiting items, in bytes.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// The number of waiting items.
+    /// Returns the number of waiting items.
     pub fn len(&self) -> usize {
         self.waiting
     }
 
-    /// Whether no item waits.
+    /// Whether no item waits in the queue.
     pub fn is_empty(&self) -> bool {
         self.waiting == 0
     }
 
-    /// Whether an item that satisfies `is_sought` waits.
+    /// Whether an item that satisfies `is_sought` waits in the queue.
     pub fn any(&self, is_sought: impl Fn(Client, &T) -> bool) -> bool {
         self.lines.iter().any(|(client, line)| line.iter().any(|item| is_sought(*client, item)))
     }
 
-    /// The number of clients with waiting items.
+    /// Returns the number of clients with waiting items.
     pub fn clients(&self) -> usize {
         self.turns.len()
     }
 
-    /// The clients with waiting items, in order of their turns.
+    /// Returns the clients with waiting items, in order of their turns.
     pub fn in_turn(&self) -> impl Iterator<Item = Client> {
         self.turns.iter().copied()
     }
 
-    /// Whether `client` may add another item of size `bytes`.
+    /// Checks whether `client` may add another item of size `bytes`.
     ///
     /// # Errors
-    /// The bound that is reached.
+    /// The limit that is reached.
     pub fn admits(&self, client: Client, bytes: usize) -> Result<(), Full> {
         if self.waiting >= self.room.places {
             return Err(Full::Queue);
@@ -98,7 +98,7 @@ impl<T: Heavy> FairQueue<T> {
         Ok(())
     }
 
-    /// Appends `item` to the client's line, without regard to the bounds, which [`FairQueue::admits`] checks.
+    /// Appends `item` to the client's line, without regard to the limits, which [`FairQueue::admits`] checks.
     pub fn push(&mut self, client: Client, item: T) {
         let line = self.lines.entry(client).or_default();
         if line.is_empty() {
@@ -109,8 +109,8 @@ impl<T: Heavy> FairQueue<T> {
         line.push_back(item);
     }
 
-    /// Removes and returns the next item that `may` be taken. Among clients with such an item, the least `load` goes
-    /// first, then the order of turns; a client whose load is `None` is skipped.
+    /// Removes and returns the next item that satisfies `may`. Among clients with such an item, the client with the
+    /// least `load` goes first, then the order of turns decides; a client whose load is `None` is skipped.
     pub fn pop<L: Ord>(&mut self, load: impl Fn(Client) -> Option<L>, may: impl Fn(&T) -> bool) -> Option<T> {
         let of_client = |(turn, client): (usize, &Client)| {
             let index = self.lines.get(client)?.iter().position(&may)?;
@@ -131,7 +131,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Removes the client's first item that satisfies `is_sought`, wherever it stands in the line.
+    /// Removes the client's first item that satisfies `is_sought`, at any position of the client's line.
     pub fn remove(&mut self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<T> {
         let line = self.lines.get_mut(&client)?;
         let index = line.iter().position(is_sought)?;
@@ -145,7 +145,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Keeps the items that satisfy `stays`, in their order.
+    /// Removes the items that do not satisfy `stays`; the others keep their order.
     pub fn retain(&mut self, mut stays: impl FnMut(&T) -> bool) {
         self.lines.retain(|_, line| {
             line.retain(&mut stays);
@@ -156,8 +156,8 @@ impl<T: Heavy> FairQueue<T> {
         self.bytes = self.lines.values().flatten().map(Heavy::bytes).sum();
     }
 
-    /// The number of items that will be taken before the client's first item that satisfies `is_sought`, if no item is
-    /// added.
+    /// Returns the number of items that will be taken before the client's first item that satisfies `is_sought`, if
+    /// no item is added.
     pub fn position(&self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<usize> {
         let own = self.lines.get(&client)?.iter().position(is_sought)?;
         let turn = self.turns.iter().position(|turn| *turn == client)?;

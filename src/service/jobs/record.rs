@@ -1,4 +1,4 @@
-//! The row of a job on the disk, beside its specification and its results: a JSON object.
+//! The row of a job in the database, which has its state and its properties, as a JSON object.
 
 use super::Client;
 use super::ended::{Ended, Held};
@@ -10,46 +10,46 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
 
-/// The row of a job.
+/// The row of a job in the database.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
     /// The client that posted the job.
     pub client: Client,
     /// A label chosen by the client.
     pub label: Option<String>,
-    /// The time horizon of the problem.
+    /// The time horizon of the job's problem.
     pub horizon: Time,
     /// The problem type and the estimated memory of the solve.
     #[serde(default)]
     pub estimate: Option<Estimate>,
-    /// When the job was admitted.
+    /// The time at which the job was admitted.
     pub created: Timestamp,
-    /// The size of the posted document, in bytes.
+    /// The size of the posted specification, in bytes.
     pub document_bytes: usize,
-    /// The digest of the posted document.
+    /// The digest of the posted specification.
     #[serde(default)]
     pub document: Option<Digest>,
     /// The idempotency key under which the client may ask for the job again.
     pub key: Option<Key>,
-    /// The number of times the process died while the job ran.
+    /// The number of times that the process, or the worker on another machine, died while the job ran.
     pub crashes: u32,
-    /// The number of those crashes in which no other job ran.
+    /// The number of crashes of the process in which no other job ran.
     #[serde(default)]
     pub crashes_alone: u32,
-    /// The number of those lone crashes in which the system had run out of memory.
+    /// The number of crashes of the process in which no other job ran and the system had run out of memory.
     #[serde(default)]
     pub shortages_alone: u32,
-    /// The job was already running when it was first stored, so that no mark shows that it ran.
+    /// Whether the job was already running when it was first stored, so that no mark shows that it ran.
     pub underway: bool,
-    /// The client has cancelled the job.
+    /// Whether the client has cancelled the job.
     pub dismissed: bool,
-    /// How the job ended, if it has.
+    /// The end of the job, if it has ended.
     pub ended: Option<Ended>,
 }
 
 #[cfg(test)]
 impl Record {
-    /// The row of a job that has results.
+    /// Creates the row of a job whose results are at `held`.
     pub fn example(held: super::Held) -> Self {
         let ended = Ended { held: Some(held), ..Ended::unsolved(super::Ending::Successful) };
         Self {
@@ -72,7 +72,7 @@ impl Record {
 }
 
 impl Job {
-    /// The row of the job, if the disk has one.
+    /// Returns the row of the job as it is on the disk, if it is there.
     pub(super) fn row(&self) -> Option<Record> {
         let lifecycle = self.lock();
         let record = Record::of(self, &lifecycle);
@@ -80,7 +80,7 @@ impl Job {
             (Persistence::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => {
                 Some(record.ended(ended))
             }
-            // A job whose end waits to be written has the row of an unfinished job.
+            // The row of a job whose end waits to be written is that of an unfinished job.
             (Persistence::Disk, _) => Some(record),
             (Persistence::Memory | Persistence::Storing | Persistence::Forgotten, _) => None,
         }
@@ -88,9 +88,9 @@ impl Job {
 }
 
 impl Record {
-    /// The row of `job` in its present lifecycle.
+    /// Creates the row of `job` in its state `lifecycle`; the end is missing.
     pub fn of(job: &Job, lifecycle: &Lifecycle) -> Self {
-        // A sweep that has gone on since is not what a process died of.
+        // A sweep that has progressed since the death of a process did not cause that death.
         let is_cleared = job.chunks.as_ref().is_some_and(|chunks| chunks.has_progressed());
         let alone = |count: u32| if is_cleared { 0 } else { count };
         let (underway, dismissed) = match &lifecycle.state {
@@ -116,12 +116,12 @@ impl Record {
         }
     }
 
-    /// The sweep, if the job is one.
+    /// Returns the properties of the sweep, if the job is one.
     pub fn sweep(&self) -> Option<SweepFacts> {
         self.estimate.as_ref()?.sweep
     }
 
-    /// This row with an end.
+    /// Returns this row of a job with its end `ended`.
     pub fn ended(self, ended: &Ended) -> Self {
         Self { underway: false, ended: Some(ended.clone()), ..self }
     }

@@ -1,5 +1,5 @@
-//! Reserved room on the disk: when the rest is full, jobs can still be deleted and ended, which takes some pages before
-//! it frees any.
+//! Reserved space on the disk: when the rest is full, jobs can still be deleted and ended, which takes some database
+//! pages before it frees any.
 
 use super::files::OWN;
 use std::fs::{self, OpenOptions};
@@ -10,19 +10,19 @@ use std::path::PathBuf;
 /// The size of the reserve, in bytes: a group of changes rewrites at most some thousand pages of 4 KiB.
 const BYTES: usize = 4 << 20;
 
-/// A file that occupies the reserved room.
+/// A file that occupies the reserved disk space.
 #[derive(Debug)]
 pub struct Reserve {
     path: PathBuf,
 }
 
 impl Reserve {
-    /// The file at `path`.
+    /// Refers to the reserve in the file at `path`, which may not exist yet.
     pub fn at(path: PathBuf) -> Self {
         Self { path }
     }
 
-    /// Writes the file, unless it has its full size already.
+    /// Writes the reserve, unless it has its full size already.
     ///
     /// # Errors
     /// I/O errors of the disk, for instance if it is full; nothing is reserved then.
@@ -32,7 +32,7 @@ impl Reserve {
         }
         let held = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&self.path).and_then(
             |mut file| {
-                // Written out, since a length alone reserves no room.
+                // The bytes are written, since setting the length of a file alone reserves no space.
                 (0..BYTES / PIECE.len()).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             },
@@ -43,7 +43,7 @@ impl Reserve {
         held
     }
 
-    /// Whether there are `bytes` of room besides the reserve.
+    /// Whether the disk has `bytes` bytes of free space in addition to the reserve.
     pub fn is_beside(&self, bytes: usize) -> bool {
         let path = self.path.with_extension("part");
         let tried =
@@ -51,12 +51,12 @@ impl Reserve {
                 (0..bytes.div_ceil(PIECE.len())).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             });
-        // If it cannot be removed, the next call overwrites it.
+        // If the file cannot be removed, the next call overwrites it.
         let _ = fs::remove_file(&path);
         tried.is_ok()
     }
 
-    /// Frees the reserved room.
+    /// Frees the reserved disk space.
     pub fn release(&self) {
         if let Err(error) = fs::remove_file(&self.path)
             && error.kind() != io::ErrorKind::NotFound

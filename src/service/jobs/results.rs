@@ -9,64 +9,65 @@ use solution::{Selection, Solution, encodings};
 use std::io::{self, Write};
 use std::sync::OnceLock;
 
-/// The largest size of short results as JSON, in bytes.
+/// The largest size of short results as JSON, in bytes; longer results are stored as columns.
 pub const SHORT: usize = 64 << 10;
 
 /// The stored form of a solution.
 #[derive(Debug)]
 pub enum Results {
-    /// As JSON.
+    /// Short results as JSON.
     Text(Text),
-    /// As columns.
+    /// Long results as columns.
     Columns(Long),
 }
 
-/// JSON, and its digest once it has been computed.
+/// Results as JSON, with their digest once it has been computed.
 #[derive(Debug)]
 pub struct Text {
     json: Vec<u8>,
     digest: OnceLock<Digest>,
 }
 
-/// Columns, and the fingerprints that identify them.
+/// Results as columns, with the fingerprints that identify them.
 #[derive(Debug)]
 pub struct Long {
-    /// The place of the columns.
+    /// The place where the columns are stored.
     pub backing: Backing,
-    /// The fingerprint of the JSON that they encode.
+    /// The fingerprint of the JSON that the columns encode.
     pub json: Fingerprint,
-    /// The fingerprint of their index, at the end of the file.
+    /// The fingerprint of the index of the columns, which stands at the end of the file.
     pub index: Fingerprint,
 }
 
-/// Columns opened for reading, and the other parts of their solution.
+/// Results opened for reading: the trajectory as columns, and the rest of the solution.
 pub struct Opened {
-    /// The columns.
+    /// The trajectory as columns.
     pub columns: Box<dyn Columns>,
-    /// The other parts of the solution.
+    /// The solution without its trajectory.
     pub skeleton: Skeleton,
 }
 
-/// The results as JSON exceed the size limit.
+/// The error that the results as JSON exceed the size limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooLarge;
 
-/// A solution to be stored.
+/// A solution encoded to be stored.
 pub enum Encoded {
-    /// Short results as JSON.
+    /// Short results, encoded as JSON.
     Text(Vec<u8>),
-    /// Long results, to be written as columns: the fingerprint of their JSON, and the parts other than columns.
+    /// Long results, to be written as columns: the fingerprint of their JSON, and the solution without its
+    /// trajectory.
     Columns(Fingerprint, Skeleton),
 }
 
 impl Encoded {
-    /// Encodes `solution` as JSON if that is short, and otherwise computes the fingerprint of its JSON.
+    /// Encodes `solution` as JSON if the JSON is short, and otherwise computes the fingerprint of its JSON.
     ///
     /// # Errors
     /// The JSON is longer than `limit` bytes.
     pub fn of(solution: &Solution, limit: usize) -> Result<Self, TooLarge> {
         let mut json = Bounded { bytes: Vec::new(), limit: limit.min(SHORT) };
-        // Writing to memory fails only at the bound.
+        // Writing to memory fails only if the JSON exceeds the size of short results.
         if encodings::write_json(solution, &mut json).is_ok() {
             json.bytes.shrink_to_fit();
             return Ok(Self::Text(json.bytes));
@@ -79,7 +80,7 @@ impl Encoded {
 }
 
 impl Results {
-    /// Encodes `solution`, in memory.
+    /// Encodes `solution` in memory: as JSON if the JSON is short, otherwise as columns.
     ///
     /// # Errors
     /// The JSON of `solution` is longer than `limit` bytes.
@@ -96,8 +97,8 @@ impl Results {
         }
     }
 
-    /// The results that a table of a sweep is, in `backing` from its beginning to its end, with the rest of its solution.
-    /// The table is never in memory as a whole.
+    /// Creates the results of a sweep from its table, which fills `backing`, and the rest of its solution. The table
+    /// is never in memory as a whole.
     ///
     /// # Errors
     /// I/O errors of the disk; [`io::ErrorKind::FileTooLarge`] if the JSON is longer than `limit` bytes.
@@ -120,12 +121,12 @@ impl Results {
         Ok(Self::Columns(Long { backing, json: measure.fingerprint(), index }))
     }
 
-    /// Results encoded before, as JSON.
+    /// Wraps results that are encoded as JSON already.
     pub fn read(json: Vec<u8>) -> Self {
         Self::Text(Text { json, digest: OnceLock::new() })
     }
 
-    /// JSON read from the disk, verified against its digest.
+    /// Wraps JSON read from the disk, verified against its digest.
     ///
     /// # Errors
     /// The digest differs.
@@ -133,7 +134,7 @@ impl Results {
         Ok(Self::Text(Text { json: digest.vouch(json)?, digest: digest.into() }))
     }
 
-    /// The length of the JSON and its digest.
+    /// Returns the length and the digest of the results as JSON.
     pub fn fingerprint(&self) -> Fingerprint {
         match self {
             Self::Text(text) => {
@@ -143,12 +144,12 @@ impl Results {
         }
     }
 
-    /// The digest of the JSON.
+    /// Returns the digest of the results as JSON.
     pub fn digest(&self) -> Digest {
         self.fingerprint().digest
     }
 
-    /// The JSON, if it is in memory.
+    /// Returns the results as JSON, if they are stored as JSON.
     pub fn text(&self) -> Option<&[u8]> {
         match self {
             Self::Text(text) => Some(&text.json),
@@ -156,7 +157,7 @@ impl Results {
         }
     }
 
-    /// Opens the columns and the other parts of the solution. JSON is parsed as a whole.
+    /// Opens the results as columns and the rest of the solution. JSON is parsed as a whole.
     ///
     /// # Errors
     /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the stored data are damaged.
@@ -174,7 +175,7 @@ impl Results {
         }
     }
 
-    /// The size of what stands in memory, in bytes.
+    /// Returns the size of the part of the results that is in memory, in bytes.
     pub fn resident(&self) -> usize {
         match self {
             Self::Text(text) => text.json.len(),
@@ -182,7 +183,7 @@ impl Results {
         }
     }
 
-    /// The size of the results as JSON, in bytes.
+    /// Returns the size of the results as JSON, in bytes.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Text(text) => text.json.len(),
@@ -192,7 +193,7 @@ impl Results {
 }
 
 impl Long {
-    /// Opens the columns, with their index verified.
+    /// Opens the columns, and verifies their index.
     ///
     /// # Errors
     /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the index is damaged.
@@ -208,7 +209,7 @@ impl Long {
 }
 
 impl Long {
-    /// Verifies every block of the columns.
+    /// Verifies the digest of every block of the columns.
     ///
     /// # Errors
     /// See [`Long::open`].
@@ -219,7 +220,7 @@ impl Long {
     }
 }
 
-/// A buffer that refuses to grow past a limit, in bytes.
+/// A buffer that refuses to grow beyond a limit, in bytes.
 struct Bounded {
     bytes: Vec<u8>,
     limit: usize,

@@ -1,6 +1,6 @@
-//! The rows of the finished chunks of a sweep, until the table is made of them: a file to which each chunk is appended
-//! with its digest, and synced before it counts. A record that a kill has cut off, or that is not as it was written,
-//! ends the file: the members behind it are solved again, to the same rows.
+//! The rows of the finished chunks of a sweep, until the table of the sweep is made: a file to which each chunk is
+//! appended with its digest, and synced before it counts. The first incomplete or damaged record ends the file: the
+//! members of that record and of those after it are solved again, to the same rows.
 //!
 //! ```text
 //! head       the mark (8), the first member, the one behind the last, the accepted steps, the length of the rows
@@ -8,7 +8,8 @@
 //! rows       as [`solution::Table`] writes them
 //! ```
 //!
-//! A job that is not durable has its rows in memory, and so have chunks that a full disk refused, until there is room.
+//! A job that is not durable has its rows in memory, and so have chunks that a full disk refused, until there is
+//! space.
 
 use super::files::{OWN, sync};
 use crate::digest::{Digest, LENGTH};
@@ -18,30 +19,30 @@ use std::ops::Range;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The mark of a record.
+/// The bytes with which the record of a chunk begins.
 const MARK: [u8; 8] = *b"dvi rows";
 
-/// The numbers of a head.
+/// The number of integers in the header of a record.
 const NUMBERS: usize = 4;
 
-/// The size of a head, in bytes.
+/// The size of the header of a record, in bytes.
 const HEAD: usize = MARK.len() + 8 * NUMBERS + LENGTH;
 
-/// A finished chunk.
+/// The record of a finished chunk of a sweep.
 #[derive(Debug)]
 pub struct Record {
-    /// Its members.
+    /// The range of members of the chunk.
     pub members: Range<usize>,
-    /// The accepted steps of their solves.
+    /// The total number of accepted steps of the solves of the chunk's members.
     pub steps: u64,
     place: Place,
 }
 
-/// Where the rows of a chunk are.
+/// The place of the rows of a chunk.
 #[derive(Debug)]
 enum Place {
     Memory(Vec<u8>),
-    /// In the file, from this offset on.
+    /// The rows are in the file, from this offset on.
     File {
         offset: u64,
         bytes: usize,
@@ -49,17 +50,17 @@ enum Place {
     },
 }
 
-/// The finished chunks of a sweep, in the order of their ends.
+/// The records of the finished chunks of a sweep, in the order of their ends.
 #[derive(Debug, Default)]
 pub struct RowLog {
     file: Option<File>,
-    /// The length of the records in the file.
+    /// The total length of the records in the file, in bytes.
     length: u64,
     records: Vec<Record>,
 }
 
 impl RowLog {
-    /// The chunks in the file at `path`, if there is one; its damaged end is cut off.
+    /// Opens the log in the file at `path`, if there is one; a damaged end of the file is cut off.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -84,12 +85,12 @@ impl RowLog {
         Ok(Self { file: Some(file), ..log })
     }
 
-    /// Adds a chunk, with its rows as bytes, in memory.
+    /// Adds a finished chunk, with its rows as bytes, in memory.
     pub fn append(&mut self, members: Range<usize>, steps: u64, rows: Vec<u8>) {
         self.records.push(Record { members, steps, place: Place::Memory(rows) });
     }
 
-    /// Writes the chunks that are in memory to the disk, if the job has a `path` for them there and the disk accepts them.
+    /// Writes the chunks that are only in memory to the file at `path`, if it is given and the disk accepts them.
     pub fn save(&mut self, path: Option<&Path>) {
         let Some(path) = path else { return };
         if let Err(error) = self.write(path) {
@@ -116,7 +117,8 @@ impl RowLog {
             let offset = end + HEAD as u64;
             let written = file.write_all_at(&head, end).and_then(|()| file.write_all_at(rows, offset));
             if let Err(error) = written {
-                // On a full disk, half a record takes the room; the next one is written over what remains.
+                // On a full disk, an incomplete record must not occupy space; the next record overwrites what
+                // remains.
                 let _ = file.set_len(self.length);
                 return Err(error);
             }
@@ -129,22 +131,23 @@ impl RowLog {
         Ok(())
     }
 
-    /// The finished chunks.
+    /// Returns the records of the finished chunks.
     pub fn records(&self) -> &[Record] {
         &self.records
     }
 
-    /// The finished chunks in the order of members, and the rows of each when they are asked for.
+    /// Returns the records of the finished chunks in the order of members, with the rows of each, which are read on
+    /// demand.
     pub fn in_order(&self) -> impl Iterator<Item = (&Record, io::Result<Vec<u8>>)> {
         let mut records: Vec<&Record> = self.records.iter().collect();
         records.sort_by_key(|record| record.members.start);
         records.into_iter().map(|record| (record, self.rows(record)))
     }
 
-    /// The rows of a chunk, verified against their digest.
+    /// Returns the rows of a chunk, verified against their digest.
     ///
     /// # Errors
-    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if they are not as they were written.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the rows differ from what was written.
     fn rows(&self, record: &Record) -> io::Result<Vec<u8>> {
         match (&record.place, &self.file) {
             (Place::Memory(rows), _) => Ok(rows.clone()),
@@ -179,7 +182,7 @@ impl RowLog {
         members
     }
 
-    /// Whether chunks are kept in memory.
+    /// Whether the rows of any chunk are only in memory.
     #[cfg(test)]
     fn is_in_memory(&self) -> bool {
         self.records.iter().any(|record| matches!(record.place, Place::Memory(_)))
@@ -190,7 +193,7 @@ fn is_apart(one: &Range<usize>, other: &Range<usize>) -> bool {
     one.end <= other.start || other.end <= one.start
 }
 
-/// The numbers of a head as bytes.
+/// Encodes the integers of the header of a record as bytes.
 fn numbers(members: &Range<usize>, steps: u64, rows: &[u8]) -> [u8; 8 * NUMBERS] {
     let mut bytes = [0; 8 * NUMBERS];
     let numbers = [members.start as u64, members.end as u64, steps, rows.len() as u64];
@@ -215,7 +218,8 @@ fn head(members: &Range<usize>, steps: u64, rows: &[u8]) -> ([u8; HEAD], Digest)
     (head, digest)
 }
 
-/// The record at an offset of a file with `length` bytes, and where it ends; `None` if there is no whole one.
+/// Reads the record at offset `start` of a file with `length` bytes, and returns it with the offset of its end;
+/// `None` if there is no complete and intact record.
 fn read(file: &File, start: u64, length: u64) -> io::Result<Option<(Record, u64)>> {
     let mut file = file;
     file.seek(SeekFrom::Start(start))?;
@@ -282,7 +286,7 @@ mod tests {
         drop(log);
         let bytes = fs::read(&path.0).unwrap();
         assert_eq!(all(&RowLog::open(&path.0).unwrap()), whole);
-        // A kill at any moment of the last two records.
+        // A kill may cut the file off at any byte of the last two records.
         for length in (HEAD + 100..bytes.len()).step_by(13) {
             fs::write(&path.0, &bytes[..length]).unwrap();
             let mut log = RowLog::open(&path.0).unwrap();

@@ -1,5 +1,5 @@
 //! Recovery of a damaged database: all that can be read is copied to a new one, which is every intact row, and the
-//! specifications and results that match the digests in their rows. A lost row that the process still holds in memory
+//! specifications and results that match the digests in their rows. A lost row that the process still has in memory
 //! is written from memory. The ids of other lost rows are kept, so that their jobs are reported as damaged and not as
 //! unknown.
 
@@ -21,24 +21,24 @@ use std::mem::take;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// The size of the rows written in one transaction, in bytes; they are in memory until then.
+/// The size of the rows that are written in one transaction, in bytes; they are in memory until then.
 const AT_ONCE: usize = 8 << 20;
 
-/// The outcome of a rebuild.
+/// The outcome of a rebuild of the database.
 #[derive(Debug, Default)]
 pub struct Salvaged {
-    /// The number of jobs that have a row.
+    /// The number of jobs that have a row in the new database.
     pub jobs: usize,
-    /// The number of those whose rows came from memory.
+    /// The number of jobs whose rows were written from memory.
     pub remembered: usize,
-    /// The parts that could not be read, by job.
+    /// The parts of each job that could not be read.
     pub lost: BTreeMap<JobId, Vec<&'static str>>,
-    /// The path of the damaged file.
+    /// The path under which the damaged file is kept.
     pub aside: PathBuf,
 }
 
-/// Rebuilds the database of the store in `folder`, as a service does that meets a damaged page; returns `None` if the
-/// store is intact.
+/// Rebuilds the database of the store in `folder`, as a running service does when it reads a damaged page; returns
+/// `None` if the store is intact.
 ///
 /// # Errors
 /// The store is absent, in use or of another version, or the disk reports an I/O error; the store is unchanged.
@@ -56,16 +56,16 @@ pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired")).map(Some)
 }
 
-/// The source of the rows.
+/// The source of the rows from which a database is rebuilt.
 pub enum Source<'a> {
-    /// A database that can be opened.
+    /// A damaged database that can be opened.
     Tables(&'a Database),
     /// The pages of a database that cannot be opened, and the latest row of each job on them.
     Leaves(Leaves, BTreeMap<JobId, Vec<u8>>),
 }
 
 impl Source<'_> {
-    /// The pages of the file at `path`.
+    /// Reads the pages of the database file at `path`.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -89,7 +89,7 @@ impl Source<'_> {
         }
     }
 
-    /// Whether each value found belongs to the present state of its job.
+    /// Whether each value found belongs to the current state of its job.
     fn is_present(&self) -> bool {
         matches!(self, Self::Tables(_))
     }
@@ -122,18 +122,18 @@ impl Source<'_> {
     }
 }
 
-/// The digests of a job's parts, according to its row.
+/// The digests of the specification and the results of a job, according to its row.
 struct Parts {
     /// The digest of the specification, if the row has one.
     document: Option<Digest>,
-    /// The digest of the results, if they are in the table.
+    /// The digest of the results, if they are in the database.
     results: Option<Digest>,
-    /// The row is in the format of another version, so that the digests are unknown.
+    /// Whether the row is in the format of another version, so that the digests are unknown.
     is_foreign: bool,
 }
 
-/// Copies what can be read of a database to a new one in `file`, with block checksums `sums` and the number `start` of
-/// the latest start.
+/// Copies what can be read of a database to a new one in `file`, with block checksums `sums` and the number `start`
+/// of the latest start of the service. Lost rows are restored from `remembered`.
 ///
 /// # Errors
 /// I/O errors of the disk on which `file` is.
@@ -157,7 +157,7 @@ pub fn salvage(
     let mut lost = copy(from, &into, JOBS, names, &learn)?;
     let mut rows = Rows::new(&into, JOBS);
     for (id, record) in remembered {
-        // Strings and finite numbers always have a JSON form.
+        // A record consists of strings and finite numbers, so that encoding it as JSON cannot fail.
         let row = seal(id, &serde_json::to_vec(&record).unwrap_or_default());
         if lost.remove(&id) && learn(id, &row) {
             rows.put(id, &row)?;
@@ -229,7 +229,7 @@ fn copy<V>(
 where
     V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
 {
-    // Errors of writing are returned; errors of reading end the scan.
+    // Errors of writing are returned; errors of reading end the scan of the table.
     let (rows, failed) = (RefCell::new((Rows::new(into, table), &mut wanted)), RefCell::new(None));
     let visit = |id, bytes: &[u8]| {
         if !holds(id, bytes) {
@@ -256,7 +256,7 @@ where
     failed.into_inner().map_or(Ok(wanted), Err)
 }
 
-/// Rows waiting to be written to a table.
+/// Rows that wait to be written to a table.
 struct Rows<'a, V: Value + 'static> {
     into: &'a Redb,
     table: TableDefinition<'static, u128, V>,

@@ -1,11 +1,11 @@
-//! Rows sealed with digests: the row of a job is stored behind a digest over its bytes and its id, so that no row
-//! passes for that of another job; the row contains the digests of the specification and of the results.
+//! Rows sealed with digests: the row of a job is stored behind a digest of its bytes and its id, so that no row
+//! passes for that of another job. The row contains the digests of the specification and of the results.
 
 use super::JobId;
 use crate::digest::LENGTH;
 use sha2::{Digest as _, Sha256};
 
-/// The stored form of a row of `id`: the digest, followed by the row.
+/// Returns the stored form of the row of job `id`: the digest, followed by the row.
 pub fn seal(id: JobId, row: &[u8]) -> Vec<u8> {
     let mut sealed = Vec::with_capacity(LENGTH + row.len());
     sealed.extend_from_slice(&digest_of_row(id, row));
@@ -13,7 +13,8 @@ pub fn seal(id: JobId, row: &[u8]) -> Vec<u8> {
     sealed
 }
 
-/// The row of `id` in its stored form; `None` if the row, the digest or the id differs from what was written.
+/// Returns the row of job `id` from its stored form; `None` if the row, the digest or the id differs from what was
+/// written.
 pub fn unseal(id: JobId, sealed: &[u8]) -> Option<&[u8]> {
     let (digest, row) = sealed.split_first_chunk::<LENGTH>()?;
     (*digest == digest_of_row(id, row)).then_some(row)

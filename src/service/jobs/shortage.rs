@@ -1,23 +1,23 @@
-//! Detection of a memory shortage: the number of processes that the kernel has killed for want of memory since it
-//! booted (`oom_kill` in `/proc/vmstat`). A process killed without such an event was killed by someone, and not for its
-//! own conduct.
+//! Detection of a memory shortage by the number of processes that the kernel has killed for lack of memory since it
+//! booted (`oom_kill` in `/proc/vmstat`). If a process is killed while this number stays, something else has killed
+//! it, and the kill is no evidence against its job.
 
 use std::fs;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The length of a boot id.
+/// The length of a boot id, in characters.
 const NAME: usize = 36;
 
-/// The number of processes that a system has killed for want of memory.
+/// The number of processes that the kernel has killed for lack of memory since it booted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// The boot id, in which the count began at zero.
+    /// The id of the boot at which the count began at zero.
     boot: String,
     count: u64,
 }
 
 impl Taken {
-    /// The present count; `None` where the system does not report it.
+    /// Returns the current count; `None` if the system does not report it.
     pub fn now() -> Option<Self> {
         let boot = fs::read_to_string("/proc/sys/kernel/random/boot_id").ok()?.trim_end().to_owned();
         let figures = fs::read_to_string("/proc/vmstat").ok()?;
@@ -25,12 +25,12 @@ impl Taken {
         (boot.len() == NAME).then_some(Self { boot, count })
     }
 
-    /// The number of kills since `earlier`; zero if the system has rebooted in between.
+    /// Returns the number of kills since `earlier`; zero if the system has rebooted in between.
     pub fn since(&self, earlier: &Self) -> u64 {
         if self.boot == earlier.boot { self.count.saturating_sub(earlier.count) } else { 0 }
     }
 
-    /// The count as a line of at most 68 bytes.
+    /// Returns the count as a line of at most 68 bytes.
     pub fn line(&self) -> String {
         format!("boot {} ended {}", self.boot, self.count)
     }
@@ -42,13 +42,13 @@ impl Taken {
     }
 }
 
-/// The kills for want of memory that this process has accounted for.
+/// The kills for lack of memory that this process has attributed to a cause.
 #[derive(Debug)]
 pub struct Shortage(Mutex<Known>);
 
 #[derive(Debug)]
 struct Known {
-    /// The count up to which kills are attributed: to workers of this service, or to processes that are not its own.
+    /// The count up to which kills are attributed: to workers of this service, or to processes of others.
     accounted: Option<Taken>,
     /// The count at the latest call of [`Shortage::look`].
     seen: Option<Taken>,
@@ -62,8 +62,8 @@ impl Default for Shortage {
 }
 
 impl Shortage {
-    /// Whether the system has killed a process for want of memory that is not yet attributed, and attributes one; with
-    /// the attributed count.
+    /// Returns whether the kernel has killed a process for lack of memory that is not attributed yet, and attributes
+    /// one such kill; also returns the attributed count.
     pub fn account(&self) -> (bool, Option<Taken>) {
         let mut known = self.lock();
         let Some((taken, now)) = known.accounted.as_mut().zip(Taken::now()) else { return (false, None) };
@@ -72,8 +72,8 @@ impl Shortage {
         (is_short, known.accounted.clone())
     }
 
-    /// Reads the count, and takes the kills up to the last reading for attributed: a worker among them has been noticed
-    /// since. Returns the attributed count if it has changed.
+    /// Reads the count, and treats the kills up to the previous reading as attributed, since the loss of a worker
+    /// among them has been noticed meanwhile. Returns the attributed count if it has changed.
     pub fn look(&self) -> Option<Taken> {
         let mut known = self.lock();
         let seen = std::mem::replace(&mut known.seen, Taken::now());

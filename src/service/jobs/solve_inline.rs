@@ -1,13 +1,14 @@
 //! Inline solves: a small problem is first tried on the thread that serves its connection, since to wake a worker and
 //! to be woken by it takes longer than to solve a small problem.
 //!
-//! A solve that has not ended after a fraction of a millisecond goes to the queue as if it had not been tried, so that
-//! it delays other connections no longer than the parsing of a specification does. No solve is tried while jobs of
-//! other clients wait, which came first, nor one whose single steps may take long. A job that must be on the disk, or
-//! that must be found under a key, before it is solved, is tried when its turn comes, on the thread that supervises the
-//! worker which would solve it. A worker of several machines tries a job before it claims it: see `jobs::nats`.
+//! A solve that has not ended after a fraction of a millisecond goes to the queue as if it had not been tried, so
+//! that it delays other connections no longer than the parsing of a specification does. No solve is tried while jobs
+//! of other clients wait, which came first, nor one whose single steps may take long. A job that must be on the disk,
+//! or that must be found under an idempotency key, before it is solved, is tried when its turn in the queue comes, on
+//! the thread that supervises the worker which would solve it. A worker that serves several gateways tries a job
+//! before it claims it: see `jobs::nats`.
 //!
-//! If the identical specification was solved inline before, the known solution is returned.
+//! If the identical specification was solved inline earlier for the same client, the known solution is returned.
 
 use super::ended::{Ended, Ending, Held};
 use super::job::{Halt, Job};
@@ -22,15 +23,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The CPU time of an inline solve: several times the wake-up time of a worker. CPU time and not elapsed time, since on
-/// a busy machine a wake-up takes longer, too.
+/// The limit of the CPU time of an inline solve: several times the wake-up time of a worker. CPU time is measured,
+/// not elapsed time, since on a busy machine a wake-up takes longer as well.
 const INLINE_TIME: Duration = Duration::from_micros(200);
 
-/// The CPU time of a small solve in place of a claim: about that of a claim on a busy machine. It delays nobody.
+/// The limit of the CPU time of a small solve that replaces the claim of a job on shared servers: about the time that
+/// a claim takes on a busy machine. Such a solve delays no other request.
 const UNCLAIMED_TIME: Duration = Duration::from_millis(1);
 
 impl Jobs {
-    /// Solves a job inline, and returns it if it has been solved.
+    /// Tries to solve a newly posted job inline, and returns the job if it has been solved.
     pub(super) async fn try_inline(&self, order: &Order) -> Option<Arc<Job>> {
         let known = order.known.as_deref().filter(|_| order.key.is_none())?;
         let is_known = known.answer(order.client).is_some() && !order.anew;
@@ -40,14 +42,15 @@ impl Jobs {
         }
         let job = Arc::new(Job::new(Order { known: None, ..order.clone() }, false));
         let ended = self.solve_inline(&job, known, order.anew, INLINE_TIME)?;
-        // A job without a key cannot collide with an earlier one.
+        // Insertion succeeds: a job without an idempotency key cannot collide with an earlier one.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);
         self.store.conclude(&job, ended).await;
         Some(job)
     }
 
-    /// Tries to solve a job inline when its turn has come, and returns its outcome; `None` leaves the job as it was.
+    /// Tries to solve a job inline when its turn in the queue has come, and returns its outcome; `None` leaves the
+    /// job unchanged.
     pub(super) fn try_inline_in_turn(&self, job: &Job, document: &Arc<[u8]>) -> Option<Outcome> {
         let (known, anew) = job.solve_inline()?;
         if !known.is_small() {
@@ -61,8 +64,8 @@ impl Jobs {
         })
     }
 
-    /// Solves a small job inline that another process has admitted, even if its solution is known, and returns its end; `None`
-    /// if it takes longer.
+    /// Solves a small job inline that another process has admitted, even if its solution is known, and returns its
+    /// end; `None` if the solve takes longer.
     pub(super) fn solve_small(&self, job: &Job, known: &Known) -> Option<Ended> {
         let ended = if known.is_small() { self.solve_inline(job, known, true, UNCLAIMED_TIME)? } else { return None };
         job.log_end(&ended);
@@ -86,10 +89,10 @@ impl Jobs {
             });
         }
         let begun = Instant::now();
-        // The job then goes to a worker, where the panic happens again and is reported.
+        // After a panic, the job goes to a worker, where the panic happens again and is reported.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(&known.specification, &control))).ok()?;
-        // What follows a run, such as its comparison with other runs, is cut short by the end of the time as well, and the
-        // status does not say so.
+        // Work after a run, such as its comparison with other runs, is also cut short at the time limit, and the
+        // status does not show that.
         if solution.status != Status::Completed || control.poll().is_some() {
             return None;
         }
@@ -101,7 +104,7 @@ impl Jobs {
         Some(ended)
     }
 
-    /// Whether an inline solve would delay no job of another client. Jobs of the same client may be overtaken:
+    /// Whether an inline solve would delay no job of another client. Jobs of the same client may be overtaken, since
     /// concurrent requests of one client have no order.
     fn is_free(&self, client: Client) -> bool {
         let intake = self.lock();
@@ -109,13 +112,13 @@ impl Jobs {
     }
 }
 
-/// A control that stops the solve when this thread has used `time` of CPU time.
+/// Creates a control that stops the solve when this thread has used `time` of CPU time.
 fn time_to_run(time: Duration) -> Control {
     let end = running() + time;
     Control::with_deadline(Instant::now() + time).with_reprieve(move || running() < end)
 }
 
-/// The CPU time of this thread.
+/// Returns the CPU time of this thread.
 fn running() -> Duration {
     let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::ThreadCPUTime);
     Duration::new(tv_sec.unsigned_abs(), u32::try_from(tv_nsec).unwrap_or_default())

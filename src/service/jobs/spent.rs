@@ -1,14 +1,15 @@
-//! The recent worker time of each client. It decays exponentially, with the wall-time limit of a job as its half-life,
-//! so that a client does not pay forever for a job that it was allowed to run.
+//! The recent worker time of each client. It decays exponentially, with the wall-clock time limit of a job as its
+//! half-life, so that a client does not pay forever for a job that it was allowed to run.
 
 use super::Client;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-/// The number of half-lives after which a client's time is negligible: minutes have decayed to less than a microsecond.
+/// The number of half-lives after which a client's worker time is negligible: minutes have decayed to less than a
+/// microsecond.
 const FORGOTTEN: u32 = 30;
 
-/// The decaying worker time of each client.
+/// The exponentially decaying worker time of each client.
 #[derive(Debug)]
 pub struct Spent {
     half_life: Duration,
@@ -16,18 +17,18 @@ pub struct Spent {
 }
 
 impl Spent {
-    /// No time used yet.
+    /// Creates the record of worker times without any.
     pub fn new(half_life: Duration) -> Self {
         Self { half_life, of: HashMap::new() }
     }
 
-    /// Adds a worker's `time`, used up to `now`, for `client`.
+    /// Adds the worker time `time`, used up to `now`, for `client`.
     pub fn add(&mut self, client: Client, time: Duration, now: Instant) {
         let before = self.by(client, now);
         self.of.insert(client, (before + time, now));
     }
 
-    /// The decayed worker time of `client` at `now`.
+    /// Returns the decayed worker time of `client` at `now`.
     pub fn by(&self, client: Client, now: Instant) -> Duration {
         self.of.get(&client).map_or(Duration::ZERO, |(time, then)| {
             let halvings = now.saturating_duration_since(*then).div_duration_f64(self.half_life);
@@ -35,7 +36,7 @@ impl Spent {
         })
     }
 
-    /// Removes clients whose time has decayed to nothing.
+    /// Removes clients whose worker time has decayed to nothing.
     pub fn forget(&mut self, now: Instant) {
         let most = self.half_life.saturating_mul(FORGOTTEN);
         self.of.retain(|_, (_, then)| now.saturating_duration_since(*then) < most);

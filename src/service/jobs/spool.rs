@@ -1,6 +1,6 @@
-//! Long results in transit from a worker, and their place afterwards. A durable service writes them to a file as they
-//! arrive, so that they take little memory however long they wait; without a folder, or on a full disk, they are kept
-//! in memory.
+//! Long results in transit from a worker, and the place where they are stored. A durable service writes them to a
+//! file as they arrive, so that they take little memory however long they wait; without a data folder, or on a full
+//! disk, they are kept in memory.
 
 use super::files::OWN;
 use rustix::fs::{Advice, fadvise};
@@ -12,27 +12,27 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The number of bytes kept in memory before a file is begun.
+/// The number of bytes of results that are kept in memory before a file is begun.
 const IN_MEMORY: usize = 1 << 20;
 
-/// The place of long results.
+/// The place where long results are stored.
 #[derive(Clone, Debug)]
 pub enum Backing {
-    /// In memory.
+    /// The results are in memory.
     Memory(Arc<Vec<u8>>),
-    /// In a file that is removed when the last reference to it is dropped.
+    /// The results are in a file that is removed when the last reference to it is dropped.
     Scratch(Arc<Scratch>),
-    /// In a permanent file.
+    /// The results are in a permanent file.
     File(PathBuf),
 }
 
 impl Backing {
-    /// In memory.
+    /// Stores `bytes` in memory.
     pub fn memory(bytes: Vec<u8>) -> Self {
         Self::Memory(Arc::new(bytes))
     }
 
-    /// The number of bytes in memory.
+    /// Returns the number of bytes of the results that are in memory.
     pub fn resident(&self) -> usize {
         match self {
             Self::Memory(bytes) => bytes.len(),
@@ -60,7 +60,7 @@ impl Backing {
 }
 
 impl Backing {
-    /// The results with further bytes at their end; in memory, if the disk does not accept them.
+    /// Appends `bytes` to the results; moves them to memory, if the disk does not accept the bytes.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -87,7 +87,7 @@ impl Backing {
     }
 }
 
-/// An open file: it stays readable even after it has been removed.
+/// An open file of results, which stays readable even after it has been removed.
 struct OnDisk(File);
 
 impl Source for OnDisk {
@@ -96,19 +96,20 @@ impl Source for OnDisk {
     }
 
     fn fetch(&self, offset: u64, length: u64) {
-        // Without a length, the system would fetch all up to the end of the file.
+        // Without a length, the system would prefetch everything up to the end of the file.
         let Some(length) = NonZeroU64::new(length) else { return };
-        // A hint: without it, the reads are slower and no less right.
+        // The advice to prefetch is only a hint: if it fails, the reads are slower.
         let _ = fadvise(&self.0, offset, Some(length), Advice::WillNeed);
     }
 }
 
-/// A file that is removed when this is dropped; a start removes the files that a crash has left.
+/// A file that is removed when this value is dropped; the next start of the service removes files that a crash has
+/// left.
 #[derive(Debug)]
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// The path of the file.
+    /// The path of the scratch file.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -116,27 +117,27 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // Fails if the folder has been removed; the file is gone then, too.
+        // Removal fails if the folder has been removed, and the file with it.
         let _ = fs::remove_file(&self.0);
     }
 }
 
-/// A writer that keeps few bytes in memory and many in a scratch file.
+/// A writer that keeps a few bytes in memory and more of them in a scratch file.
 #[derive(Debug)]
 pub struct Spool {
-    /// The path for a scratch file that has not been begun; `None` without a folder.
+    /// The path for a scratch file that has not been begun; `None` without a data folder.
     path: Option<PathBuf>,
     memory: Vec<u8>,
     file: Option<(File, Scratch)>,
 }
 
 impl Spool {
-    /// An empty spool, which begins a file at `path` once it holds more than `IN_MEMORY` bytes.
+    /// Creates an empty spool, which begins a file at `path` once it has more than `IN_MEMORY` bytes.
     pub fn new(path: Option<PathBuf>) -> Self {
         Self { path, memory: Vec::new(), file: None }
     }
 
-    /// Ends the writing and returns the place of the bytes.
+    /// Ends the writing, and returns the place of the bytes.
     pub fn end(mut self) -> Backing {
         match self.file.take() {
             Some((_, scratch)) => Backing::Scratch(Arc::new(scratch)),

@@ -1,11 +1,11 @@
-//! The stop of the service: draining and parking of jobs.
+//! The stop of the service: it admits no more jobs, and leaves unfinished ones to the next process.
 
 use super::Jobs;
 use super::job::Halt;
 
 impl Jobs {
-    /// Stops admitting jobs. Running jobs and jobs that clients wait for go on; waiting durable jobs are left to the
-    /// next process.
+    /// Stops admitting jobs. Running jobs and jobs that clients wait for continue; waiting durable jobs are left to
+    /// the next process.
     pub fn drain(&self) {
         let mut intake = self.lock();
         intake.draining = true;
@@ -16,14 +16,14 @@ impl Jobs {
         self.announce_if_idle(&intake);
     }
 
-    /// Parks every unfinished job for the next process, asking running jobs to stop. A job that cannot be on a disk is
-    /// dismissed.
+    /// Leaves every unfinished job to the next process, asking running jobs to stop. A job that cannot be stored on a
+    /// disk is dismissed.
     pub async fn park_all(&self) {
         if self.far.is_some() {
             return self.leave_far();
         }
         for job in self.store.index().all() {
-            // A job that the disk refuses is dismissed below, like one of a service without a disk.
+            // A job that the disk refuses is dismissed below, like a job of a service without a disk.
             let _ = self.store.outlive(&job).await;
             if !job.is_durable() {
                 let _ = self.cancel(&job).await;
@@ -36,16 +36,16 @@ impl Jobs {
         }
     }
 
-    /// Waits until all pending writes are on the disk.
+    /// Waits until all pending writes of the job store are on the disk.
     pub async fn flush(&self) {
         self.store.flush().await;
     }
 
-    /// Waits until no job waits or runs.
+    /// Waits until no job is waiting or running.
     pub async fn idle(&self) {
         loop {
             let idle = self.idle.notified();
-            // What others solve goes on without this process.
+            // Jobs that are shared with other machines continue without this process.
             if self.far.is_some() || self.lock().is_idle() {
                 return;
             }

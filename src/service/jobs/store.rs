@@ -1,9 +1,9 @@
 //! The store of jobs: the index in memory, and in a durable service the disk behind it.
 //!
-//! A job that its client waits for is kept in memory alone. It is written to the disk if it is admitted asynchronously,
-//! or when its solve outlives the wait. From then on each of its states is on the disk before it is reported. All
-//! changes of one job are handed to the disk under the lock of its [`Lifecycle`], so that they are made in the order in
-//! which they happened.
+//! A job that its client waits for is kept in memory only. It is written to the disk if it is admitted
+//! asynchronously, or when its solve outlives the wait. From then on each of its states is on the disk before it is
+//! reported. All changes of one job are handed to the disk under the lock of its [`Lifecycle`], so that they are made
+//! in the order in which they happened.
 
 mod healing;
 
@@ -31,27 +31,27 @@ use std::sync::Arc;
 use tokio::sync::mpsc::UnboundedSender;
 use tokio::task::spawn_blocking;
 
-/// The part of the bytes of ended jobs that may stand in memory where others are on a disk, as a divisor: those in memory
-/// have been sent to their clients, and are kept in case these ask again.
+/// The fraction `1/RESIDENT` of the size limit of ended jobs is available to those in memory if there is a disk: such
+/// jobs have been sent to their clients, and are kept in case a client asks again.
 const RESIDENT: usize = 8;
 
-/// The store of all jobs.
+/// The store of all jobs of the service.
 #[derive(Debug)]
 pub struct Store {
     index: Arc<Index>,
     disk: Option<Arc<Disk>>,
-    /// Jobs on the disk whose rows are damaged.
+    /// The jobs on the disk whose rows are damaged.
     damaged: HashSet<JobId>,
-    /// The ends that the disk has not accepted yet.
+    /// The ends of jobs that the disk has not accepted yet.
     unsaved: Arc<Unsaved>,
-    /// Is told of durable jobs that are forgotten, if others than this process keep them.
+    /// Receives durable jobs that are deleted, if machines other than this one store them.
     elsewhere: Option<UnboundedSender<Arc<Job>>>,
 }
 
 impl Store {
-    /// Opens a store over `folder`, and returns it with the waiting jobs of earlier processes, oldest first. Without a
-    /// folder, it is empty and in memory. Ends that the disk refuses are kept in memory, up to `unsaved` bytes of
-    /// results.
+    /// Opens a store over `folder`, and returns it with the waiting jobs of earlier processes, oldest first. Without
+    /// a folder, the store is empty and in memory. Ends of jobs that the disk refuses are kept in memory, up to
+    /// `unsaved` bytes of results.
     ///
     /// # Errors
     /// The folder is in use, or the disk reports an I/O error.
@@ -75,7 +75,7 @@ impl Store {
             if let Some(ended) = &mut record.ended
                 && ended.damaged
             {
-                // The results may have been restored.
+                // Damaged results are verified again, since they may have been restored.
                 ended.damaged = ended.held.as_ref().is_some_and(|held| disk.verify(id, held).is_err());
             }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
@@ -88,14 +88,14 @@ impl Store {
                     Some(Chunks::restored(facts, log, record.dismissed))
                 }
                 Some(_) => {
-                    // The process ended before it had removed them.
+                    // The last process ended before it had removed the rows of the sweep.
                     disk.remove_rows(id);
                     None
                 }
                 None => None,
             };
             let job = Arc::new(Job::recovered(id, record, chunks));
-            // Keys are distinct: that was checked when the jobs were admitted.
+            // Insertion succeeds: idempotency keys were checked to be distinct when the jobs were admitted.
             let _ = index.insert(&job);
             match finished {
                 Some((finished, bytes)) => past.push((finished, bytes, job)),
@@ -116,25 +116,25 @@ impl Store {
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved, elsewhere: None }, waiting))
     }
 
-    /// This store, which tells `elsewhere` of durable jobs that are forgotten.
+    /// Makes the store send durable jobs that are deleted to `elsewhere`.
     pub fn elsewhere(self, elsewhere: UnboundedSender<Arc<Job>>) -> Self {
         Self { elsewhere: Some(elsewhere), ..self }
     }
 
-    /// Tells who keeps a job elsewhere that it is forgotten.
+    /// Reports that a job is deleted to the task that removes it from other machines, if there is such a task.
     pub fn let_go(&self, job: &Arc<Job>) {
         if let Some(elsewhere) = &self.elsewhere {
-            // Its receiver ends with the process.
+            // Sending fails only if the receiver has ended, as the process does.
             let _ = elsewhere.send(Arc::clone(job));
         }
     }
 
-    /// The index.
+    /// The index of the jobs in memory.
     pub fn index(&self) -> &Index {
         &self.index
     }
 
-    /// A slot for the insertion of a job on the disk; `None` without a disk.
+    /// Waits for a slot for the insertion of a job on the disk; `None` without a disk.
     ///
     /// # Errors
     /// The disk refuses changes.
@@ -146,13 +146,13 @@ impl Store {
         }
     }
 
-    /// A slot for an update of a stored job, also on a full disk; `None` without a disk.
+    /// Waits for a slot for an update of a stored job, which is available on a full disk too; `None` without a disk.
     async fn passage(&self) -> Result<Option<WriteSlot>, Unwritable> {
         let Some(disk) = &self.disk else { return Ok(None) };
         disk.place().await.map(Some)
     }
 
-    /// Sends `job` to the disk, through the slot `place`.
+    /// Sends the insertion of `job` to the disk, through the slot `place`.
     pub fn store(&self, job: &Arc<Job>, lifecycle: &mut Lifecycle, document: Arc<[u8]>, place: WriteSlot) -> Written {
         lifecycle.persistence = Persistence::Storing;
         job.digest.get_or_init(|| Digest::of(&document));
@@ -166,8 +166,8 @@ impl Store {
         })
     }
 
-    /// Writes a job that is kept in memory to the disk, with the rows that it has if it is a sweep, unless it has ended, and
-    /// waits until it is written.
+    /// Writes an unfinished job that is only in memory to the disk, including its rows if it is a sweep, and waits
+    /// until the write is done.
     ///
     /// # Errors
     /// The disk did not accept the job.
@@ -189,7 +189,8 @@ impl Store {
                 (Some(document), _, Persistence::Memory) => {
                     self.store(job, &mut lifecycle, Arc::clone(document), place)
                 }
-                // An empty change is made after the pending change that stores the job.
+                // An empty change is made after the pending change that stores the job, so that its outcome can be
+                // awaited.
                 (_, _, Persistence::Storing | Persistence::Memory) => place.send(Change::default(), drop),
             }
         };
@@ -210,7 +211,7 @@ impl Store {
         }
     }
 
-    /// Records the count of kills for want of memory that this process has accounted for.
+    /// Records the number of kills for lack of memory that this process has attributed.
     pub fn account(&self, taken: &Taken) {
         self.note("what the system has ended", |marks| marks.account(taken));
     }
@@ -223,7 +224,8 @@ impl Store {
         }
     }
 
-    /// Ends a job: keeps its results, forgets the oldest jobs to make room, and wakes all who wait for the end.
+    /// Ends a job: stores its results, deletes the oldest jobs to make room, and wakes all tasks that wait for the
+    /// end.
     pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
         let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
             (Err(ended), Some(disk)) => {
@@ -237,13 +239,13 @@ impl Store {
         self.tidy(outcome).await;
     }
 
-    /// Ends a job that is kept in memory; returns the end as an error if the job is durable.
+    /// Ends a job that is only in memory; returns the end as an error if the job is durable.
     fn conclude_in_memory(&self, job: &Arc<Job>, ended: Ended) -> Result<Vec<Arc<Job>>, Box<Ended>> {
         let mut lifecycle = job.lock();
         if lifecycle.is_durable() {
             return Err(Box::new(ended));
         }
-        // Before anyone is woken, so that the store is within its bounds when the end is seen.
+        // The end is counted before anyone is woken, so that the store is within its limits when the end is seen.
         let forgotten = self.keep(job, &ended, job.document_bytes + ended.resident());
         lifecycle.finish(ended);
         drop(lifecycle);
@@ -251,12 +253,12 @@ impl Store {
         Ok(forgotten)
     }
 
-    /// Writes the end of a job, and reports it afterwards; an end that the disk refuses is reported, too, and kept to
-    /// be written later.
+    /// Writes the end of a job to the disk, and reports it afterwards; an end that the disk refuses is reported too,
+    /// and kept in memory to be written later.
     async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
         let kept = ended.clone();
         let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
-        // Store the row before the file: a kill in between would leave a file without a row.
+        // The row is stored before the file: a kill in between would leave a file without a row.
         if is_long && job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
@@ -287,14 +289,14 @@ impl Store {
         });
     }
 
-    /// Dismisses a waiting job, but a sweep with rows is only marked so, and is to be ended with them; asks a running job to stop
-    /// at its next step, and leaves an ended job unchanged.
+    /// Dismisses a waiting job, asks a running job to stop at its next step, and leaves an ended job unchanged. A
+    /// waiting sweep with rows is only marked as dismissed, and is to be ended with its rows.
     ///
     /// # Errors
-    /// The disk did not accept the change, so a later process may start the job again.
+    /// The disk did not accept the change, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if job.lock().is_ending {
-            // If its end is refused, the job may be solved again.
+            // If the pending write of the end is refused, the job may be solved again.
             self.flush().await;
         }
         let place = if job.is_durable() { self.passage().await } else { Ok(None) };
@@ -330,10 +332,10 @@ impl Store {
         written(answer?).await
     }
 
-    /// Deletes a job.
+    /// Deletes a job from the index and the disk.
     ///
     /// # Errors
-    /// The disk did not accept the change, so a later process will list the job again.
+    /// The disk did not accept the change, so that a later process will list the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.index.forget(job.id);
         written(self.erase(vec![Arc::clone(job)]).await?).await
@@ -344,7 +346,7 @@ impl Store {
         self.tidy(self.index.expire(now)).await;
     }
 
-    /// Parks a job for the next process, if it is durable, or for who has it elsewhere.
+    /// Leaves a stopped job to the next process, if it is durable, or to the machine that shares it.
     pub async fn park(&self, job: &Arc<Job>) {
         let Ok(place) = self.passage().await else { return };
         {
@@ -365,12 +367,12 @@ impl Store {
     /// Waits until all changes sent so far have been made.
     pub async fn flush(&self) {
         if let Ok(Some(place)) = self.passage().await {
-            // Failures have been reported to the senders of the failed changes.
+            // A failure has been reported to the sender of the failed change.
             let _ = place.send(Change::default(), drop).written().await;
         }
     }
 
-    /// The posted document of a job.
+    /// Returns the posted specification of a job.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -382,7 +384,7 @@ impl Store {
         }
     }
 
-    /// The results of a job. Files are read on a thread for blocking calls.
+    /// Returns the results of a job. Files are opened on a thread for blocking calls.
     ///
     /// # Errors
     /// I/O errors of the disk.
@@ -398,15 +400,15 @@ impl Store {
         }
     }
 
-    /// A spool for the long results of a job.
+    /// Creates a spool for the long results of a job.
     pub fn spool(&self, id: JobId) -> Spool {
         Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
     }
 
-    /// Writes the rows of a sweep that are in memory to the disk, if its job is there.
+    /// Writes the rows of a sweep that are only in memory to the disk, if its job is on the disk.
     pub async fn save_rows(&self, job: &Job) {
         let (Some(disk), Some(chunks)) = (&self.disk, &job.chunks) else { return };
-        // The row before the file: a kill in between would leave a file without a row.
+        // The row of the job is stored before the file: a kill in between would leave a file without a row.
         if job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
@@ -422,7 +424,7 @@ impl Store {
         }
     }
 
-    /// Writes the row of an unfinished job again.
+    /// Writes the row of an unfinished job again, with its current state.
     pub async fn note_progress(&self, job: &Job) {
         let Ok(Some(place)) = self.passage().await else { return };
         let lifecycle = job.lock();
@@ -431,12 +433,13 @@ impl Store {
         }
     }
 
-    /// Whether the row of this job is damaged.
+    /// Whether the row of the job `id` is damaged.
     pub fn is_damaged(&self, id: JobId) -> bool {
         self.damaged.contains(&id)
     }
 
-    /// Records that the results of an ended job are damaged, so that they are not served again. The data stay in place.
+    /// Records that the results of an ended job are damaged, so that they are not served again. The data stay on the
+    /// disk.
     pub async fn set_aside(&self, job: &Job) {
         let Some(disk) = &self.disk else { return };
         let place = disk.place().await;
@@ -449,12 +452,12 @@ impl Store {
         lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
-    /// Counts a job as ended, with `resident` bytes in memory; returns the jobs that are forgotten to make room.
+    /// Counts a job as ended, with `resident` bytes in memory; returns the jobs that were deleted to make room.
     pub fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
         self.index.keep(job.id, ended.finished, Size { bytes: job.document_bytes + ended.bytes(), resident })
     }
 
-    /// Removes jobs, no longer in the index, from the disk.
+    /// Removes jobs, which must not be in the index any more, from the disk.
     async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Written>, Unwritable> {
         let mut stored = Vec::new();
         for job in jobs {

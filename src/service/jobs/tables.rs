@@ -1,4 +1,4 @@
-//! The tables of the database, and the version of their format.
+//! The tables of the job database, and the version of their format.
 //!
 //! | format | since | contents |
 //! |---|---|---|
@@ -7,9 +7,9 @@
 //! | 3 | | long results as columns, in chunks |
 //! | 4 | | long results as columns, in blocks; those in chunks stay as they are |
 //!
-//! A store of an earlier format is converted in one transaction when it is opened. A store of a later format is
-//! refused. Versions that do not know the table `format` refuse a later store as well, since the type of its rows has
-//! another name.
+//! A database of an earlier format is converted in one transaction when it is opened. A database of a later format is
+//! refused. Versions that do not know the table `format` refuse a later database as well, since the type of its rows
+//! has another name.
 
 use super::JobId;
 use super::seal::{seal, unseal};
@@ -17,27 +17,27 @@ use crate::digest::{Digest, Fingerprint};
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHandle, TypeName, Value};
 use serde_json::json;
 
-/// The present format.
+/// The current format of the database.
 pub const FORMAT: u64 = 4;
 
-/// The rows of jobs, sealed with digests.
+/// The table of the rows of jobs, sealed with digests.
 pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");
-/// The posted documents.
+/// The table of the posted specifications.
 pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("specifications");
-/// Short results.
+/// The table of the short results of jobs.
 pub const RESULTS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("results");
-/// The number of the latest start.
+/// The table with the number of the latest start of the service.
 pub const STARTS: TableDefinition<'_, (), u64> = TableDefinition::new("starts");
 /// The jobs whose rows were lost in a rebuild of the database; absent if it was never rebuilt.
 pub const LOST: TableDefinition<'_, u128, ()> = TableDefinition::new("lost");
-/// Deleted jobs that may have a file, until it is removed; absent if no job was deleted.
+/// Deleted jobs that may still have a file; absent if no job was deleted.
 pub const FORGOTTEN: TableDefinition<'_, u128, ()> = TableDefinition::new("forgotten");
 
 const FORMATS: TableDefinition<'_, (), u64> = TableDefinition::new("format");
 const JOBS_OF_FORMAT_1: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs");
 const JOBS_ON_THE_WAY: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs of format 1");
 
-/// The type of a row behind its digest.
+/// The type of a row of a job behind its digest.
 #[derive(Debug)]
 pub struct Sealed;
 
@@ -68,7 +68,7 @@ impl Value for Sealed {
     }
 }
 
-/// The format of the database; `None` if it is empty.
+/// Returns the format of the database; `None` if the database is empty.
 pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     let transaction = redb.begin_read()?;
     let names: Vec<String> = transaction.list_tables()?.map(|table| table.name().to_owned()).collect();
@@ -79,22 +79,22 @@ pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     Ok(has(JOBS.name()).then_some(1))
 }
 
-/// Whether there are rows of jobs in the first format.
+/// Whether the database has rows of jobs in the first format.
 pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
     Ok(redb.begin_read()?.open_table(JOBS_OF_FORMAT_1).is_ok())
 }
 
-/// A file of results as JSON.
+/// The fingerprints of a file of results as JSON.
 #[derive(Clone, Copy, Debug)]
 pub struct InFile {
-    /// The fingerprint of the JSON.
+    /// The fingerprint of the results as JSON.
     pub json: Fingerprint,
     /// The fingerprint of the index of the columnar file beside the JSON file, if there is one.
     pub index: Option<Fingerprint>,
 }
 
-/// Creates the tables, converting those of an earlier format if there are any, in one transaction. `file` examines the
-/// results file of a job, and may write columns beside it.
+/// Creates the tables, converting those of an earlier format if there are any, in one transaction. `file` examines
+/// the results file of a job, and may write columns beside it.
 pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option<InFile>) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
     transaction.set_quick_repair(true);
@@ -124,7 +124,7 @@ pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option
         for row in jobs.iter()? {
             let (number, sealed) = row?;
             let id = JobId::of_number(number.value());
-            // A damaged row stays as it is.
+            // The row stays unchanged if it is damaged.
             if let Some(row) = unseal(id, sealed.value()).and_then(|row| with_columns(row, || file(id))) {
                 changed.push((number.value(), seal(id, &row)));
             }
@@ -143,8 +143,8 @@ pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option
     Ok(())
 }
 
-/// Converts a row of format 1 to format 2; a row that cannot be read stays as it is. Results that are missing, or of
-/// another length, get the digest of the empty string, by which they will be found damaged.
+/// Converts the row of a job from format 1 to format 2; a row that cannot be read stays unchanged. Results that are
+/// missing, or of another length, get the digest of the empty string, by which they will be found damaged.
 fn with_digests(row: &[u8], document: Option<Digest>, find: impl Fn(&str) -> Option<Fingerprint>) -> Vec<u8> {
     let Ok(mut value) = serde_json::from_slice::<serde_json::Value>(row) else { return row.to_vec() };
     if !value.is_object() {
@@ -167,8 +167,8 @@ fn with_digests(row: &[u8], document: Option<Digest>, find: impl Fn(&str) -> Opt
     serde_json::to_vec(&value).unwrap_or_else(|_| row.to_vec())
 }
 
-/// Converts a row of format 2 to format 3, with its results as columns, if its results were an intact JSON file; `None`
-/// if the row does not change.
+/// Converts the row of a job from format 2 to format 3, with its results as columns, if its results were an intact
+/// JSON file; `None` if the row does not change.
 fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>> {
     let mut value = serde_json::from_slice::<serde_json::Value>(row).ok()?;
     let held = value.pointer_mut("/ended/held")?;
@@ -177,7 +177,7 @@ fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>
     serde_json::to_vec(&value).ok()
 }
 
-/// Marks a store as one of another format.
+/// Marks a database as one of another format.
 #[cfg(test)]
 pub fn set_format(path: &std::path::Path, format: u64) -> Result<(), redb::Error> {
     let transaction = Database::open(path)?.begin_write()?;
@@ -217,7 +217,7 @@ mod tests {
         }
     }
 
-    /// A row in format 1.
+    /// The row of a job in format 1.
     const ROW: &str = r#"{"client":{"address":"127.0.0.1"},"label":null,"horizon":{"start":0.0,"end":1.0},
         "estimate":{"problem":"dvi","memory":1000},"created":"2026-01-01T00:00:00Z","document_bytes":8,"key":null,
         "crashes":0,"underway":false,"dismissed":false,"ended":{"started":"2026-01-01T00:00:00Z",

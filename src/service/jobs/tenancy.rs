@@ -1,10 +1,11 @@
-//! The exclusive use of a folder by one service.
+//! The exclusive use of the data folder by one service.
 //!
-//! The lock of the database belongs to the open file, and every child process has a copy of that file until it executes its
-//! own program: if the service is killed in that moment, the child holds the lock for some milliseconds more, and a process
-//! that examines the database for a start holds it until it ends. A record lock (`fcntl`) belongs to the process: no child
-//! inherits it, and it ends with the process. So whoever has the record lock knows that no other service uses the folder,
-//! and that the lock of the database, if it is held, is held by a process that is about to end, for which it waits.
+//! The lock of the database belongs to the open file, and every child process has a copy of that file until it
+//! executes its own program: if the service is killed at that moment, the child holds the lock for some milliseconds
+//! more, and a child process that checks the database at a start holds the lock until it ends. A record lock
+//! (`fcntl`) belongs to the process: no child inherits it, and it ends with the process. So a service that has the
+//! record lock knows that no other service uses the folder, and that any holder of the database's lock is a process
+//! that is about to end; the service waits for it.
 
 use super::files::OWN;
 use super::guarded::in_use;
@@ -20,24 +21,25 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// The name of the locked file, which stays empty.
+/// The name of the file on which the record lock is taken; it stays empty.
 const NAME: &str = "lock";
 
-/// The time between two attempts to lock the database.
+/// The interval between two attempts to lock the database.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// The time after which the wait is logged.
+/// The time after which the wait for the lock of the database is logged.
 const LONG: Duration = Duration::from_secs(1);
 
-/// The use of a folder, until it is dropped or the process ends.
+/// The exclusive use of a data folder, until this value is dropped or the process ends.
 #[derive(Debug)]
 pub struct Tenancy {
-    /// Opened here alone: closing any other descriptor of the file in this process would end the lock.
+    /// The locked file, which is opened only once: closing any other descriptor of it in this process would end the
+    /// lock.
     _lock: File,
 }
 
 impl Tenancy {
-    /// Takes the use of `folder`, and waits at most `patience` until the database at `path` is unlocked.
+    /// Takes the exclusive use of `folder`, and waits at most `patience` until the database at `path` is unlocked.
     ///
     /// # Errors
     /// [`io::ErrorKind::ResourceBusy`] if another process uses the folder; I/O errors of the disk.
@@ -46,7 +48,7 @@ impl Tenancy {
         match fcntl_lock(&lock, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(Errno::AGAIN | Errno::ACCESS) => return Err(in_use()),
-            // A file system without record locks: the lock of the database remains.
+            // On a file system without record locks, only the lock of the database protects the folder.
             Err(error) => tracing::debug!(%error, "the folder cannot be locked by itself"),
         }
         patiently(patience, || if is_free(path)? { Ok(()) } else { Err(in_use()) })?;
@@ -54,11 +56,12 @@ impl Tenancy {
     }
 }
 
-/// Opens a database in a folder whose [`Tenancy`] this process or its parent has: while the database is in use, it is tried
-/// again for at most `patience`. A process that examined it for a start that was killed may open it at any moment before it ends.
+/// Opens a database in a folder whose [`Tenancy`] this process or its parent has: while the database is in use,
+/// `open` is called again for at most `patience`. A process that was checking the database for a service that was
+/// killed may still hold it, or open it, until that process ends.
 ///
 /// # Errors
-/// Those of `open`.
+/// The errors of `open`.
 pub fn patiently<T>(patience: Duration, mut open: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     let begun = Instant::now();
     let mut is_told = false;
@@ -81,10 +84,11 @@ fn is_free(path: &Path) -> io::Result<bool> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
         file => file?,
     };
-    // The database library locks the whole file in one way and its parts in another; both end as the file is closed.
+    // The database library locks the whole file in one way and its parts in another; both locks end as the file is
+    // closed.
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => return Ok(false),
-        // A file system without this kind of lock.
+        // An error other than a held lock means that the file system lacks this kind of lock.
         Ok(()) | Err(TryLockError::Error(_)) => {}
     }
     let backend = FileBackend::new(file).map_err(io::Error::other)?;

@@ -1,12 +1,12 @@
-//! Places for work that is not a job and yet takes time, such as the check of a large specification: a few at a time,
-//! shared so that no client can starve another.
+//! Permits for work that is not a job and yet takes time, such as the check of a large specification: a few at a
+//! time, shared so that no client can starve another.
 
 use super::Client;
 use super::queue::{FairQueue, Full, Heavy, Room};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// The places, and the queue of those that wait for one.
+/// A number of permits, and the queue of those that wait for one.
 #[derive(Debug)]
 pub struct Turns {
     state: Mutex<State>,
@@ -30,27 +30,27 @@ impl Heavy for Waiting {
     }
 }
 
-/// A place; dropping it gives it back.
+/// A permit; dropping it returns it.
 #[derive(Debug)]
 pub struct Turn {
     turns: Option<Arc<Turns>>,
 }
 
 impl Turns {
-    /// `places` places, with `room` to wait for one.
+    /// Creates `places` permits, with the limits `room` of the queue of those that wait for one.
     pub fn new(places: usize, room: Room) -> Arc<Self> {
         Arc::new(Self { state: Mutex::new(State { free: places, waiting: FairQueue::new(room) }) })
     }
 
-    /// The number of places taken, out of `places`.
+    /// Returns the number of permits taken, out of `places`.
     pub fn taken(&self, places: usize) -> usize {
         places.saturating_sub(self.lock().free)
     }
 
-    /// Waits for a place to work on `bytes` bytes. A client that goes away (a dropped future) gives up its turn.
+    /// Waits for a permit to work on `bytes` bytes. A client that disconnects (a dropped future) gives up its turn.
     ///
     /// # Errors
-    /// The bound that is reached.
+    /// The limit that is reached.
     pub async fn turn(self: &Arc<Self>, client: Client, bytes: usize) -> Result<Turn, Full> {
         let (place, given) = oneshot::channel();
         {
@@ -59,11 +59,11 @@ impl Turns {
             state.waiting.push(client, Waiting { bytes, place });
         }
         self.hand_out();
-        // The queue outlives those that wait in it, and drops none of them.
+        // The permit is always given: the queue outlives those that wait in it, and drops none of them.
         given.await.map_err(|_| Full::Queue)
     }
 
-    /// Gives the free places to the next in turn.
+    /// Gives the free permits to the next in the queue.
     fn hand_out(self: &Arc<Self>) {
         loop {
             let next = {

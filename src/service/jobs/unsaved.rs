@@ -1,11 +1,11 @@
-//! Ends of jobs that the disk has refused, for instance since it is full: they stay in memory, up to a bound, until
-//! there is room. The disk has such a job as unfinished, so that a restart in between solves it again.
+//! Ends of jobs that the disk has refused, for instance since it is full: they stay in memory, up to a size limit,
+//! until there is space. On the disk such a job is unfinished, so that a restart in between solves it again.
 
 use super::ended::Ended;
 use super::job::{Job, Lifecycle, State};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The jobs whose ends wait to be written.
+/// The jobs whose ends wait to be written to the disk.
 #[derive(Debug)]
 pub struct Unsaved {
     bound: usize,
@@ -16,20 +16,20 @@ pub struct Unsaved {
 struct Jobs {
     /// The jobs that have ended, with their results in memory.
     ended: Vec<Arc<Job>>,
-    /// The total bytes of those results.
+    /// The total size of the results in memory, in bytes.
     bytes: usize,
     /// The jobs whose results did not fit in memory, which are to be solved again.
     again: Vec<Arc<Job>>,
 }
 
 impl Unsaved {
-    /// Room for `bound` bytes of results, and for a single end whatever its size.
+    /// Creates room for `bound` bytes of results, and for a single end whatever its size.
     pub fn new(bound: usize) -> Self {
         Self { bound, jobs: Mutex::default() }
     }
 
-    /// Keeps the end of a job in memory and reports it; if the bound is reached, parks the job to be solved again
-    /// instead.
+    /// Keeps the end of a job in memory and reports it; if the size limit is reached, parks the job instead, to be
+    /// solved again.
     pub fn keep(&self, job: &Arc<Job>, ended: Ended) {
         let mut jobs = self.lock();
         if jobs.ended.iter().any(|known| known.id == job.id) {
@@ -51,23 +51,23 @@ impl Unsaved {
         job.wake();
     }
 
-    /// The number of ends kept.
+    /// Returns the number of ends that wait to be written.
     pub fn len(&self) -> usize {
         self.lock().ended.len()
     }
 
-    /// Whether no end is kept, and no job is to be solved again.
+    /// Whether no end waits to be written, and no job is to be solved again.
     pub fn is_empty(&self) -> bool {
         let jobs = self.lock();
         jobs.ended.is_empty() && jobs.again.is_empty()
     }
 
-    /// The jobs whose ends are kept.
+    /// Returns the jobs whose ends wait to be written.
     pub fn jobs(&self) -> Vec<Arc<Job>> {
         self.lock().ended.clone()
     }
 
-    /// Drops the end of a job, of size `bytes`, if it was kept.
+    /// Drops the end of a job, with results of `bytes` bytes, if it waited to be written.
     pub fn forget(&self, job: &Job, bytes: usize) {
         let mut jobs = self.lock();
         if let Some(place) = jobs.ended.iter().position(|known| known.id == job.id) {
@@ -89,7 +89,7 @@ impl Unsaved {
 }
 
 impl Lifecycle {
-    /// The reported end, if there is one.
+    /// Returns the reported end of the job, if it has ended.
     pub fn ended(&self) -> Option<&Arc<Ended>> {
         match &self.state {
             State::Ended(ended) => Some(ended),

@@ -1,9 +1,9 @@
 //! The database file while it is open: every block that is read must be as it was at opening or as last written.
 //!
-//! The database library follows page numbers without checking their checksums. A page corrupted on the disk could lead
-//! it into a cycle, whose recursion exhausts the stack and ends the process. So the file is checksummed block by block
-//! when it is opened, once its pages have been checked against each other; from then on a block that differs from its
-//! checksum is an I/O error.
+//! The database library follows page numbers without checking their checksums. A page corrupted on the disk could
+//! lead it into a cycle, whose recursion exhausts the stack and ends the process. So the file is checksummed block by
+//! block when it is opened, once its pages have been checked against each other; from then on a block that differs
+//! from its checksum is an I/O error.
 
 use redb::backends::FileBackend;
 use redb::{BackendError, StorageBackend};
@@ -16,12 +16,12 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// The size of a checksummed block, in bytes: one page of the database.
 const BLOCK: u64 = 4096;
 
-/// The checksums of the blocks of a file; `None` for blocks that were never written. They outlive a reopening of the
-/// file.
+/// The checksums of the blocks of a file; `None` for blocks that were never written. The checksums are kept when the
+/// file is reopened.
 #[derive(Clone, Debug, Default)]
 pub struct Sums(Arc<RwLock<Option<Vec<Option<u64>>>>>);
 
-/// A file and the checksums of its blocks.
+/// A file with the checksums of its blocks.
 #[derive(Debug)]
 pub struct Watched {
     file: FileBackend,
@@ -29,7 +29,7 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// A backend over `file`, with the checksums of an earlier opening, if there was one.
+    /// Creates a backend of the database over `file`, with the checksums of an earlier opening, if there was one.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -38,7 +38,7 @@ impl Watched {
         Ok(Self { file, sums })
     }
 
-    /// Computes the checksums of the whole file, unless that has been done.
+    /// Computes the checksums of all blocks of the file, unless that has been done.
     fn sum_up(&self) -> io::Result<()> {
         let mut sums = self.sums.0.write().unwrap_or_else(PoisonError::into_inner);
         if sums.is_none() {
@@ -58,18 +58,20 @@ impl Watched {
     }
 }
 
-/// The numbers of the blocks that `bytes` bytes from `offset` on touch.
+/// Returns the numbers of the blocks that a range of `bytes` bytes from `offset` touches.
 fn blocks(offset: u64, bytes: usize) -> Range<u64> {
     offset / BLOCK..(offset + bytes as u64).div_ceil(BLOCK)
 }
 
-/// The part of `bytes`, which begin at `offset` in the file, that is the whole block `number`, if they contain it.
+/// Returns the block `number` as a part of `bytes`, which begin at `offset` in the file, if they contain the whole
+/// block.
 fn whole(bytes: &[u8], offset: u64, number: u64) -> Option<&[u8]> {
     let start = usize::try_from((number * BLOCK).checked_sub(offset)?).ok()?;
     bytes.get(start..start + BLOCK as usize)
 }
 
-/// The checksum of a block: it guards against faults, not against malice, which could write the checksum as well.
+/// Returns the checksum of a block, which detects faults but not malicious changes, which could change the checksum
+/// too.
 fn sum(block: &[u8]) -> u64 {
     let mut hasher = DefaultHasher::new();
     hasher.write(block);
@@ -106,7 +108,8 @@ impl StorageBackend for Watched {
         self.file.set_len(length)?;
         if let Some(sums) = &mut *sums {
             sums.resize(length.div_ceil(BLOCK) as usize, None);
-            // The last block before or after the change of length is now complete or cut: its checksum is unknown.
+            // The last block before or after the change of length has become complete or cut: its checksum is
+            // unknown.
             if let Some(last) = sums.get_mut((before.min(length) / BLOCK) as usize) {
                 *last = None;
             }
@@ -144,7 +147,7 @@ impl StorageBackend for Watched {
     fn try_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         let locked = self.file.try_lock_range(start, end)?;
         if locked {
-            // The file is locked against other writers now, and nothing has been read yet.
+            // The file is locked against other writers, and nothing has been read yet.
             self.sum_up()?;
         }
         Ok(locked)
@@ -182,7 +185,7 @@ mod tests {
         watched.read(0, &mut bytes).unwrap();
         assert_eq!(watched.read(BLOCK, &mut bytes).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert!(watched.read(2 * BLOCK + 4000, &mut [0]).is_err());
-        // Reopened with the checksums of the first opening.
+        // The file is reopened with the checksums of the first opening.
         let anew = Watched::over(file(), sums).unwrap();
         anew.sum_up().unwrap();
         assert!(anew.read(2 * BLOCK, &mut [0]).is_err());

@@ -1,4 +1,5 @@
-//! The course of a job whose turn has come: a mark on the disk, a solve on a worker, and the end in the store.
+//! The execution of a job whose turn in the queue has come: a mark on the disk, a solve on a worker, and the end in
+//! the store.
 
 use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
@@ -22,26 +23,26 @@ use tokio::select;
 use tokio::time::timeout;
 use tracing::Instrument;
 
-/// The time for which a suspect runs alone, and for which it waits until it does: in both together the others wait less
-/// than the 30 s for which a client waits by default.
+/// The time limit for a suspect job, which was running when an earlier process died, to run alone, and for its wait
+/// to do so. In both together other jobs wait less than the 30 s for which a client waits by default.
 const ALONE: Duration = Duration::from_secs(10);
 
-/// What a worker is to solve.
+/// A job or a chunk of a sweep for a worker to solve.
 #[derive(Clone, Copy)]
 pub(super) struct Assignment<'a> {
     pub job: &'a Job,
     pub document: &'a [u8],
-    /// The members, if the job is a chunk of a sweep.
+    /// The members to solve, if the job is a chunk of a sweep.
     pub members: Option<&'a Members>,
     pub limits: Limits,
     /// Called at the end of the first time slice.
     pub over: &'a (dyn Fn() + Sync),
 }
 
-/// The outcome of an attempt at a job.
+/// The outcome of an attempt to solve a job.
 pub(super) enum Outcome {
     Ended(Box<Ended>),
-    /// The job was parked, for the next process.
+    /// The job was stopped, for the next process to start again.
     Stopped,
     /// The job has used up its first time slice, and returns to the queue.
     Waits,
@@ -50,10 +51,10 @@ pub(super) enum Outcome {
 }
 
 impl Jobs {
-    /// Waits for a job and has it solved by the supervised worker at `place` in the pool. Returns false if workers have
+    /// Waits for a job and lets the supervised worker at `place` in the pool solve it. Returns false if workers have
     /// been dismissed.
     pub(super) async fn solve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
-        // Take a job only once a worker is ready for it.
+        // A job is taken only once a worker is ready for it.
         select! {
             () = supervisor.ready() => {}
             () = self.dismissed() => return false,
@@ -64,10 +65,11 @@ impl Jobs {
         !self.is_dismissed.load(Relaxed)
     }
 
-    /// The next job for a worker; `None` if none arrived within the idle time, or if workers have been dismissed.
+    /// Returns the next job for a worker; `None` if no job waited, after a wait for an arrival, or if workers have
+    /// been dismissed.
     async fn next(&self, supervisor: &mut Supervisor) -> Option<Taken> {
         let mut arrival = pin!(self.arrival.notified());
-        // Registered before the queue is read, so that an arrival in between is not missed.
+        // The notification is registered before the queue is read, so that an arrival in between is not missed.
         arrival.as_mut().enable();
         if self.is_dismissed.load(Relaxed) {
             return None;
@@ -83,9 +85,9 @@ impl Jobs {
         next
     }
 
-    /// Waits for a job in need of relief (it has used up its first time slice, its client has no other job that runs to
-    /// its end, and all workers are taken), and has it solved by the relief worker at `place`. Returns false if workers
-    /// have been dismissed.
+    /// Waits for a job in need of relief (it has used up its first time slice, its client has no other job that runs
+    /// to its end, and all workers are taken), and lets the relief worker at `place` solve it. Returns false if
+    /// workers have been dismissed.
     pub(super) async fn relieve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
         select! {
             () = self.relief.notified() => {}
@@ -109,7 +111,7 @@ impl Jobs {
         let Taken { job, chunk, lane } = taken;
         match &job.chunks {
             Some(chunks) => {
-                // What is left of the sweep is for other workers.
+                // The remaining members of the sweep are for other workers.
                 self.arrival.notify_one();
                 self.see_chunk_through(place, supervisor, (&job, chunks), chunk, lane).await;
             }
@@ -117,9 +119,9 @@ impl Jobs {
         }
     }
 
-    /// Does the `work` of a job beside others, unless the job is a suspect. A suspect runs alone at first, so that the next
-    /// death of the process is evidence against it; but not for long, so that the others are not held up by a job that
-    /// may be innocent.
+    /// Does the `work` of a job beside other jobs, unless the job is a suspect, which was running when an earlier
+    /// process died. A suspect runs alone at first, so that the next death of the process is evidence against it; but
+    /// only for a limited time, so that it does not delay the others if it is innocent.
     pub(super) async fn apart<T>(&self, is_suspect: bool, work: impl Future<Output = T>) -> T {
         let mut work = pin!(work);
         if is_suspect && let Ok(alone) = timeout(ALONE, self.suspects.write()).await {
@@ -131,7 +133,7 @@ impl Jobs {
                 }
             }
         }
-        // Not a suspect, or one for which the others have not ended in time.
+        // The job is not a suspect, or it is one and the other jobs have not ended in time.
         let _beside_others = self.suspects.read().await;
         work.await
     }
@@ -165,7 +167,7 @@ impl Jobs {
             intake.drain_rate.departed(Instant::now());
         }
         self.announce_if_idle(&intake);
-        // The client may have no running job now, or a running job may have used up a worker: another job may need
+        // The client may have no running job any more, or a running job may occupy a worker: another job may need
         // relief.
         self.call_relief(&intake);
     }
@@ -290,7 +292,7 @@ impl Jobs {
                     Left::Columns(Prints { json, index }) => {
                         Results::Columns(Long { backing: spool.end(), json, index })
                     }
-                    // It was not asked for a part of a sweep.
+                    // The worker was not asked for a part of a sweep.
                     Left::Rows(..) => return broken(Fault::Defect, "defect"),
                 };
                 Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(results)).into())
@@ -300,13 +302,14 @@ impl Jobs {
                 broken(fault, "too_much_memory")
             }
             Ok(Finished::TooLarge) => broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large"),
-            // Stopped before the solve began, or killed since it did not heed the request to stop.
+            // The solve was stopped before it began, or its worker was killed since it did not heed the request to
+            // stop.
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
                 Some(Halt::Park) => Outcome::Stopped,
                 Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed).into()),
                 Some(Halt::Yield) | None => broken(Fault::Overran, "overran"),
             },
-            // A signal to the whole service unit, which is about to stop.
+            // The signal went to the whole service unit, which is about to stop.
             Err(Death::Killed(_)) if job.is_durable() && self.is_draining() => Outcome::Stopped,
             Ok(Finished::Refused(errors, false)) => {
                 let errors = String::from_utf8_lossy(&errors);
@@ -325,7 +328,7 @@ impl Jobs {
         }
     }
 
-    /// Has a worker solve; it begins again if the worker is killed from outside.
+    /// Lets a worker solve the job or chunk; begins again if the worker is killed from outside.
     pub(super) async fn perform(
         &self,
         supervisor: &mut Supervisor,
@@ -351,7 +354,7 @@ impl Jobs {
         }
     }
 
-    /// At the end of its first time slice, lets the job go on if it may, and otherwise asks it to yield.
+    /// At the end of a job's first time slice, lets the job continue if it may, and otherwise asks it to yield.
     pub(super) fn end_slice(&self, job: &Job, lane: &LaneCell) {
         job.use_up_slice();
         if self.lock().goes_on(job) {
@@ -362,14 +365,14 @@ impl Jobs {
         }
     }
 
-    /// The length of a first time slice: `FAIR` start-up times of a worker. A job that does not heed the request to
-    /// yield costs a worker, so that at most the fraction `1/(1 + FAIR)` of the time of the express workers goes into
-    /// start-ups.
+    /// Returns the length of a first time slice: `FAIR` start-up times of a worker. A job that does not heed the
+    /// request to yield costs a worker, so that at most the fraction `1/(1 + FAIR)` of the time of the express
+    /// workers goes into start-ups.
     fn slice(&self) -> Duration {
         Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(FAIR)
     }
 
-    /// Whether the system has killed a process for want of memory, possibly the lost worker, since the last call.
+    /// Whether the system has killed a process for lack of memory, possibly the lost worker, since the last call.
     fn was_memory_short(&self) -> bool {
         let (was_short, taken) = self.shortage.account();
         if let Some(taken) = taken {
@@ -391,7 +394,7 @@ impl Jobs {
         }
     }
 
-    /// The posted document of a waiting job.
+    /// Returns the posted specification of a waiting job.
     pub(super) fn posted(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match job.state() {
             State::Accepted(Some(document)) => Ok(document),
@@ -425,7 +428,7 @@ impl Job {
         );
     }
 
-    /// The problem type, as a label of metrics.
+    /// Returns the problem type, as a label of metrics.
     pub(super) fn problem(&self) -> Cow<'static, str> {
         self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())
     }

@@ -1,10 +1,11 @@
-//! Group commit: one thread takes all pending changes, makes them in one transaction, and then reports the outcome to
-//! all who wait (Gray & Reuter 1993, "Transaction processing", section 9.4). While it syncs, the next group gathers.
+//! Group commit: one thread takes all pending changes of the database, makes them in one transaction, and then
+//! reports the outcome to all who wait (Gray & Reuter 1993, "Transaction processing", section 9.4). While it syncs,
+//! the next group gathers.
 //!
-//! If a group cannot be written, for instance on a full disk, the reserve is freed for those of its changes that delete
-//! or end jobs, and the others are refused. Each later group is tried again, and the failure is over when the reserve
-//! has been restored and a group has been written. While the database file is missing from its path, nothing is
-//! written, since it would be lost.
+//! If a group cannot be written, for instance on a full disk, the reserve is freed for those of its changes that
+//! delete or end jobs, and the others are refused. Each later group is tried again, and the failure is over when the
+//! reserve has been restored and a group has been written. While the database file is missing from its path, nothing
+//! is written, since it would be lost.
 
 use super::change::Change;
 use super::database::Database;
@@ -22,10 +23,10 @@ use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
 
 /// The number of changes that may wait, and the largest number in one transaction. Short results are at most 64 KiB
-/// each, which bounds the waiting bytes as well.
+/// each, which bounds the size of the waiting changes as well.
 const WAITING: usize = 1024;
 
-/// The store refused a change.
+/// The error that the job store refused a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the store cannot be written")]
 pub struct Unwritable;
@@ -33,28 +34,28 @@ pub struct Unwritable;
 /// A callback with the outcome of a change.
 pub type Then = Box<dyn FnOnce(Result<(), Unwritable>) + Send>;
 
-/// A slot in the queue of changes.
+/// A slot in the queue of changes to the database.
 pub struct WriteSlot(OwnedPermit<(Change, Then)>);
 
 impl WriteSlot {
-    /// Sends the change, without waiting for it. Changes are made in the order in which they are sent.
+    /// Sends a change, without waiting for it. Changes are made in the order in which they are sent.
     pub fn take(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) {
         self.0.send((change, Box::new(then)));
     }
 
-    /// Sends the change, and returns a handle on its outcome, available after `then` has run.
+    /// Sends a change, and returns a handle on its outcome, available after `then` has run.
     pub fn send(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) -> Written {
         let (answer, answered) = oneshot::channel();
         self.take(change, move |written| {
             then(written);
-            // The receiver may have been dropped.
+            // Sending fails if the receiver has been dropped, which is harmless.
             let _ = answer.send(written);
         });
         Written(answered)
     }
 }
 
-/// The pending outcome of a change.
+/// The pending outcome of a change to the database.
 pub struct Written(oneshot::Receiver<Result<(), Unwritable>>);
 
 impl Written {
@@ -67,7 +68,8 @@ impl Written {
     }
 }
 
-/// The handle of the writer thread. When it is dropped, the thread makes all pending changes and ends.
+/// A handle of the thread that writes the database. When it is dropped, the thread makes all pending changes and
+/// ends.
 #[derive(Debug)]
 pub struct Writer {
     changes: Sender<(Change, Then)>,
@@ -76,7 +78,7 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts the thread, which adds the duration of each of its writes to `seconds`.
+    /// Starts the writer thread, which adds the duration of each of its writes to `seconds`.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -104,16 +106,16 @@ impl Writer {
     }
 }
 
-/// The state of the writer thread.
+/// The state of the thread that writes the database.
 struct Scribe {
     database: Arc<Database>,
     files: Arc<Files>,
     reserve: Reserve,
     seconds: Histogram,
     failed: Arc<AtomicBool>,
-    /// Jobs have been deleted since the reserve was freed.
+    /// Whether jobs have been deleted since the reserve was freed.
     freed: bool,
-    /// The bytes that the latest refused group was to add.
+    /// The number of bytes that the latest refused group of changes was to add.
     wanted: usize,
 }
 
@@ -138,7 +140,7 @@ impl Scribe {
         }
     }
 
-    /// Makes all of the changes, or if that fails those that need hardly any room; returns the outcome of each.
+    /// Makes all of the changes, or if that fails those that need hardly any disk space; returns the outcome of each.
     fn make(&mut self, changes: &[Change]) -> Vec<Result<(), Unwritable>> {
         if !self.database.is_in_place() {
             if !self.failed.swap(true, Relaxed) {
@@ -184,8 +186,8 @@ impl Scribe {
         written
     }
 
-    /// Restores the reserve, for which the database may have to be compacted; returns whether there is room for it and
-    /// for the changes refused last.
+    /// Restores the reserve, for which the database may have to be compacted; returns whether there is space for the
+    /// reserve and for the changes refused last.
     fn hold(&mut self) -> bool {
         if self.is_room() {
             return true;

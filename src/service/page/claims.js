@@ -1,7 +1,8 @@
-// Evidence for people: one sentence, then each claim with a light, what it rests on, and the chapter of the guide that explains it.
+// The evidence of an answer for people: one sentence, then each claim with a light, what it rests on, and the chapter
+// of the guide that explains it.
 //
-// A light is green where something was proven or measured within what is allowed, amber where nobody knows, red where a measurement speaks
-// against the claim. What was not measured is not shown as good.
+// A light is green if the claim was proven, or measured within what is allowed, amber if nothing is known, red if a
+// measurement speaks against the claim. A claim that was not measured is not shown as good.
 
 import { element } from "./element.js";
 import { number } from "./numbers.js";
@@ -36,7 +37,7 @@ const capital = (words) => `${words[0].toUpperCase()}${words.slice(1)}`;
 const size = (value) => (Math.abs(value) >= Number.MAX_VALUE ? "not finite" : number(value, 2));
 const counted = (n, one, many) => `${n === 0 ? "No" : number(n)} ${n === 1 ? one : many}`;
 
-// The claims that an answer makes: {light, title, rests, code}.
+// Returns the claims that an answer makes: {light, title, rests, code}.
 export function claimsOf({ status, diagnostics = {}, t = [] }) {
   const claims = [];
   const checks = diagnostics.checks ?? {};
@@ -68,7 +69,7 @@ export function claimsOf({ status, diagnostics = {}, t = [] }) {
   return claims;
 }
 
-// The first thing that is said of an answer.
+// Returns the first sentence about an answer.
 export function sentenceOf({ verdict, status, diagnostics = {} }) {
   const checks = diagnostics.checks ?? {};
   const parts = [];

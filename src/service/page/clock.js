@@ -1,12 +1,13 @@
-// The time cursor that pictures and plots share: play, pause, speed, scrub, the next event.
+// The time cursor that pictures and plots share: play, pause, speed, scrub, next event.
 //
-// A horizon of `LASTS` seconds or so is played as it is where the problem has seconds; any other is stretched to `LASTS`.
+// A time horizon of about `LASTS` seconds is played in real time if the problem has seconds; any other horizon is
+// played in `LASTS` seconds.
 
 import { element } from "./element.js";
 import { number } from "./numbers.js";
 
-const LASTS = 8; // seconds that a whole horizon takes at speed 1
-const STEPS = 1000; // of the slider
+const LASTS = 8; // seconds in which a whole time horizon is played at speed 1
+const STEPS = 1000; // number of positions of the slider
 
 export class Clock {
   #from = 0;
@@ -31,13 +32,13 @@ export class Clock {
     root.replaceChildren(this.play, this.slider, this.speed, this.next, this.told);
   }
 
-  // Calls `listener(time)` whenever the time changes, until what is returned is called.
+  // Calls `listener(time)` whenever the time changes, until the returned function is called.
   listen(listener) {
     this.#told.push(listener);
     return () => (this.#told = this.#told.filter((one) => one !== listener));
   }
 
-  // Plays the whole horizon once; resolves when that has ended or was paused.
+  // Plays the whole time horizon once; resolves when playing has ended or was paused.
   playThrough() {
     this.pause();
     this.go(this.#from);
@@ -49,8 +50,8 @@ export class Clock {
     return this.#time;
   }
 
-  // The horizon and the events of a new answer; the time stays where it was if it is inside. The picture of the answer is drawn at that time, so that
-  // followers of the clock are called only where the time or the horizon is another.
+  // Sets the time horizon and the events of a new answer; the time is kept if it is inside. The picture of the answer
+  // is drawn at that time by its caller, so that listeners are called only if the time or the horizon has changed.
   set({ t, events }) {
     const same = this.#from === t[0] && this.#to === t.at(-1);
     [this.#from, this.#to] = [t[0], t.at(-1)];
@@ -60,7 +61,7 @@ export class Clock {
     if (!same || time !== this.#time) this.go(time);
   }
 
-  // The next answer is of another problem, and begins at its start.
+  // Resets the clock, since the next answer is that of another problem and begins at its start.
   reset() {
     this.pause();
     this.#time = -Infinity;

@@ -1,5 +1,5 @@
-// The colours of the page by their names in its style. Asked of the document, each would have the styles of all that has just changed computed:
-// they are kept until the scheme changes.
+// The colours of the page by their names in its style. Reading a colour from the document would compute the styles of
+// all that has changed, so that colours are kept until the colour scheme changes.
 
 const known = new Map();
 

@@ -1,7 +1,7 @@
-// Two runs, side by side: how far a field of one is from the same field of the other.
+// The comparison of two runs: the difference of a field of one run from the same field of the other.
 
-// The largest difference between the columns `a` over times `s` and `b` over times `t`, over the times of both; where
-// the times differ, the line through the neighbours of `b` is taken. Nothing if the times have none in common.
+// Returns the largest difference between the columns `a` over times `s` and `b` over times `t`, at the times `s`
+// within the range of `t`; if the times differ, `b` is interpolated linearly. Null if the time ranges do not overlap.
 export function largestDifference(s, a, t, b) {
   let largest = null;
   let right = 0;

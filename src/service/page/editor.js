@@ -1,7 +1,8 @@
-// The text of a specification: CodeMirror with what the schema knows (completion, meanings under the pointer) and what the
-// service says (errors at their lines, each with the fix it suggests).
+// The editor of a specification: CodeMirror with completion and explanations from the JSON Schema, and with the
+// errors that the service reports, at their lines and each with a suggested fix.
 //
-// It lives in a shadow tree, where its styles are sheets of the script and need no exception from the security policy.
+// The editor lives in a shadow tree, where its styles are sheets of the script and need no exception from the content
+// security policy.
 
 import {
   EditorState, EditorView, GutterMarker, HighlightStyle, RangeSet, StateEffect, StateField, autocompletion, bracketMatching, completionKeymap,
@@ -26,7 +27,8 @@ const LOOK = EditorView.theme({
   ".cm-tooltip-autocomplete ul li[aria-selected]": { backgroundColor: "var(--accent)", color: "var(--on-accent)" },
   ".cm-completionDetail": { color: "inherit", opacity: ".8", marginLeft: ".6em" },
   ".cm-completionInfo": { whiteSpace: "pre-wrap", maxWidth: "22rem", fontFamily: "system-ui, sans-serif" },
-  // The underline of the library is an image in the address of a style, which the policy refuses.
+  // The underline of the CodeMirror library is an image in the URL of a style, which the content security policy
+  // refuses.
   ".cm-lintRange, .cm-lintRange-error, .cm-lintRange-active": { backgroundImage: "none", textDecoration: "underline wavy var(--bad) 1px" },
   ".cm-diagnostic": { fontFamily: "system-ui, sans-serif", whiteSpace: "pre-wrap" },
   ".cm-diagnosticAction": { backgroundColor: "var(--accent)", color: "var(--on-accent)", borderRadius: "4px" },
@@ -42,14 +44,14 @@ const COLOURS = HighlightStyle.define([
   { tag: [tags.bool, tags.null], color: "var(--warn)" },
 ]);
 
-const PAUSE = 200; // milliseconds without another number after which the view follows what a slider writes
+const PAUSE = 200; // milliseconds after the last number from a slider until the view shows it
 
 const setMarks = StateEffect.define();
 const marker = new (class extends GutterMarker {
   elementClass = "marked";
 })();
 
-// The lines that are wrong, in the gutter.
+// The marks in the gutter of the lines with errors.
 const marks = StateField.define({
   create: () => RangeSet.empty,
   update(set, transaction) {
@@ -67,15 +69,15 @@ const marks = StateField.define({
 export class Editor {
   #view;
   #schema = null;
-  #fetch; // of the schema
+  #fetch; // the function that fetches the schema
   #asked = null;
-  #marked = 0; // errors
+  #marked = 0; // number of errors that are marked
   #written = null; // the text that a slider wrote and the view does not show yet
   #later = null;
-  #follows = false; // whether the view is brought to that text
+  #follows = false; // whether the view is being updated to that text
 
-  // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter; `schema()` fetches that from which the text is completed and
-  // explained, when the editor is first used.
+  // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter; `schema()` fetches the JSON Schema for
+  // completion and explanations, when the editor is first used.
   constructor(host, { changed, submit, schema }) {
     this.#fetch = schema;
     host.addEventListener("focusin", () => {
@@ -100,7 +102,7 @@ export class Editor {
           EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off", tabindex: "0" }),
           EditorView.updateListener.of((update) => {
             if (!update.docChanged || this.#follows) return;
-            this.#written = null; // what the reader writes is newer
+            this.#written = null; // the text that the reader writes is newer
             changed();
           }),
         ],
@@ -108,7 +110,7 @@ export class Editor {
     });
   }
 
-  // The schema; nothing while the service does not give it.
+  // Returns the JSON Schema; null as long as the service does not return it.
   async #known() {
     this.#asked ??= this.#fetch().catch(() => (this.#asked = null));
     return (this.#schema ??= await this.#asked);
@@ -125,8 +127,9 @@ export class Editor {
     this.#view.scrollDOM.scrollTop = 0;
   }
 
-  // Writes another value in the place of that at `pointer`; nothing if it is not there. A slider does it many times a second, and the view
-  // lays out the page with every change: it follows where the slider rests, or at once where it is let go; `changed` is not called.
+  // Replaces the value at `pointer` in the text; does nothing if there is no such value. A slider does so many times
+  // a second, and each change of the view costs a layout of the page: the view is updated when the slider rests, or
+  // at once when it is released; `changed` is not called.
   write(pointer, value, done) {
     const { text } = this;
     const [range] = rangesOf(text, [pointer]);
@@ -139,7 +142,7 @@ export class Editor {
     }
   }
 
-  // Brings the view to the text that was written, by one change of what differs.
+  // Updates the view to the text that a slider wrote, by one change of the part that differs.
   #follow() {
     clearTimeout(this.#later);
     this.#later = null;
@@ -191,7 +194,7 @@ export class Editor {
     this.#view.focus();
   }
 
-  // Puts the cursor on a line, counted from 0, and shows it.
+  // Puts the cursor on a line, counted from 0, and scrolls to it.
   goTo(line) {
     this.#follow();
     const { doc } = this.#view.state;
@@ -210,7 +213,7 @@ export class Editor {
       const parent = node.name === "PropertyName" ? path.slice(0, -1) : path;
       if (!inString && !context.explicit) return null;
       const after = /^\s*:/.test(text.slice(inString ? node.to : context.pos));
-      // Within quotes, these are written anew with the key.
+      // If the cursor is within quotes, they are replaced together with the key.
       const apply = (written) => (view, completion, from, to) => {
         const [start, end] = inString ? [from - 1, to + (view.state.sliceDoc(to, to + 1) === '"' ? 1 : 0)] : [from, to];
         view.dispatch({ changes: { from: start, to: end, insert: written }, selection: { anchor: start + written.length }, userEvent: "input.complete" });
@@ -248,7 +251,7 @@ export class Editor {
   }
 }
 
-// The keys and indices that lead to a node of the tree.
+// Returns the keys and indices that lead from the root to a node of the syntax tree.
 function pathAt(state, node) {
   const path = [];
   for (let at = node; at !== null; at = at.parent) {
@@ -266,12 +269,12 @@ function pathAt(state, node) {
 
 const unquoted = (string) => string.replace(/^"|"$/g, "");
 
-// Whether a key comes next in an object: nothing but space since `{` or `,`.
+// Whether a key comes next in an object: only white space follows `{` or `,`.
 function expectsKey(state, node, pos) {
   return /[{,]\s*$/.test(state.sliceDoc(Math.max(node.from, pos - 200), pos));
 }
 
-// The document as far as it can be read: cut where it breaks, and closed.
+// Parses a JSON text as far as possible: it is cut where it becomes invalid, and open objects and lists are closed.
 export function lenient(text) {
   try {
     return JSON.parse(text);

@@ -1,8 +1,8 @@
-// Elements by their id, and new ones from their parts. Text is only ever set as text.
+// Elements by their id, and new elements from their parts. Text is only ever set as text, never parsed as markup.
 
 export const byId = (id) => document.getElementById(id);
 
-// element("a", {href: "/schema", class: "link"}, "schema", element("b", {}, "!"))
+// Creates an element, for example element("a", {href: "/schema", class: "link"}, "schema", element("b", {}, "!")).
 export function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {

@@ -1,5 +1,5 @@
-// Server-sent events (WHATWG HTML, section 9.2) as they come in an answer. A browser's own reader of them, `EventSource`,
-// cannot tell a token.
+// A reader of server-sent events (WHATWG HTML, section 9.2) from a response. The browser's own reader, `EventSource`,
+// cannot send a token.
 
 export async function* events(response) {
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
@@ -17,7 +17,7 @@ export async function* events(response) {
   }
 }
 
-// Lines without a name are comments, which keep the connection alive.
+// Parses an event. Lines without a name are comments, which keep the connection alive.
 function eventOf(block) {
   const lines = block.split("\n").map((line) => [line.slice(0, line.indexOf(":")), line.slice(line.indexOf(":") + 2)]);
   return Object.fromEntries(lines.filter(([name]) => name !== ""));

@@ -1,5 +1,5 @@
-// What a solve, or a check, tells beside the trajectory, in tables: a column a run. It shows whatever the service
-// tells, by the names it gives, so that nothing new is ever left out.
+// Tables of what a solve or a check reports beside the trajectory, with one column per run. They contain everything
+// that the service reports, under the names that it uses, so that additions to the service are shown too.
 
 import { element } from "./element.js";
 import { measured, number, seconds } from "./numbers.js";
@@ -17,13 +17,13 @@ const WORDS = { vi: "variational inequalities", wall_seconds: "wall time" };
 
 const words = (name) => WORDS[name] ?? name.replaceAll("_", " ");
 
-const LONGEST = 200; // rows of a list
+const LONGEST = 200; // largest number of rows of a list
 
-// Everything in `diagnostics` of one run, or of two to be compared.
+// Returns everything in `diagnostics` of one run, or of two runs to be compared, as elements.
 export function evidence(runs) {
   const all = runs.map((run) => run.diagnostics);
   const keys = new Set(all.flatMap((diagnostics) => Object.keys(diagnostics)));
-  keys.delete("warnings"); // they stand above the plots
+  keys.delete("warnings"); // warnings stand above the plots
   const names = [...keys];
   const isScalar = (name) => all.every((one) => isShort(one[name] ?? 0));
   const isRecord = (name) => all.every((one) => isPlain(one[name] ?? {}));
@@ -43,7 +43,7 @@ export function evidence(runs) {
   return parts.filter((part) => part !== null);
 }
 
-// The answer of a check: the few things that decide, each in words.
+// Returns the result of a check: the properties that matter most, each in words.
 export function analysis(summary) {
   const size = `${count(summary.states, "state")}, ${count(summary.variables, "variable")}`;
   const index = summary.index == null ? "" : `Index ${summary.index}. `;
@@ -59,13 +59,13 @@ const count = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
 
 const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
 
-// A number, a sentence, or a few numbers: what fits into one cell.
+// Whether a value is a number, a sentence, or a few numbers, which fit into one cell.
 const isShort = (value) =>
   Array.isArray(value) ? value.length <= 8 && value.every((one) => typeof one === "number") : typeof value !== "object";
 
 const isPlain = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
-// A cell a run; what is long and the same for all is said once.
+// Returns a row with one cell per run; a long text that all runs share is shown once.
 function row(name, values) {
   const texts = values.map((value) => told(name, value));
   const once = texts.length > 1 && texts[0].length > 40 && texts.every((text) => text === texts[0]);
@@ -75,7 +75,7 @@ function row(name, values) {
   return element("tr", {}, element("th", { scope: "row" }, words(name)), ...cells);
 }
 
-// A check that failed.
+// Whether a check has failed: its value exceeds the allowed one.
 const isBeyond = (value) => value != null && typeof value === "object" && value.value > value.allowed;
 
 function told(name, value) {

@@ -1,7 +1,9 @@
-// Expressions of a specification, evaluated in the browser for pictures alone: every number of an answer is the service's.
+// Expressions of a specification, evaluated in the browser for pictures only: every number of an answer comes from
+// the service.
 //
-// The grammar is that of the service: `+ - * / ^` (right associative, above the sign), calls, `x[i]`, conditions inside
-// `if`. What this file cannot read gives null, and the picture leaves the thing out.
+// The grammar is that of the service: `+ - * / ^` (right associative, binding more tightly than the sign), calls,
+// `x[i]`, conditions inside `if`. An expression that cannot be parsed gives null, and the picture omits what depends
+// on it.
 
 const TOKEN = /\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z_0-9]*(?:\.[A-Za-z_][A-Za-z_0-9]*)*(?:\[[^\]]*\])?)|(\*\*|<=|>=|==|!=|[-+*/^(),<>]))/y;
 
@@ -20,7 +22,8 @@ const FUNCTIONS = {
   pulse: (t, start, width) => (t >= start && t < start + width ? 1 : 0),
 };
 
-// A function of a scope, an object or a function from names to numbers; null if the text is beyond this reader.
+// Compiles an expression to a function of a scope, which is an object or a function from names to numbers; returns
+// null if the expression cannot be parsed.
 export function compile(expression) {
   if (typeof expression === "number") return () => expression;
   if (typeof expression !== "string") return null;
@@ -33,7 +36,7 @@ export function compile(expression) {
   }
 }
 
-// The value of an expression in a scope; NaN where it has none.
+// Returns the value of an expression in a scope; NaN if it has none.
 export function value(expression, scope = {}) {
   const compiled = compile(expression);
   if (compiled === null) return NaN;
@@ -44,7 +47,7 @@ export function value(expression, scope = {}) {
   }
 }
 
-// The values of `parameters`, each of which may be an expression in the others.
+// Returns the values of `parameters`, each of which may be an expression in the others.
 export function parameterValues(parameters = {}) {
   const values = {};
   for (let round = 0; round <= Object.keys(parameters).length; round += 1) {
@@ -180,7 +183,7 @@ class Reader {
     return this.call(token.name);
   }
 
-  // `v(out)` of a circuit is a name; all else that stands before parentheses is a function.
+  // In a circuit, `v(out)` is a name; every other word before parentheses is a function.
   call(name) {
     if (name === "v" || name === "i") {
       const close = this.text.indexOf(")", this.at);

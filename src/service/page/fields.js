@@ -1,12 +1,13 @@
-// What a field is: its quantity, its unit, whom it shares a panel with, whether it is constant, and whether decades ask for a
-// logarithmic axis. Units are known where the type of problem has SI units (bodies, circuits); elsewhere they are the user's.
+// The properties of fields: quantity, unit, panel, whether a field is constant, and whether it needs a logarithmic
+// axis. Units are known for types of problems with SI units (bodies, circuits); in other problems they are the
+// user's.
 
 const MOST_IN_PANEL = 8;
-const DECADES = 1e4; // largest over least positive value from which an axis is logarithmic
+const DECADES = 1e4; // ratio of the largest to the least positive value from which an axis is logarithmic
 const MOST_DECADES = 1e12;
-const SEEN = 200; // a curve is seen beside one that is at most so many times as large
-const FLAT = 1e-12; // of the largest value: a curve that varies less is constant
-const ROUNDING = 1e-12; // of the largest field of the same quantity: a field below it is rounding
+const SEEN = 200; // a curve can be seen beside another that is at most this many times as large
+const FLAT = 1e-12; // a curve that varies by less than this fraction of its largest value is constant
+const ROUNDING = 1e-12; // a field below this fraction of the largest field of its quantity is rounding
 
 const OF_BODY = [
   [/\.(x|y|z)$/, "position", "m"],
@@ -36,12 +37,12 @@ const RULES = {
   elastic: [[/_energy$/, "energy", ""], [/^force_/, "contact force", ""]],
 };
 
-// The type of the problem of a specification: `dvi`, `circuit`, ...
+// Returns the type of the problem of a specification, such as `dvi` or `circuit`.
 export const typeOf = (specification) => Object.keys(specification?.problem ?? {})[0] ?? "";
 
 export const hasSeconds = (type) => type === "circuit" || type === "rigid_bodies";
 
-// {quantity, unit} of a field of a problem.
+// Returns the {quantity, unit} of a field of a problem.
 export function describe(field, specification) {
   const type = typeOf(specification);
   for (const [pattern, quantity, unit] of RULES[type] ?? []) if (pattern.test(field)) return { quantity, unit };
@@ -53,8 +54,9 @@ export function describe(field, specification) {
   return { quantity: vector ? vector[1] : field, unit: "", alone: !vector };
 }
 
-// The fields in panels: those of one quantity together, at most `MOST_IN_PANEL`, in the order in which they come, unless one is so small beside
-// another that it would lie on the axis. Pairs of coordinates and their rates are apart, as their quantities differ.
+// Groups fields in panels: those of one quantity together, at most `MOST_IN_PANEL`, in their order, unless a field is
+// so small beside another that its curve would lie on the axis. Coordinates and their rates are in different panels,
+// as their quantities differ.
 export function panels(fields, specification, sizeOf) {
   const groups = [];
   for (const field of fields) {
@@ -79,10 +81,10 @@ export function range(values) {
 
 export const isConstant = ([least, largest]) => largest - least <= FLAT * Math.max(Math.abs(least), Math.abs(largest));
 
-// Whether a field is rounding beside the others of its quantity.
+// Whether a field consists of rounding errors compared with others of its quantity, whose size is `scale`.
 export const isRounding = ([least, largest], scale) => Math.max(Math.abs(least), Math.abs(largest)) <= ROUNDING * scale;
 
-// Whether a logarithmic axis shows a range: what falls to rounding would be all of it.
+// Whether a logarithmic axis can show a range: if the least value is rounding, the axis would show mainly rounding.
 export const hasDecades = ([least, largest]) => least > 0 && largest / least <= MOST_DECADES;
 
 export const wantsDecades = (found) => hasDecades(found) && found[1] / found[0] >= DECADES;

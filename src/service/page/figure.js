@@ -1,5 +1,5 @@
-// Figures for papers: panels and phase planes as SVG, black on white whatever the page looks like, with names and units on the
-// axes, a legend where there are several lines, and events as ticks below. A PNG is the same figure, rastered.
+// Figures for papers: panels and phase planes as SVG, black on white whatever the colours of the page, with names and
+// units on the axes, a legend if there are several lines, and events as ticks below. A PNG is the figure as pixels.
 
 import { hasSeconds, isConstant, range, typeOf } from "./fields.js";
 import { number, ticks } from "./numbers.js";
@@ -8,7 +8,7 @@ const NAMESPACE = "http://www.w3.org/2000/svg";
 const LEFT = 74;
 const RIGHT = 34;
 const COLOURS = ["#1f5a93", "#c2571a", "#2b7d46", "#8a3f8f", "#8a6d00", "#00798c", "#a4262c", "#555555"];
-const MOST_POINTS = 4000; // of a line: a pixel of a figure shows no more
+const MOST_POINTS = 4000; // largest number of points of a line: a pixel of a figure shows no more
 
 export const colourOf = (place) => COLOURS[place % COLOURS.length];
 
@@ -19,7 +19,7 @@ export function svg(name, attributes = {}, ...children) {
   return made;
 }
 
-// About `count` round values between two, both ends included where they are round.
+// Returns about `count` round values between `low` and `high`, both included if they are round.
 export function roundValues(low, high, count) {
   if (!(high > low)) return [low];
   const raw = (high - low) / count;
@@ -37,7 +37,7 @@ function powersOfTen(low, high) {
   return values.length < 2 ? [low, high] : values.filter((_, i) => i % every === 0);
 }
 
-// An axis: from values to pixels, and its ticks.
+// Returns an axis: the map from values to pixels, and the ticks with their labels.
 export function axis([low, high], [from, to], log = false) {
   const [a, b] = log ? [Math.log10(low), Math.log10(high)] : [low, high];
   const at = (value) => from + (((log ? Math.log10(value) : value) - a) / (b - a || 1)) * (to - from);
@@ -45,7 +45,7 @@ export function axis([low, high], [from, to], log = false) {
   return { at, values, labels: log ? values.map((value) => number(value, 3)) : ticks(values) };
 }
 
-// Values with room around them; of a constant, as much as it is large.
+// Returns a range with room on both sides; for a constant, with room as large as the constant.
 export function padded([low, high], log = false) {
   if (log) return [low / 1.3, high * 1.3];
   const room = isConstant([low, high]) ? Math.abs(low) / 2 || 1 : 0.06 * (high - low);
@@ -84,7 +84,7 @@ const root = (width, height, title, ...parts) =>
 
 const sparse = (count) => Math.max(1, Math.ceil(count / MOST_POINTS));
 
-// The panels of `Plots.figure()` below each other.
+// Draws the panels of `Plots.figure()` below each other.
 export function panelsFigure(panels, { title = "", specification = {}, span = null, logTime = false, width = 760 } = {}) {
   const all = panels.flatMap((panel) => panel.series);
   const starts = all.map(({ t }) => (logTime ? t.find((time) => time > 0) : t[0]));
@@ -127,7 +127,7 @@ export function panelsFigure(panels, { title = "", specification = {}, span = nu
   return root(width, total, title || "Trajectories", ...parts);
 }
 
-// Names with their colours, from the right.
+// Draws a legend of names with their colours, from the right.
 function legend(names, right, y) {
   const parts = [];
   let x = right;
@@ -143,7 +143,7 @@ function legend(names, right, y) {
   return parts;
 }
 
-// One field over another.
+// Draws a phase plane: one field over another.
 export function phaseFigure(run, horizontal, vertical, { title = "", specification = {}, describe, width = 560, height = 440, equal = false } = {}) {
   const named = (field) => {
     const { unit } = describe(field, specification);
@@ -177,7 +177,7 @@ export function phaseFigure(run, horizontal, vertical, { title = "", specificati
   return { figure: made, move };
 }
 
-// Two ranges grown until a unit is as long along both.
+// Enlarges two ranges until a unit is equally long along both axes.
 export function sameScale(xs, ys, aspect) {
   const [wide, high] = [xs[1] - xs[0], ys[1] - ys[0]];
   const grown = ([low, end], to) => [(low + end - to) / 2, (low + end + to) / 2];
@@ -186,7 +186,7 @@ export function sameScale(xs, ys, aspect) {
 
 export const textOf = (figure) => new XMLSerializer().serializeToString(figure);
 
-// The figure as a PNG of twice its size.
+// Returns the figure as a PNG of twice its size.
 export async function png(figure) {
   const image = new Image();
   const address = URL.createObjectURL(new Blob([textOf(figure)], { type: "image/svg+xml" }));

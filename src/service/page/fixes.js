@@ -1,8 +1,8 @@
-// What mends an error of a specification by one click: the name that was meant, in the place of the one that was written.
+// Fixes of errors of a specification by one click: the name that was meant replaces the one that was written.
 
 import { rangesOf } from "./places.js";
 
-// The fixes of an error, {name, change: {from, to, insert}}; none where it is not known what to write.
+// Returns the fixes of an error, {name, change: {from, to, insert}}; none if it is not known what to write.
 export function fixesOf({ pointer, detail, did_you_mean: meant }, text) {
   if (!meant) return [];
   const written = /`([^`]+)`/.exec(detail)?.[1] ?? pointer.split("/").at(-1).replaceAll("~1", "/").replaceAll("~0", "~");
@@ -11,7 +11,7 @@ export function fixesOf({ pointer, detail, did_you_mean: meant }, text) {
   return place === null ? [] : [{ name: `Write ${meant}`, change: { from: place[0], to: place[1], insert: meant } }];
 }
 
-// Where the last key of `pointer` stands, if it is what was written.
+// Returns the range of the last key of `pointer` in the text, if it is the name that was written.
 function keyRange(text, pointer, written) {
   const key = pointer.split("/").at(-1)?.replaceAll("~1", "/").replaceAll("~0", "~");
   const [value] = rangesOf(text, [pointer]);
@@ -21,7 +21,7 @@ function keyRange(text, pointer, written) {
   return at === -1 ? null : [at + 1, at + quoted.length - 1];
 }
 
-// Where a name stands within the value that `pointer` names, as a whole word.
+// Returns the range of a name, as a whole word, within the value to which `pointer` refers.
 function inValue(text, pointer, written) {
   const [value] = rangesOf(text, [pointer]);
   if (!value) return null;

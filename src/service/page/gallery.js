@@ -1,10 +1,12 @@
-// The examples by field, each with its equations and two sentences. What the service has beyond these stands under "more".
+// The gallery of examples by field, each with its equations and two sentences. Further examples of the service are
+// under More.
 
 import { element } from "./element.js";
 
 const FIELDS = ["Friction and impact", "Bodies", "Circuits", "Control and switching", "Fields over space", "Queues, traffic and prices", "Stiff and memory", "Fails elsewhere"];
 
-// name: [field, equations, two sentences, the public thread in which another program was reported to fail: title, address]
+// name: [field, equations, two sentences, the public thread in which another program was reported to fail: title,
+// address]
 const TEXTS = {
   friction_belt: [0, "m v' = -c v - k x - F,  F in [-f, f],  -(v - v_belt) F maximal", "A mass on a spring rides on a moving belt: it sticks, is torn loose, slips. Turn the speed of the belt and watch stick-slip vanish."],
   bouncing_ball: [0, "m y'' = -m g + r,  0 <= y, r >= 0,  y'+ = -e y'-", "A ball bounces infinitely often in a finite time, then rests. The impacts accumulate, and the solver passes their limit."],
@@ -65,7 +67,7 @@ const TEXTS = {
   bounce_slope: [7, "y(1) = 5 - y(0):  slope -1", "Elsewhere the height after a bounce jumps as the height before it changes, so that gradients are wrong. Here twenty-one runs lie on one line.", "Brax 317", "https://github.com/google/brax/issues/317"],
 };
 
-// The cards of `examples`, {name, title}; `choose(name)` is called with the one that is picked.
+// Returns the cards of `examples`, {name, title}; `choose(name)` is called with the example that is picked.
 export function gallery(examples, choose) {
   const groups = FIELDS.map((field, place) => [field, examples.filter(({ name }) => TEXTS[name]?.[0] === place)]);
   const more = examples.filter(({ name }) => !TEXTS[name]);

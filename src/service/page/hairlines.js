@@ -1,9 +1,12 @@
-// A line of any width, made of lines that are one pixel wide: a processor fills the outline of a wide line ten times as slowly as it draws these.
+// A wide line composed of lines that are one pixel wide: a processor fills the outline of a wide line ten times as
+// slowly as it draws these.
 //
-// Side by side, a little less than a pixel apart, they cover what the wide line covers where it is level or upright, and nearly that elsewhere.
+// Side by side, a little less than a pixel apart, they cover exactly what the wide line covers if it is level or
+// upright, and nearly that otherwise.
 
-// The path of lines that stand for `path` at a width of `pixels`, to be drawn one pixel wide. Both are drawn with their edges on those of pixels,
-// half of their width, up to a whole pixel, to the right of and below where they are.
+// Returns the path of the hairlines that replace `path` at a width of `pixels`, to be drawn one pixel wide. The wide
+// line is taken to be drawn with its edges on those of pixels: shifted to the right and down by half of its width, up
+// to a whole pixel.
 export function hairlines(path, pixels) {
   const count = Math.max(1, Math.ceil(pixels));
   const apart = count > 1 ? (pixels - 1) / (count - 1) : 0;

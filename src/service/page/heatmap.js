@@ -1,4 +1,5 @@
-// A heat map over two numbers of a problem: a sweep over a grid of their values, one colour a run. A cell opens its run.
+// A heat map over two numbers of a problem: a sweep over a grid of their values, one colour per run. A click on a
+// cell opens its run.
 
 import { element } from "./element.js";
 import { svg } from "./figure.js";
@@ -6,11 +7,12 @@ import { nameInSweep, rounded } from "./knobs.js";
 import { number } from "./numbers.js";
 import { Refused, solveNow } from "./service.js";
 
-const CELLS = 15; // along each side
-const LONGEST = 30; // seconds that a map may take
+const CELLS = 15; // number of cells along each side
+const LONGEST = 30; // seconds that the solve of a map may take
 const REDUCERS = [["final", "at the end"], ["max", "largest"], ["min", "least"], ["mean", "mean"]];
-const [LEFT, TOP, SIZE, BAR] = [66, 12, 18, 14]; // pixels: margins, a cell, the scale of colours
-// From dark to light with one order for all eyes (viridis: S. van der Walt and N. Smith 2015), in five stops.
+const [LEFT, TOP, SIZE, BAR] = [66, 12, 18, 14]; // pixels: left and top margin, a cell, the colour bar
+// Colours from dark to light whose order everyone can see (viridis: S. van der Walt and N. Smith 2015), in five
+// stops.
 const COLOURS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 
 const grid = ({ low, high }) => Array.from({ length: CELLS }, (_, k) => rounded(low + ((high - low) * k) / (CELLS - 1)));
@@ -28,8 +30,8 @@ export class HeatMap {
   #open;
   #asked = null;
 
-  // `knobs()` lists those that there are, with their ranges; `specification()` is the problem as it stands; `open(list)` is called with the
-  // [pointer, value] of both numbers of a cell.
+  // `knobs()` lists the adjustable numbers with their ranges; `specification()` returns the current specification;
+  // `open(list)` is called with the [pointer, value] of both numbers of a cell.
   constructor(root, { knobs, specification, open }) {
     [this.#knobs, this.#specification, this.#open] = [knobs, specification, open];
     const select = (label) => element("select", { "aria-label": label });
@@ -42,7 +44,8 @@ export class HeatMap {
     root.append(row("Across", this.across, "up", this.up), row("colour", this.field, this.reducer, this.button), this.told, this.place);
   }
 
-  // The choices among numbers that a sweep can name and the fields of an answer; a choice that is still there stays.
+  // Offers the numbers that a sweep can name and the fields of an answer as choices; a choice that is still valid
+  // stays.
   offer(known, fields) {
     const put = (select, options, place) => {
       const before = select.value;

@@ -1,10 +1,11 @@
-// The jobs of this token (or of this address, where the service asks for none): a table with progress, filters, cancel.
+// The table of the jobs of this token (or of this address, if the service requires no token), with progress, filters
+// and buttons to cancel.
 
 import { element } from "./element.js";
 import { number } from "./numbers.js";
 import * as service from "./service.js";
 
-const AGAIN = 2000; // milliseconds between looks while jobs run and the table is open
+const AGAIN = 2000; // milliseconds between two updates while jobs run and the table is open
 
 export class Jobs {
   #root;
@@ -17,7 +18,7 @@ export class Jobs {
   #more;
   #told = element("p", { class: "hint", role: "status" });
 
-  // `open(id)` shows a job, `fail(message)` says what went wrong.
+  // `open(id)` shows a job, `fail(message)` reports an error.
   constructor(root, { open, fail }) {
     [this.#root, this.#open, this.#fail] = [root, open, fail];
     const filter = element(
@@ -34,7 +35,7 @@ export class Jobs {
     );
   }
 
-  // Keeps the table up to date while it can be seen.
+  // Keeps the table up to date while it is visible.
   show(visible) {
     clearTimeout(this.#timer);
     if (visible) this.#load();

@@ -1,21 +1,22 @@
-// A slider for every number of a problem that can be turned: parameters, initial values, and where there are none of these
-// the values of components, masses and coefficients.
+// A slider (knob) for every adjustable number of a problem: parameters, initial values, and if there are none of
+// these the values of components, masses and coefficients.
 //
-// A slider writes its number into the text, at the place where it stood: the text is the one truth, and undo takes it back.
+// A slider writes its number into the text of the specification, in place of the old number: the text is the only
+// state, and undo restores it.
 
 import { element } from "./element.js";
 import { value as valueOf } from "./expressions.js";
 import { number } from "./numbers.js";
 
-const SIGNIFICANT = 5; // digits of a number that a slider writes
+const SIGNIFICANT = 5; // significant digits of a number that a slider writes
 const STEPS = 400;
-const MOST = 60; // sliders
+const MOST = 60; // largest number of sliders
 
-// Numbers that are no quantities: sizes, indices, orders.
+// Matches pointers to numbers that are not quantities: sizes, indices, orders.
 const STRUCTURE = /\/(elements|triangles|orientation|normal|axis|count|nodes|mass\/\d+|[ABCD]|tables|domain|vertices|points)(\/|$)/;
 const START = /\/(initial|(coordinates|bodies)\/[^/]+\/(velocity|angular_velocity|position)|(capacitor\/volts|inductor\/amperes))(\/\d+)?$/;
 
-// The numbers of a specification that can be turned: {pointer, name, value, start}.
+// Returns the adjustable numbers of a specification: {pointer, name, value, start}.
 export function knobsOf(specification) {
   const problem = specification?.problem;
   if (problem === null || typeof problem !== "object") return [];
@@ -44,7 +45,8 @@ export function knobsOf(specification) {
 
 const SUFFIXES = { t: 1e12, g: 1e9, meg: 1e6, k: 1e3, m: 1e-3, u: 1e-6, n: 1e-9, p: 1e-12, f: 1e-15 };
 
-// The values of a netlist's lines. Turned, a line has its number without a suffix.
+// Returns the adjustable values of a netlist's lines. A line that a slider changes has its number without a unit
+// suffix.
 function ofNetlist(netlist) {
   const line = /^([RCLVI]\S*)(\s+\S+\s+\S+\s+)(\d+\.?\d*(?:e[+-]?\d+)?)(meg|[tgkmunpf])?(?=\s|$)/gim;
   return [...netlist.matchAll(line)].map((match) => {
@@ -61,7 +63,7 @@ function ofNetlist(netlist) {
   });
 }
 
-// A string is a knob if it is a constant expression where a quantity stands, such as "2*pi" of a parameter.
+// Whether a string is adjustable: it is a constant expression in place of a quantity, such as "2*pi" of a parameter.
 const isConstant = (pointer, text) => /\/(parameters|initial)\//.test(`${pointer}/`) && text.length < 40 && /\d|pi/.test(text) && Number.isFinite(valueOf(text));
 
 const escaped = (key) => key.replaceAll("~", "~0").replaceAll("/", "~1");
@@ -75,7 +77,7 @@ const joined = (name, key) => {
 
 const KINDS = new Set(["sphere", "box", "capsule", "cylinder", "hinge", "ball", "slider", "resistor", "capacitor", "inductor", "voltage_source", "current_source", "diode", "zener", "switch", "op_amp", "comparator", "transformer"]);
 
-// The range that a slider has at first: up to twice a positive number, both ways about a start.
+// Returns the initial range of a slider: up to twice a positive number, and both signs for an initial value.
 export function guessedRange({ value, start }) {
   if (value === 0) return [-1, 1];
   const size = Number(Math.abs(value).toPrecision(2));
@@ -83,7 +85,8 @@ export function guessedRange({ value, start }) {
   return value > 0 ? [0, 2 * size] : [-2 * size, 0];
 }
 
-// The name of a knob in a sweep; null where it has none: components of a netlist, single numbers of vectors.
+// Returns the name that a sweep has for an adjustable number; null if it has none, as for components of a netlist and
+// single numbers of vectors.
 export function nameInSweep({ pointer }, specification) {
   const parts = pointer.split("/").slice(1).map((part) => part.replaceAll("~1", "/").replaceAll("~0", "~"));
   const [, type, section, name, key] = parts;
@@ -103,9 +106,9 @@ export const rounded = (value) => Number(value.toPrecision(SIGNIFICANT));
 export class Knobs {
   #root;
   #turned;
-  #rows = new Map(); // pointer to {knob, slider, told, low, high}
+  #rows = new Map(); // the rows of the sliders: pointer to {knob, slider, told, low, high}
 
-  // `turned(pointer, value, done)` is called with each new value; `done` when the slider is let go.
+  // `turned(pointer, value, done)` is called with each new value; `done` is true when the slider is released.
   constructor(root, turned) {
     this.#root = root;
     this.#turned = turned;
@@ -115,12 +118,12 @@ export class Knobs {
     return this.#rows.size;
   }
 
-  // All knobs, with the ranges of their sliders.
+  // Returns all adjustable numbers, with the ranges of their sliders.
   get list() {
     return [...this.#rows.values()].map(({ knob, low, high }) => ({ ...knob, low, high }));
   }
 
-  // Shows the sliders of a specification. Those that were there keep their range and their focus.
+  // Shows the sliders of a specification. Sliders that were there before keep their range and their focus.
   show(specification) {
     const knobs = knobsOf(specification);
     const same = knobs.length === this.#rows.size && knobs.every((knob) => this.#rows.has(knob.pointer));

@@ -1,6 +1,7 @@
-// What the schema knows of a place in a specification: the keys that may stand there, the values, and what they mean.
+// What the JSON Schema says of a place in a specification: the keys that may stand there, the values, and their
+// meaning.
 
-// The parts of a schema that a value may have: references followed, alternatives side by side.
+// Returns the schemas that a value may satisfy: references are followed, and alternatives listed.
 function alternatives(schema, root, depth = 0) {
   if (schema === undefined || schema === null || depth > 12) return [];
   if (schema.$ref) {
@@ -13,14 +14,15 @@ function alternatives(schema, root, depth = 0) {
   return [schema];
 }
 
-// Of alternatives with keys those that have the keys that are there already.
+// Returns those alternatives that have keys of `value`, or all if none has.
 function fitting(all, value) {
   const keys = value !== null && typeof value === "object" && !Array.isArray(value) ? Object.keys(value) : [];
   const known = all.filter((one) => one.properties && keys.some((key) => Object.hasOwn(one.properties, key)));
   return known.length > 0 ? known : all;
 }
 
-// The schemas of what stands at `path`, a list of keys and indices, in a document that is `value` as far as it can be read.
+// Returns the schemas of the value at `path`, a list of keys and indices, in the document `value`, which may be
+// incomplete.
 export function schemasAt(root, path, value) {
   let [here, at] = [alternatives(root, root), value];
   for (const key of path) {
@@ -33,7 +35,7 @@ export function schemasAt(root, path, value) {
   return fitting(here, at);
 }
 
-// The keys that may stand in the object at `path`: {key, description, required, sample}.
+// Returns the keys that may stand in the object at `path`: {key, description, required, sample}.
 export function keysAt(root, path, value) {
   const found = new Map();
   for (const schema of schemasAt(root, path, value)) {
@@ -44,12 +46,12 @@ export function keysAt(root, path, value) {
   return [...found.values()];
 }
 
-// The words that a value may be.
+// Returns the words that the value at `path` may be.
 export function valuesAt(root, path, value) {
   return schemasAt(root, path, value).flatMap((schema) => (schema.enum ?? []).map((word) => ({ word, description: schema.description ?? "" })));
 }
 
-// What is said of the key at the end of `path`.
+// Returns the description of the key at the end of `path`.
 export function meaningOf(root, path, value) {
   const parents = schemasAt(root, path.slice(0, -1), value);
   const key = path.at(-1);
@@ -69,7 +71,7 @@ function descriptionOf(schema, root) {
   return inner?.description ?? alternatives(schema, root)[0]?.description ?? "";
 }
 
-// What is written for a key at first.
+// Returns the text that completion writes as the value of a key.
 function sample(schema, root) {
   const all = alternatives(schema, root);
   const is = (type) => all.some((one) => [one.type].flat().includes(type));
@@ -87,7 +89,7 @@ const FUNCTIONS = [
   "min", "max", "heaviside", "pow", "floor", "ceil", "round", "mod", "if", "pwm", "sawtooth", "triangle", "pulse", "sum",
 ];
 
-// The names that an expression of a document may use.
+// Returns the names that an expression of a document may use, with what they stand for.
 export function namesOf(value) {
   const names = new Map([["t", "the time"], ["pi", "3.14159..."], ...FUNCTIONS.map((name) => [name, "function"])]);
   const [inner] = Object.values(value?.problem ?? {});
@@ -103,6 +105,6 @@ export function namesOf(value) {
   return names;
 }
 
-// Whether a value at `path` is an expression.
+// Whether the value at `path` may be an expression.
 export const takesExpression = (root, path, value) =>
   schemasAt(root, path, value).some((schema) => schema.type === "string" && !schema.enum) && path[0] === "problem";

@@ -1,5 +1,6 @@
-// Solves as fast as a slider is dragged: one request at a time, and after it the newest text, whatever came between. A request that takes
-// long while a newer text waits is given up, and the service drops its work with it. No answer is shown that is older than one shown before.
+// Live solves while a slider is dragged: one request at a time, and after it the newest text, skipping those in
+// between. A request that takes long while a newer text waits is aborted, and the service drops its work. No answer
+// is shown that is older than one shown before.
 
 import { Refused, solveNow } from "./service.js";
 
@@ -11,10 +12,11 @@ export class Live {
   #slow;
   #refused;
   #busy;
-  #waiting = null; // the newest text, not yet asked for
-  #going = null; // {text, controller, since}
+  #waiting = null; // the newest text, which has not been requested yet
+  #going = null; // the pending request, {text, controller, since}
 
-  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are told what came of it; `busy(is)` whether anything is asked for.
+  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are called with the outcome of a request;
+  // `busy(is)` is called when requests begin and end.
   constructor({ answer, slow, refused, busy }) {
     [this.#answer, this.#slow, this.#refused, this.#busy] = [answer, slow, refused, busy];
   }
@@ -42,7 +44,7 @@ export class Live {
     try {
       const answer = await solveNow(text, LONGEST, controller.signal);
       if (controller.signal.aborted) return;
-      // The service solves the next text while the page draws this answer.
+      // The next text is requested first, so that the service solves it while the page draws this answer.
       this.#ended(going);
       if (answer === null) this.#slow(text);
       else this.#answer(answer, text);
@@ -56,7 +58,7 @@ export class Live {
     }
   }
 
-  // Nothing more comes of a request: the newest text is next. Told again of the same request, it does nothing.
+  // Ends a request and sends the newest text. A second call for the same request does nothing.
   #ended(going) {
     clearTimeout(going.giveUp);
     if (this.#going !== going) return;

@@ -1,8 +1,10 @@
-//! `GET /`: the page, for people. Its files are part of the program and need neither a build step nor the network.
+//! `GET /`: the web page of the service. Its files are compiled into the program and need neither a build step nor
+//! the network.
 //!
-//! The content security policy lets it run the scripts and styles of this service alone, none of them inline, and talk
-//! to nobody else: what is in a label or a message can never become code. Plots are drawn by uPlot, bodies in space by three.js, which is
-//! fetched only then, and the text is written in `CodeMirror` (`vendor/`; the latter two are made by `vendor/bundle`).
+//! The content security policy lets the page run only scripts and styles of this service, none of them inline, and
+//! connect to no other host, so that text in a label or a message can never become code. Plots are drawn by uPlot,
+//! bodies in space by three.js, which is fetched only when needed, and the editor is `CodeMirror` (all in `vendor/`;
+//! the latter two are made by `vendor/bundle`).
 
 use super::context::address;
 use super::http::{Kind, Problem};
@@ -17,16 +19,17 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write as _;
 use std::sync::{LazyLock, OnceLock};
 
-/// What the browser may load, run and call.
+/// The content security policy of the page: what the browser may load, run and connect to.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// A file of the page.
+/// A file of the web page, compiled into the program.
 struct File {
     name: &'static str,
     media_type: &'static str,
     text: &'static str,
-    /// The text by `gzip` at its best, made when it is first asked for: a fifth less than what compressing each answer fast sends.
+    /// The text compressed by `gzip` at its best level, on first request: a fifth smaller than at the fast level used
+    /// for other responses.
     compressed: OnceLock<Vec<u8>>,
 }
 
@@ -92,7 +95,7 @@ static FILES: LazyLock<Vec<File>> = files! {
     "vendor/uplot.js": "text/javascript; charset=utf-8";
 };
 
-/// The page at `/` and its files under `/page/`.
+/// Returns the routes of the page at `/` and of its files under `/page/`.
 pub fn routes<S: Clone + Send + Sync + 'static>(prefix: &str) -> Router<S> {
     let index = || get(async |headers: HeaderMap| find_file(INDEX, &headers));
     let router = Router::new().route("/", index());
@@ -100,7 +103,7 @@ pub fn routes<S: Clone + Send + Sync + 'static>(prefix: &str) -> Router<S> {
     router.route("/page/{*name}", get(async |Path(name): Path<String>, headers: HeaderMap| find_file(&name, &headers)))
 }
 
-/// The file of that name, or the word that the browser has it already.
+/// Returns the file with this name, or status 304 if the browser has it already.
 fn find_file(name: &str, headers: &HeaderMap) -> Response {
     let Some(file) = FILES.iter().find(|file| file.name == name) else {
         return Problem::plain(Kind::NotFound).into_response();
@@ -122,7 +125,7 @@ fn find_file(name: &str, headers: &HeaderMap) -> Response {
     response
 }
 
-/// Whether a client takes answers by `gzip` (RFC 9110, section 12.5.3).
+/// Whether the client accepts `gzip` encoding (RFC 9110, section 12.5.3).
 fn takes_gzip(headers: &HeaderMap) -> bool {
     let lines = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|line| line.to_str().ok());
     lines.flat_map(|line| line.split(',')).any(|coding| {
@@ -136,13 +139,13 @@ impl File {
     fn compressed(&'static self) -> &'static [u8] {
         self.compressed.get_or_init(|| {
             let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-            // Writing to memory does not fail.
+            // Writing to memory cannot fail.
             let _ = encoder.write_all(self.text.as_bytes());
             encoder.finish().unwrap_or_default()
         })
     }
 
-    /// Another program with another text gives another tag.
+    /// Returns the entity tag of the file, a hash of its text, so that a changed file gets a different tag.
     fn tag(&self) -> Option<HeaderValue> {
         let mut hasher = DefaultHasher::new();
         self.text.hash(&mut hasher);
@@ -207,12 +210,12 @@ mod tests {
                 };
                 assert!(name.is_empty() || FILES.iter().any(|file| file.name == name), "{}: {module}", file.name);
             }
-            // It writes a file of its own, which needs no service and has no policy.
+            // `standalone.js` writes a file of its own, which needs no service and is subject to no policy.
             if file.name == "standalone.js" {
                 continue;
             }
             for inline in ["style=", "onclick=", "<style", "javascript:", "innerHTML", "http://", "https://"] {
-                // Public threads are links to follow; the policy lets nothing be loaded from them.
+                // Links to public discussion threads are allowed, since the policy lets nothing be loaded from them.
                 let shown = file.text.replace("http://www.w3.org/2000/svg", "").replace("\"https://github.com/", "\"");
                 assert!(!shown.contains(inline), "{}: {inline}", file.name);
             }

@@ -1,11 +1,13 @@
-// A moving picture as a WebM file: it is played once from start to end, at the chosen speed, and recorded as it is drawn.
+// A moving picture as a WebM file: it is played once from start to end, at the chosen speed, and recorded as it is
+// drawn.
 
-const RATE = 30; // frames a second
-const BITS = 4e6; // a second
+const RATE = 30; // frames per second
+const BITS = 4e6; // bits per second
 
 export const canRecord = () => typeof MediaRecorder === "function" && MediaRecorder.isTypeSupported("video/webm");
 
-// Records what `canvas` shows while `clock` plays its horizon. On the page the picture is transparent: here it lies on `background`.
+// Records what `canvas` shows while `clock` plays its time horizon. The canvas is transparent on the page, and gets
+// the colour `background` in the film.
 export async function record(canvas, clock, background) {
   const film = document.createElement("canvas");
   [film.width, film.height] = [canvas.width, canvas.height];

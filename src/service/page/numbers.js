@@ -1,6 +1,6 @@
-// Numbers as people read them.
+// Numbers in the form in which people read them.
 
-// About `digits` significant ones, with a power of ten only where it is needed.
+// Formats a number with about `digits` significant digits, and with a power of ten only if needed.
 export function number(value, digits = 5) {
   if (value == null) return "–";
   if (value === 0) return "0";
@@ -13,10 +13,10 @@ export function number(value, digits = 5) {
   return whole ? value.toLocaleString("en").replaceAll(",", "\u202f") : trimmed(value.toPrecision(digits));
 }
 
-// Rounding may have carried a number into the next power of ten.
+// Removes trailing zeros. Rounding may have carried a number into the next power of ten.
 const trimmed = (text) => (text.includes("e") ? String(Number(text)) : text.includes(".") ? text.replace(/\.?0+$/, "") : text);
 
-// A measurement beside what is allowed. JSON has no infinity: the largest number stands for it.
+// Formats a measurement beside its allowed value. JSON has no infinity: the largest number stands for it.
 export const measured = ({ value, allowed }) => {
   const told = Math.abs(value) === Number.MAX_VALUE ? "not finite" : number(value, 3);
   return `${told}, allowed ${number(allowed, 3)}`;
@@ -28,7 +28,7 @@ export function seconds(value) {
   return `${number(value, 3)} s`;
 }
 
-// The ticks of an axis: in one power of ten, with as many digits as their step has.
+// Formats the ticks of an axis: with one common power of ten, and with as many digits as their step has.
 export function ticks(values) {
   if (values.length === 0) return [];
   const largest = Math.max(...values.map(Math.abs));

@@ -1,7 +1,9 @@
-// The page: what is written is checked and, while it is quick, solved at once; what is submitted is followed; what has ended is shown.
+// The script of the page: a specification is checked as it is written, and solved at once as long as that is quick; a
+// submitted job is followed, and its answer is shown when it has ended.
 //
-// An answer belongs to the text that it is of. Where the text is another, the answer is marked as old, until there is a new one. The address
-// has the job that is shown (`#job=ID`) or the whole specification (`#s=...`).
+// An answer belongs to the text of the specification that was solved. If the editor has another text, the answer is
+// marked as old, until there is a new one. The URL contains the job that is shown (`#job=ID`) or the whole
+// specification (`#s=...`).
 
 import { Clock } from "./clock.js";
 import { claims } from "./claims.js";
@@ -27,11 +29,11 @@ import { study } from "./study.js";
 import { unknownParts } from "./unknown.js";
 import { verdicts } from "./verdict.js";
 
-const PAUSE = 250; // milliseconds without a keystroke before a check
-const PANELS = 6; // fields shown at first
-const REMEMBERED = 50; // jobs
-const RESTS = 120; // milliseconds after which a slider's last answer has its words and tables
-const SEEN = 150; // milliseconds that a slider's answer may take before what is in view is marked as old
+const PAUSE = 250; // milliseconds without a keystroke before the text is checked
+const PANELS = 6; // number of fields that are shown at first
+const REMEMBERED = 50; // number of jobs whose ids the browser remembers
+const RESTS = 120; // milliseconds after a slider's last answer until texts and tables are updated to it
+const SEEN = 150; // milliseconds that a slider's answer may take before the answer in view is marked as old
 
 const FORMATS = [
   ["JSON", "application/json", "json"],
@@ -50,21 +52,21 @@ const knobs = new Knobs(byId("knobs"), turn);
 const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal, busy: tellBusy });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
-let map = null; // fetched when it is first opened
+let map = null; // the heat map, fetched when it is first opened
 let shown = null; // the run in view: {id, text, specification, label, verdict, t, fields, events, diagnostics}
-let ghost = null; // the run that was in view before a slider moved
-let other = null; // the run it is compared with
+let ghost = null; // the run that was in view before a slider moved, drawn behind the current one
+let other = null; // the run with which the run in view is compared
 let followed = null; // the id of the job whose progress is in view
-let leave = null; // leaves it
+let leave = null; // the function that stops following that job
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
-let behind = null; // the run in view whose words and tables are still those of an earlier one
-let resting = null; // when they follow
-let marking = null; // when what is in view is marked as old
-let awaited = null; // the text of the example whose answer is to be brought into view
+let behind = null; // the run in view, as long as its texts and tables are those of an earlier run
+let resting = null; // the timer after which texts and tables are updated
+let marking = null; // the timer after which the answer in view is marked as old
+let awaited = null; // the text of the example whose answer is to be scrolled into view
 
-// ---- writing and checking
+// ---- editing and checking the specification
 
 let checking = null;
 let pause = null;
@@ -72,7 +74,7 @@ let pause = null;
 function textChanged() {
   if (filling) return;
   dragging = false;
-  ghost = null; // of another text than the one that a slider turned
+  ghost = null; // the ghost belongs to another text than the one that a slider changed
   byId("shared").textContent = "";
   markStale();
   clearTimeout(pause);
@@ -83,7 +85,7 @@ function textRested() {
   checkText({ solves: byId("live").checked && quick && followed === null });
 }
 
-// Checks the text, and solves it where `solves` says so and it is correct.
+// Checks the text of the editor, and solves it if `solves` is set and the text is correct.
 async function checkText({ solves = false } = {}) {
   checking?.abort();
   checking = new AbortController();
@@ -110,7 +112,7 @@ function offerKnobs(text) {
   offerMap();
 }
 
-// A map is offered over two numbers, of the fields of an answer.
+// Offers a heat map over two numbers of the specification, of one of the fields of the answer in view.
 function offerMap() {
   const fields = Object.keys(shown?.fields ?? {});
   const specification = lenient(editor.text);
@@ -160,7 +162,8 @@ function tellRefusal(refusal, text) {
   );
 }
 
-// A text that is no JSON is wrong where its reader stopped, which is later than where the nearest pointer begins.
+// Returns the lines of errors. A text that is not JSON is wrong where its parser stopped, which is later than where
+// the value at the nearest pointer begins.
 function places(errors, text) {
   const lines = linesOf(text, errors.map((error) => error.pointer));
   return errors.map((error, i) => {
@@ -181,7 +184,7 @@ function fill(text) {
   filling = false;
 }
 
-// ---- turning knobs
+// ---- sliders of numbers of the specification
 
 function turn(pointer, value, done) {
   if (!dragging) ghost = shown;
@@ -189,7 +192,7 @@ function turn(pointer, value, done) {
   editor.write(pointer, value, done);
   const { text } = editor;
   if (text === shown?.text) return;
-  // Where the answer comes at once, a mark would flicker.
+  // If the answer comes at once, a mark would flicker, so that the mark is delayed.
   marking ??= setTimeout(markStale, SEEN);
   if (byId("live").checked && followed === null) live.solve(text);
   if (done) {
@@ -199,7 +202,7 @@ function turn(pointer, value, done) {
   }
 }
 
-// The run of a cell of the map: both numbers are written, and what is solved is shown.
+// Opens the run of a cell of the heat map: writes both of its numbers into the text, and shows the solution.
 function openCell(pairs) {
   pairs.forEach(([knob, value], i) => {
     const [pointer, written] = knob.put?.(value) ?? [knob.pointer, value];
@@ -207,8 +210,8 @@ function openCell(pairs) {
   });
 }
 
-// While a slider is dragged, the curves in view follow every answer, and the picture some of them; all else follows as soon as it rests, or the
-// verdict is another.
+// Shows a live answer. While a slider is dragged, only the curves in view follow every answer, and the picture
+// follows some of them; everything else is updated when the slider rests, or when the verdict changes.
 function showLive(answer, text) {
   quick = true;
   const specification = lenient(text);
@@ -229,14 +232,14 @@ function presentLive(run) {
   tellLive(run, run.text);
 }
 
-// The slider rests where a moment passes and nothing is asked for.
+// Shows whether a live request is pending. A slider counts as resting when a short time has passed without requests.
 function tellBusy(is) {
   byId("result").setAttribute("aria-busy", is);
   clearTimeout(resting);
   if (!is) resting = setTimeout(rest, RESTS);
 }
 
-// Words and tables follow the curves in view.
+// Updates texts and tables to the run whose curves are in view.
 function rest() {
   if (behind !== null && behind === shown && followed === null) presentLive(behind);
 }
@@ -261,7 +264,7 @@ function tellSlow(text) {
   if (editor.text === text) markStale("This takes longer than a moment: press Solve. What stands below is of an earlier text.", "This takes longer than a moment: press Solve.");
 }
 
-// Marks what is in view as old where it is not of the text in the editor.
+// Marks the answer in view as old, if it is not that of the text in the editor.
 function markStale(words = "What stands below is of an earlier text.", alone = null) {
   const stale = shown !== null && shown.text !== null && shown.text !== editor.text;
   const running = followed !== null;
@@ -274,7 +277,8 @@ function markStale(words = "What stands below is of an earlier text.", alone = n
   byId("chosen").classList.toggle("stale", stale);
 }
 
-// What is in view is of the text in the editor, or of the one that it had a moment ago.
+// Removes the mark of an old answer: the answer in view is that of the text in the editor, or of its text a moment
+// ago.
 function unmark() {
   clearTimeout(marking);
   marking = null;
@@ -282,7 +286,7 @@ function unmark() {
   byId("chosen").classList.remove("stale");
 }
 
-// ---- submitting and following
+// ---- submitting a job and following its progress
 
 async function solve() {
   const { text } = editor;
@@ -302,7 +306,7 @@ async function solve() {
   }
 }
 
-// On a narrow screen the result is below the text. A page that becomes shorter or longer as an answer comes moves it.
+// Scrolls to the result if it is below the text, as on a narrow screen: the layout may shift when the answer comes.
 function bringResult() {
   if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
 }
@@ -334,7 +338,7 @@ async function follow(id, text) {
   await show(status, text === null && known !== null ? pretty(known) : known);
 }
 
-// A specification on one line is broken into several; one that has lines keeps them.
+// Formats a specification on one long line; a text with line breaks stays unchanged.
 function pretty(text) {
   if (text.includes("\n") || text.length < 120) return text;
   try {
@@ -353,16 +357,16 @@ function tellProgress(status) {
   byId("bar").value = status.progress;
 }
 
-// ---- showing what has ended
+// ---- showing the answer of a job that has ended
 
 const runOf = ({ trajectory, diagnostics = {}, ...rest }, more) => ({ t: [], fields: {}, events: [], ...trajectory, diagnostics, ...rest, ...more });
 
 const fetchRun = async (id, label, text) => runOf(await service.results(id), { id, label, text, specification: text === null ? {} : (lenient(text) ?? {}) });
 
-// How a run ended, and how long it took where that is one number: the members of a sweep have each their own.
+// Says how a run ended, and how long it took if it was one run: the members of a sweep each have their own time.
 const took = (word, { diagnostics: { wall_seconds: wall } }) => (wall > 0 ? `${word} in ${seconds(wall)}` : word);
 
-// What is in view is of the run before, while the next is on its way.
+// Marks the answer in view as that of the previous run, while the answer to the next is awaited.
 function setAside(aside) {
   byId("before").hidden = !aside || byId("chosen").hidden;
   byId("before").textContent = aside ? "What stands below is of the run before." : "";
@@ -382,7 +386,7 @@ async function show(status, text) {
   checkText();
 }
 
-// Nothing is in view: what was there is of another problem.
+// Clears the answer in view, which is that of another problem.
 function forgetShown() {
   shown = null;
   [other, ghost] = [null, null];
@@ -392,7 +396,7 @@ function forgetShown() {
   stage.clear();
 }
 
-// A job without an answer: what is known of it, and nothing of another run.
+// Shows the status of a job without an answer, and nothing of another run.
 function presentNothing(status) {
   shown = null;
   [other, ghost] = [null, null];
@@ -409,7 +413,7 @@ function presentNothing(status) {
   byId("hover").textContent = "";
 }
 
-// Whether the fields of a run are those of the run in view.
+// Whether a run has the fields of the run in view.
 const hasFieldsOf = (run) => shown !== null && shown.t.length > 0 && Object.keys(shown.fields).join() === Object.keys(run.fields).join();
 
 function present(run, { keep: keeps = false } = {}) {
@@ -460,7 +464,7 @@ function draw() {
   byId("verdict").replaceChildren(...verdicts(runs).filter((part) => part !== null));
   drawCurves();
   byId("claims").replaceChildren(...(shown && Object.keys(shown.diagnostics).length > 0 ? [claims(shown, GUIDE)] : []));
-  // While a slider is dragged, nobody reads tables that are folded.
+  // While a slider is dragged, tables that are folded need no update.
   if (byId("raw").open || ghost === null) showEvidence();
   byId("legend").hidden = other === null;
   byId("legend").textContent = other === null ? "" : `Solid: ${shown.label ?? "without a label"}. Dashed: ${other.label ?? "without a label"}.`;
@@ -523,7 +527,7 @@ async function save(fetched, name) {
 
 const asSvg = (figure) => new Blob([textOf(figure)], { type: "image/svg+xml" });
 
-// On paper no time is marked.
+// Returns a copy of a figure without the mark of the current time, for printing.
 function unmarked(figure) {
   const copy = figure.cloneNode(true);
   copy.querySelector(".now")?.remove();
@@ -532,7 +536,7 @@ function unmarked(figure) {
 
 const ground = () => getComputedStyle(document.body).backgroundColor;
 
-// The picture at the time of the cursor.
+// Saves the picture at the time of the cursor as a PNG file.
 async function picture() {
   const canvas = byId("stage").querySelector("canvas");
   if (canvas === null) return tellMessage("There is no picture.");
@@ -541,7 +545,7 @@ async function picture() {
   await save(() => still(canvas, ground()), "picture.png");
 }
 
-// All that is seen of an answer, in one file.
+// Saves everything that is shown of an answer in one HTML file.
 async function html() {
   const { standalone } = await import("./standalone.js");
   const { label, text, specification, t } = shown;
@@ -552,7 +556,7 @@ async function html() {
   stage.draw(clock.time);
 }
 
-// The picture, played once, as a film.
+// Records the picture, played once, and saves it as a film.
 async function film() {
   const canvas = byId("stage").querySelector("canvas");
   if (canvas === null) return tellMessage("There is no moving picture.");
@@ -626,7 +630,7 @@ function listJobs() {
 
 async function forget(id) {
   keep(remembered().filter((job) => job.id !== id));
-  // The service may have forgotten it before.
+  // The service may have deleted the job already.
   await service.forget(id).catch(() => {});
   offerOthers();
 }
@@ -637,7 +641,7 @@ function toggleJobs(open = byId("jobtable").hidden) {
   jobs.show(open);
 }
 
-// ---- addresses
+// ---- opening the job or the specification that the URL names
 
 async function openAddressed() {
   const hash = new URLSearchParams(location.hash.slice(1));
@@ -690,7 +694,7 @@ async function choose(name) {
   byId("before").textContent = "Loading the example ...";
   try {
     const text = await service.example(name);
-    if (byId("example").value !== name) return; // another was chosen meanwhile
+    if (byId("example").value !== name) return; // another example was chosen meanwhile
     ghost = null;
     quick = true;
     fill(text);
@@ -716,7 +720,7 @@ function browse() {
   byId("gallery").querySelector("button")?.focus();
 }
 
-// ---- everything a user can do
+// ---- connecting the controls of the page with their functions
 
 async function start() {
   byId("solve").addEventListener("click", solve);

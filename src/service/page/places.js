@@ -1,16 +1,16 @@
-// Where in a JSON text a JSON pointer (RFC 6901) points.
+// The positions in a JSON text to which JSON pointers (RFC 6901) refer.
 //
-// The text may be broken: what stands before the break still has its place. The scan keeps the path to where it is on
-// a stack of its own, and of that path only what a wanted pointer shares with it: depth costs neither recursion nor
+// The text may be invalid: the part before the error still has its positions. The scan keeps the path to its position
+// on a stack of its own, and of that path only the part that wanted pointers share: depth costs neither recursion nor
 // memory beyond its size.
 
-// The line, from 0, on which each of `pointers` begins: the key of a member, or an element. A pointer to what is not
-// there, such as a missing key, gets the line of the nearest thing around it.
+// Returns the line, counted from 0, on which each of `pointers` begins: the key of a member, or an element. A pointer
+// to a missing value gets the line of the nearest value around it.
 export function linesOf(text, pointers) {
   return found(text, pointers).map((path) => lineAt(text, path.findLast((place) => place.start !== null)?.start ?? 0));
 }
 
-// The offsets [from, to) of the values that `pointers` name, null of what is not there.
+// Returns the offsets [from, to) of the values to which `pointers` refer, null for missing values.
 export function rangesOf(text, pointers) {
   const paths = found(text, pointers);
   return paths.map((path, i) => {
@@ -19,7 +19,7 @@ export function rangesOf(text, pointers) {
   });
 }
 
-// The places on the way to each of `pointers`.
+// Returns the positions of the values on the path of each of `pointers`.
 function found(text, pointers) {
   const root = place();
   const wanted = pointers.map((pointer) => {
@@ -42,14 +42,14 @@ export function lineAt(text, offset) {
   return line;
 }
 
-// `start` is where a key or an element begins, `from` and `to` are those of its value.
+// A position: `start` is the offset of a key or element, `from` and `to` are the offsets of its value.
 const place = () => ({ start: null, from: null, to: null, children: new Map() });
 
-// Sets where `root` and the places under it start and end. Of members with the same key the last counts.
+// Sets the offsets of `root` and of the positions below it. Of members with the same key the last counts.
 function find(text, root) {
-  const open = []; // the containers around the scan: {place, index}, the index of a list only
+  const open = []; // the objects and lists around the scan: {place, index}, the index of a list only
   let keyed = false; // whether the key of a member has been read, and its value comes next
-  let member = null; // the place of that member, if it is wanted
+  let member = null; // the position of that member, if it is wanted
   const token = /"(?:[^"\\]|\\.)*"?|[{}[\],:]|[^\s{}[\],:"]+/gs;
   for (const { 0: found, index: at } of text.matchAll(token)) {
     const inside = open.at(-1);

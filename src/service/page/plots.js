@@ -1,11 +1,12 @@
-// Trajectories: a panel for each quantity, all over the same times, with one cursor and one zoom, and a line for each field of
-// each run.
+// Plots of trajectories: one panel for each quantity, all over the same times, with one cursor and one zoom, and one
+// line for each field of each run.
 //
-// While a slider is dragged, panels in view alone are drawn, and their lines as hairlines; the others are drawn when they come into view, or when
-// the hand rests.
+// While a slider is dragged, only panels in view are drawn, with their lines as hairlines; the other panels are drawn
+// when they come into view, or when the slider rests.
 //
-// Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus. Events are
-// ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
+// Dragging zooms, a double click shows the whole time range; so do the arrow keys, `+`, `-` and `0` when the panels
+// have the focus. Events are ticks at the bottom of a panel, at most one per pixel; an earlier run is drawn as a
+// ghost behind the lines.
 
 import { largestDifference } from "./comparison.js";
 import { colourOf } from "./colours.js";
@@ -14,14 +15,14 @@ import { hairlines } from "./hairlines.js";
 import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
 
-const HEIGHTS = [300, 220, 180, 156]; // of a panel, where there are one, two, three or more
-const FOOT = 36; // pixels of the labels of the times
-const NEAR = 6; // pixels within which an event is pointed at
-const FINE_DECADES = 4; // up to which a grid has lines within a decade
-const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
-const TICK = 7; // pixels of an event's tick
-const WIDTH = 1.6; // pixels of a line
-const EDGE = 4; // pixels of a panel that may be in view although it waits
+const HEIGHTS = [300, 220, 180, 156]; // pixels of the height of a panel, if there are one, two, three or more panels
+const FOOT = 36; // pixels of the time labels below a panel
+const NEAR = 6; // pixels within which the pointer is on an event
+const FINE_DECADES = 4; // largest number of decades for which a logarithmic grid has lines within a decade
+const OFFERED = 30; // ratio of the largest to the least value from which a logarithmic axis is offered
+const TICK = 7; // pixels of the length of an event's tick
+const WIDTH = 1.6; // pixels of the width of a line
+const EDGE = 4; // pixels of a panel that may be in view although the panel has not been drawn
 
 export class Plots {
   #root;
@@ -31,13 +32,13 @@ export class Plots {
   #fields = [];
   #specification = {};
   #logTime = false;
-  #linear = new Set(); // quantities that the reader wants on a linear axis although they cover decades, or the reverse
+  #linear = new Set(); // quantities for which the reader has switched between a linear and a logarithmic axis
   #panels = [];
-  #span = null; // the times shown
+  #span = null; // the range of times that is shown
   #syncing = false;
   #time = null;
-  #pointed = null; // {time, near} whose values are told
-  #sight = new IntersectionObserver((changes) => this.#sighted(changes), { rootMargin: `-${EDGE}px` }); // of the panels that are in view
+  #pointed = null; // the time at the pointer, {time, near}, at which values are shown
+  #sight = new IntersectionObserver((changes) => this.#sighted(changes), { rootMargin: `-${EDGE}px` }); // observes which panels are in view
   #hurried = false; // whether a slider is dragged
 
   // Called with a time when the reader clicks on it.
@@ -60,8 +61,8 @@ export class Plots {
     }).observe(root);
   }
 
-  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before. Where it is `hurried`,
-  // panels out of view wait.
+  // Shows fields of runs, `{t, fields, events}` each, of the problem of `specification`; `ghost` is the run that the
+  // reader saw before. If `hurried`, panels out of view are drawn later.
   show(runs, fields, { specification = {}, logTime = false, ghost = null, hurried = false } = {}) {
     const sameFields = fields.length === this.#fields.length && fields.every((field, i) => field === this.#fields[i]);
     const [type, before] = [typeOf(specification), typeOf(this.#specification)];
@@ -73,7 +74,7 @@ export class Plots {
     this.#build();
   }
 
-  // The panels as data, from which a figure is drawn.
+  // Returns the data of the panels, from which a figure for papers is drawn.
   figure() {
     return this.#panels.map((panel) => ({
       ...panel.group,
@@ -87,13 +88,14 @@ export class Plots {
     return this.#span;
   }
 
-  // Puts the time cursor of the pictures on all panels.
+  // Draws the time cursor of the pictures in all panels.
   setTime(time) {
     this.#time = time;
     this.#placeHeads();
   }
 
-  // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
+  // Draws new values in the same panels, as a slider demands many times a second. Returns false if the panels have to
+  // be built anew.
   #renew() {
     if (!(this.#hurried ? this.#canShow() : this.#suits())) return false;
     for (const panel of this.#panels) {
@@ -106,13 +108,13 @@ export class Plots {
     return true;
   }
 
-  // Whether the panels can show the fields of the run, though others might suit them better.
+  // Whether the panels can show the fields of the run, though other panels might suit them better.
   #canShow() {
     const { fields } = this.#runs[0];
     return this.#panels.every(({ group, log }) => group.fields.every((field) => fields[field] && !(log && range(fields[field])[0] <= 0)));
   }
 
-  // Whether the panels are those that would be built.
+  // Whether the panels are those that would be built for the fields of the run.
   #suits() {
     const { fields } = this.#runs[0];
     const groups = this.#groups();
@@ -132,7 +134,7 @@ export class Plots {
     });
   }
 
-  // Panels came into view, or left it.
+  // Draws panels that came into view, and notes those that left it.
   #sighted(changes) {
     for (const { target, isIntersecting } of changes) {
       const panel = this.#panels.find(({ canvas }) => canvas === target);
@@ -180,7 +182,8 @@ export class Plots {
     return shown;
   }
 
-  // The ghost comes first, behind all; without one its place is empty, so that the panels stay as they are where one comes.
+  // Returns the columns of a panel. The ghost comes first, behind all lines; without a ghost its columns are empty,
+  // so that a panel can get a ghost without being built anew.
   #data(series) {
     const ghosts = series.map(({ run, field }) => (this.#ghost === null ? { run, field: null } : { run: this.#ghost, field }));
     const all = [...ghosts, ...series];
@@ -257,7 +260,7 @@ export class Plots {
     return panel;
   }
 
-  // Says of a curve that is constant, or rounding, what it is.
+  // Notes below a panel that a curve is constant, or consists of rounding errors.
   #tellConstants({ group, note }) {
     const [run] = this.#runs;
     const scales = this.#fields.filter((field) => run.fields[field]).map((field) => Math.max(...range(run.fields[field]).map(Math.abs)));
@@ -299,7 +302,7 @@ export class Plots {
           const at = group.fields.findIndex((field) => isOf(event, field));
           if (at !== -1 !== own) continue;
           const x = Math.round(plot.valToPos(event.t, "x", true));
-          // Where events accumulate, one tick a pixel shows as much as all of them.
+          // Where events accumulate, one tick per pixel shows as much as all of them.
           if (!(x >= bbox.left && x <= bbox.left + bbox.width) || drawn.has(x)) continue;
           drawn.add(x);
           ctx.strokeStyle = own ? colourOf(`--line-${at}`) : colourOf("--quiet");
@@ -373,7 +376,7 @@ export class Plots {
       if (plot.scales.x.min !== min || plot.scales.x.max !== max) plot.setScale("x", { min, max });
     }
     this.#placeHeads();
-    // uPlot tells of a new scale after this task.
+    // uPlot reports a new scale after the current task.
     queueMicrotask(() => queueMicrotask(() => (this.#syncing = false)));
   }
 
@@ -414,7 +417,7 @@ export class Plots {
 
 const isOf = (event, field) => field === event.of || field.startsWith(`${event.of}_`) || field.endsWith(`(${event.of})`);
 
-// A little room above and below; of a constant, as much as it is large.
+// Returns a range with some room above and below; for a constant, with room as large as the constant.
 function roomy(low, high) {
   if (low == null || high == null) return [0, 1];
   const room = isConstant([low, high]) ? Math.abs(low) / 2 || 1 : (high - low) * 0.06;
@@ -423,11 +426,11 @@ function roomy(low, high) {
 
 const isDecade = (value) => value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-9;
 
-// The lines of a grid: over many decades, at powers of ten alone.
+// Restricts a logarithmic grid over many decades to powers of ten.
 const decades = (grid, log) =>
   log ? { ...grid, filter: (_, at) => (at.filter(isDecade).length > FINE_DECADES ? at.map((value) => (isDecade(value) ? value : null)) : at) } : grid;
 
-// The ticks of an axis; of a logarithmic one powers of ten alone.
+// Returns the tick labels of an axis; a logarithmic axis has labels at powers of ten only.
 function labels(at, log) {
   if (!log) return ticks(at);
   return at.map((value) => (isDecade(value) ? number(value) : ""));
@@ -439,7 +442,7 @@ function swatch(colour, place) {
   return mark;
 }
 
-// The index of the time that is nearest.
+// Returns the index of the element of `times` that is nearest to `time`.
 export function nearestTo(times, time) {
   let [low, high] = [0, times.length - 1];
   while (high - low > 1) {

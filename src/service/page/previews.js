@@ -1,5 +1,6 @@
-// Small pictures on the cards of the gallery. An example is solved when its card comes into view, one after another, and its picture is drawn; it
-// runs while the pointer or the focus is on the card. Nothing is fetched for scenes in space: of these, curves are drawn.
+// Small pictures on the cards of the gallery. An example is solved when its card comes into view, one example at a
+// time, and its picture is drawn; the picture moves while the pointer or the focus is on the card. Nothing is fetched
+// for scenes in space, of which curves are drawn.
 
 import { element } from "./element.js";
 import { isConstant, range } from "./fields.js";
@@ -8,21 +9,21 @@ import { load, pictureOf } from "./pictures/index.js";
 import { dot, line, surface } from "./pictures/surface.js";
 import { example, Refused, solveNow } from "./service.js";
 
-const LONGEST = 2; // seconds that a small picture may take
-const STILL = 0.4; // part of the horizon at which a picture stands still
-const LASTS = 4000; // milliseconds in which a horizon runs
-const POINTS = 241; // of a curve
+const LONGEST = 2; // seconds that the solve for a small picture may take
+const STILL = 0.4; // fraction of the time horizon at which a picture that does not move is drawn
+const LASTS = 4000; // milliseconds in which the time horizon is played
+const POINTS = 241; // number of points of a curve
 const CURVES = 3;
 const [WIDTH, HEIGHT] = [270, 140]; // pixels of a picture; circuits are as large as their netlists
 
 export class Previews {
   #bench = element("div", { class: "bench", "aria-hidden": "true" });
-  #known = new Map(); // card to {kind, run}, nothing where there is no picture
-  #waiting = []; // cards in view, not yet solved
-  #going = null; // {card, controller}
+  #known = new Map(); // the solved examples: card to {kind, run}, null if there is no picture
+  #waiting = []; // cards in view whose examples are not solved yet
+  #going = null; // the example being solved, {card, controller}
   #refused = false;
 
-  // The cards of `root`, each with a canvas and the name of its example.
+  // `root` contains the cards, each with a canvas and the name of its example.
   constructor(root) {
     root.append(this.#bench);
     const observer = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => (isIntersecting ? this.#enter(target) : this.#leave(target))));
@@ -54,14 +55,14 @@ export class Previews {
       this.#known.set(card, found);
       if (found) await this.#still(card);
     } catch (error) {
-      // The rest of the page tells what the service lacks.
+      // Another part of the page reports what the service lacks.
       if (!signal.aborted) this.#refused = error instanceof Refused;
     }
     this.#going = null;
     if (!this.#refused) this.#next();
   }
 
-  // Calls `act` with what draws the picture of a card at a part of its horizon.
+  // Calls `act` with a function that draws the picture of a card at a given fraction of its time horizon.
   async #drawn(card, act) {
     const { kind, run } = this.#known.get(card);
     const picture = (await kind?.make(run.specification, run, {})) ?? curves(run);
@@ -72,7 +73,7 @@ export class Previews {
       await act((part) => {
         picture.draw(run.t[0] + part * (run.t.at(-1) - run.t[0]));
         const { width, height } = picture.element;
-        if (picture.element.clientWidth === 0) return; // the gallery is out of sight
+        if (picture.element.clientWidth === 0) return; // the gallery is out of view
         Object.assign(canvas, { width, height, hidden: false });
         canvas.getContext("2d").drawImage(picture.element, 0, 0);
       });
@@ -101,7 +102,7 @@ export class Previews {
   }
 }
 
-// The run of an example, and the kind of its picture; nothing where it takes long or does not move.
+// Returns the run of an example, and the kind of its picture; null if the solve takes long or nothing moves.
 async function solved(name, signal) {
   const text = await example(name);
   const specification = JSON.parse(text);
@@ -114,7 +115,7 @@ async function solved(name, signal) {
   return run?.t?.length > 2 ? { kind, run } : null;
 }
 
-// The first fields that change, each over its own range.
+// Draws curves of the first fields that change, each over its own range.
 function curves({ t, fields }) {
   const shown = Object.values(fields).filter((values) => values.every(Number.isFinite) && !isConstant(range(values))).slice(0, CURVES);
   let time = t[0];

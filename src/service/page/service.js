@@ -1,4 +1,5 @@
-// The service as this page uses it. What fails throws a `Refused` with the problem (RFC 9457) that says why.
+// The requests of this page to the service. A request that fails throws a `Refused` with the problem (RFC 9457) that
+// says why.
 
 import { events } from "./events.js";
 
@@ -9,20 +10,21 @@ export class Refused extends Error {
   }
 }
 
-// What stands before every address where the service lives under a path.
+// The path prefix of every URL of the service; empty if the service is at the root of its host.
 export const base = new URL("..", import.meta.url).pathname.slice(0, -1);
 
-// Where the service asks for a token, it is kept until the tab is closed, and told with every request.
+// A token that the service requires is kept until the tab is closed, and sent with every request.
 const token = () => sessionStorage.getItem("token");
 export const useToken = (text) => sessionStorage.setItem("token", text);
 
-// What a token lacks, in the words of this page.
+// Returns what a token does not allow, in the words of this page.
 const lacking = (options) =>
   (options.method ?? "GET") === "GET"
     ? "Your token does not allow reading jobs; use another."
     : "Your token allows reading jobs, but not checking, solving or cancelling; use another.";
 
-// Where a token is missing, the page asks for one, unless `quiet` says that nobody waits for the answer.
+// Sends a request. If a token is missing, the page asks the user for one, unless `quiet` says that nobody waits for
+// the answer.
 async function ask(address, { quiet = false, ...options } = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;
@@ -56,8 +58,8 @@ export const check = (text, signal) => json("/check", { ...posted(text), signal 
 export const schema = () => json("/schema");
 export const version = () => json("/version");
 
-// The answer to a specification that takes no longer than `seconds`, `null` if it does; it leaves no job behind. What `signal` ends
-// is cancelled at the service.
+// Solves a specification within `seconds`; returns its answer, or `null` if it takes longer. The request leaves no
+// job behind. Aborting `signal` cancels the solve at the service.
 export async function solveNow(text, seconds, signal, { quiet = false } = {}) {
   const limit = AbortSignal.timeout(seconds * 1000);
   const either = AbortSignal.any([signal, limit]);
@@ -71,10 +73,10 @@ export async function solveNow(text, seconds, signal, { quiet = false } = {}) {
   }
 }
 
-// The answer to a specification as a file of a type.
+// Returns the answer to a specification as a file of media type `type`.
 export const solveAs = async (text, type) => (await ask("/solve", posted(text, { accept: type, prefer: "wait=60" }))).blob();
 
-// A page of the jobs of this client, and the cursor of the next.
+// Returns a page of the list of this client's jobs, and the cursor of the next page.
 export async function jobs(status, cursor) {
   const query = new URLSearchParams({ limit: "50", ...(status ? { status } : {}), ...(cursor ? { cursor } : {}) });
   const response = await ask(`/jobs?${query}`);
@@ -92,9 +94,10 @@ export const download = async (id, type) =>
 
 const accepting = (type) => ({ headers: { accept: type } });
 
-const PAUSE = 1; // seconds before a stream that broke off is asked for again
+const PAUSE = 1; // seconds before a stream that broke off is requested again
 
-// Tells `report` every state of the job until it has ended; the last one is the answer, nothing if `signal` says to leave.
+// Reports every status of a job to `report` until the job has ended; returns the last status, nothing if `signal` is
+// aborted.
 export async function follow(id, report, signal) {
   const asked = { ...accepting("text/event-stream"), signal };
   for (;;) {

@@ -1,8 +1,8 @@
-// A link that carries the whole specification: its text, deflated (RFC 1951) and in the letters of base64url (RFC 4648,
-// section 5), stands after `#s=`. What is after `#` never reaches a server, and there is no token in it.
+// A link that contains the whole specification: its text, deflated (RFC 1951) and encoded as base64url (RFC 4648,
+// section 5), stands after `#s=`. The part of a URL after `#` is never sent to a server, and it contains no token.
 
-const LONGEST = 4 << 20; // bytes that a link may come to when it is inflated
-const SMALL = 16 << 10; // bytes of a text that runs by itself
+const LONGEST = 4 << 20; // largest size in bytes of the inflated text of a link
+const SMALL = 16 << 10; // size in bytes up to which a text from a link is solved at once
 
 export async function packed(text) {
   const deflated = new Blob([text]).stream().pipeThrough(new CompressionStream("deflate-raw"));
@@ -12,7 +12,7 @@ export async function packed(text) {
   return btoa(binary).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
 }
 
-// The text that was packed; throws if it is damaged or far too long.
+// Returns the text that was packed into a link; throws if it is damaged or far too long.
 export async function unpacked(letters) {
   const bytes = Uint8Array.from(atob(letters.replaceAll("-", "+").replaceAll("_", "/")), (letter) => letter.charCodeAt(0));
   const reader = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate-raw")).getReader();
@@ -30,7 +30,7 @@ export async function unpacked(letters) {
   }
 }
 
-// Whether a text from a link may run before anybody has looked at it: it is short, and asks for one run.
+// Whether a text from a link may be solved before the user has looked at it: it is short, and asks for one run.
 export function isSmall(text) {
   if (text.length > SMALL) return false;
   try {

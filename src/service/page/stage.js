@@ -1,31 +1,33 @@
-// Where the picture of an answer stands: its film is solved for beside the answer, and drawn at the time of the cursor.
+// The place of the picture of an answer: the frames of its film are computed by a further solve, and drawn at the
+// time of the cursor.
 //
-// A film costs about what the answer did. Where that was long, it is asked for by a button.
+// A film costs about as much as its answer. If the answer took long, the film is computed only on request, by a
+// button.
 
 import { element } from "./element.js";
 import { seconds } from "./numbers.js";
 import { load, pictureOf } from "./pictures/index.js";
 import { Refused, solveNow } from "./service.js";
 
-const AT_ONCE = 1.5; // seconds that an answer may have taken whose film is made unasked
-const PAUSE = 150; // milliseconds without a newer answer before a film is made
-const FRAMES = 100; // times from which an answer serves as its own film
-const LONGEST = 60; // seconds that a film may take
-const FOLLOWS = 50; // milliseconds between two pictures of a slider that is dragged
+const AT_ONCE = 1.5; // seconds that an answer may have taken for its film to be computed without request
+const PAUSE = 150; // milliseconds without a newer answer before a film is computed
+const FRAMES = 100; // number of times from which an answer serves as its own film
+const LONGEST = 60; // seconds that the solve of a film may take
+const FOLLOWS = 50; // milliseconds between two pictures while a slider is dragged
 
 export class Stage {
   #root;
   #place;
   #hint;
   #clock;
-  #picture = null; // {element, draw, dispose, hint}
-  #asked = null; // the controller of the film on its way
+  #picture = null; // the picture in view, {element, draw, dispose, hint}
+  #asked = null; // the controller of the pending request for a film
   #kinds = new Map();
-  #name = null; // of the kind that is shown
+  #name = null; // the name of the kind of picture that is shown
   #wanted = null; // the run whose picture is wanted
   #later = null;
-  #of = ""; // the specification of the film that is shown
-  #followed = -Infinity; // when the picture last followed a slider
+  #of = ""; // the specification of the film that is shown, as text
+  #followed = -Infinity; // the time at which the picture last followed a slider
 
   constructor(root, place, hint, clock) {
     [this.#root, this.#place, this.#hint, this.#clock] = [root, place, hint, clock];
@@ -47,11 +49,11 @@ export class Stage {
     this.#picture?.draw(time);
   }
 
-  // The picture of a run, made anew only where the specification is another.
+  // Shows the picture of a run, which is computed anew only if the specification has changed.
   show(run) {
     const { specification } = run;
     const name = run.t.length > 1 && !run.study ? pictureOf(specification) : null;
-    if (name !== this.#name) this.clear(); // of another kind
+    if (name !== this.#name) this.clear(); // the picture is of another kind
     [this.#name, this.#wanted] = [name, run];
     if (name !== null && !this.#kinds.has(name)) return this.#fetch(name, run);
     const kind = this.#kinds.get(name);
@@ -68,7 +70,7 @@ export class Stage {
     const cost = run.diagnostics.wall_seconds ?? 0;
     const make = () => this.#make(kind, specification, text);
     if (cost <= AT_ONCE) {
-      // Where a slider is about to move again, its answers come first.
+      // If a slider is about to move again, its answers come first, so that the film is delayed.
       this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
       return;
     }
@@ -77,7 +79,8 @@ export class Stage {
     this.#place.replaceChildren(element("button", { type: "button", click: make }, `Draw the picture (solves again, about ${seconds(cost)})`));
   }
 
-  // Follows a slider that is dragged: some of its answers are drawn, where an answer is its own film. That of the last one is shown where it rests.
+  // Follows a slider that is dragged: some of its answers are drawn, if an answer is its own film. The last answer is
+  // drawn when the slider rests.
   follow(run) {
     clearTimeout(this.#later);
     const now = performance.now();
@@ -107,7 +110,7 @@ export class Stage {
     }
   }
 
-  // Fetches the script of a kind of picture, and goes on if its run is still wanted.
+  // Fetches the script of a kind of picture, and shows the picture of the run if it is still wanted.
   async #fetch(name, run) {
     try {
       this.#kinds.set(name, await load(name));
@@ -117,10 +120,10 @@ export class Stage {
     }
   }
 
-  // Draws a run. What `signal` ends meanwhile is not shown.
+  // Draws a run, unless `signal` is aborted meanwhile.
   async #put(kind, run, text, signal = null) {
     const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
-    // While a slider is dragged, a canvas that stays spares the page a new layout for each answer.
+    // While a slider is dragged, keeping the canvas spares the page a new layout for each answer.
     const picture = await kind.make(run.specification, run, { bundle, canvas: this.#picture?.element });
     if (signal?.aborted) return picture?.dispose();
     if (picture === null) return this.clear();
@@ -143,7 +146,7 @@ export class Stage {
   }
 }
 
-// Whether an answer has all that its film would have.
+// Whether an answer contains all that its film would contain.
 function serves(run, film) {
   if (run.t.length < FRAMES || JSON.stringify(film.problem) !== JSON.stringify(run.specification.problem)) return false;
   const [problem] = Object.values(film.problem);

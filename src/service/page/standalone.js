@@ -1,10 +1,11 @@
-// An answer as one HTML file, which needs neither the network nor the service: its picture, which moves, its plots, its claims and its specification.
+// An answer as one HTML file, which needs neither the network nor the service: its moving picture, its plots, its
+// claims and its specification.
 
 import { element } from "./element.js";
 
 const FRAMES = 80;
-const QUALITY = 0.85; // of a frame
-const LASTS = 8000; // milliseconds in which the frames run
+const QUALITY = 0.85; // quality of the WebP image of a frame, from 0 to 1
+const LASTS = 8000; // milliseconds in which the frames are played
 const STYLE = `:root { color-scheme: light dark; font: 15px/1.5 system-ui, sans-serif; } body { max-width: 52rem; margin: 1.5rem auto; padding: 0 1rem; }
 img, svg { max-width: 100%; height: auto; } input { width: 60%; vertical-align: middle; } pre { overflow: auto; } ul { list-style: none; padding: 0; } .light, .badge, .badge span { margin-right: .5em; }`;
 const PLAYER = `const [picture, slider, play, told] = ["picture", "time", "play", "told"].map((id) => document.getElementById(id));
@@ -23,7 +24,8 @@ play.addEventListener("click", () => {
 });
 show(0);`;
 
-// What a canvas shows, on a background: on the page it is transparent. The copy is made at once, as a scene is kept for one frame alone.
+// Copies a canvas, which is transparent on the page, onto a background. The copy is made at once, since the drawing
+// buffer of a scene is kept for one frame only.
 export function flattened(canvas, background) {
   const copy = document.createElement("canvas");
   [copy.width, copy.height] = [canvas.width, canvas.height];
@@ -36,7 +38,8 @@ export function flattened(canvas, background) {
 
 export const still = (canvas, background) => new Promise((resolve) => flattened(canvas, background).toBlob(resolve, "image/png"));
 
-// `canvas` may be nothing; `draw(time)` draws on it. `verdict` and `claims` are elements of the page, of which links lead nowhere in a file.
+// `canvas` may be null; `draw(time)` draws on it. `verdict` and `claims` are elements of the page, whose links are
+// removed, since they would lead nowhere in a file.
 export function standalone({ title, text, t, canvas, draw, background, figure, verdict, claims }) {
   const file = document.implementation.createHTMLDocument(title);
   const unlinked = (part) => {
@@ -66,7 +69,8 @@ export function standalone({ title, text, t, canvas, draw, background, figure, v
   }
   file.body.prepend(element("h1", {}, title), unlinked(verdict));
   file.body.append(figure, unlinked(claims), element("h2", {}, "Specification"), element("pre", {}, text), ...player);
-  // A style within the document would be refused here, where the page allows those of its own files alone.
+  // The style is added to the text, since the content security policy of the page would refuse a style element in a
+  // document.
   const styled = file.documentElement.outerHTML.replace("</head>", () => `<style>${STYLE}</style></head>`);
   return new Blob([`<!doctype html>\n${styled}`], { type: "text/html" });
 }

@@ -1,9 +1,9 @@
-// Error against run time: the picture of a study, and its numbers.
+// Error against run time: the picture of a study, and a table of its numbers.
 
 import { element } from "./element.js";
 import { number, seconds } from "./numbers.js";
 
-// As an image the picture is only ever looked at: nothing in it can run.
+// The picture is shown as an image, so that no script in it can run.
 export function study({ reference, series, picture }) {
   const image = new Blob([picture], { type: "image/svg+xml" });
   const address = URL.createObjectURL(image);

@@ -1,4 +1,5 @@
-// Parts of an answer that this page has no picture of, such as tables of a kind that came to the service later: shown as they are.
+// The parts of an answer of which this page has no picture, such as tables of a later kind: they are shown as tables
+// or JSON.
 
 import { element } from "./element.js";
 import { number } from "./numbers.js";
@@ -6,7 +7,7 @@ import { number } from "./numbers.js";
 const KNOWN = new Set([
   "version", "status", "verdict", "error", "trajectory", "diagnostics", "study", "t", "fields", "events", "id", "label", "text", "specification",
 ]);
-// Of interest when figures are handed on, not while one looks at them.
+// Parts that are folded: they matter when results are passed on, not when they are viewed.
 const FOLDED = new Set(["provenance"]);
 const ROWS = 200;
 
@@ -30,7 +31,8 @@ const told = (value) => {
 
 const isObject = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
-// A list of like objects, columns of equal length, or names with short values.
+// Returns a table of a list of similar objects, of columns of equal length, or of names with short values; null for
+// others.
 function tableOf(value) {
   if (Array.isArray(value) && value.length > 0 && value.every((row) => row !== null && typeof row === "object" && !Array.isArray(row))) {
     const columns = [...new Set(value.flatMap((row) => Object.keys(row)))];

@@ -1,11 +1,11 @@
-// The verdict on an answer, which stands before the rest of it: a badge; what speaks against the answer, each value beside what is
-// allowed; and what should be known though it does not.
+// The verdict on an answer, which stands above the rest of it: a badge; what speaks against the answer, each value
+// beside the allowed one; and remarks that do not speak against it.
 
 import { sentenceOf } from "./claims.js";
 import { element } from "./element.js";
 import { measured } from "./numbers.js";
 
-// The verdict on one run, or on two to be compared.
+// Returns the verdict on one run, or on two runs to be compared, as elements.
 export function verdicts(runs) {
   const whose = runs.length > 1 ? [" (first)", " (second)"] : [""];
   return runs.flatMap((run, i) => one(run, whose[i]));
@@ -21,7 +21,7 @@ function one(run, whose) {
   return [told, list("reasons", because.map(reason)), list("caveats", caveats.map(({ message }) => [element("span", {}, message)]))];
 }
 
-// The sign is for the eye alone: the words say the same.
+// The sign is visible only: screen readers get the words, which say the same.
 const badge = (trusted, sign, words, hint) =>
   element(
     "p",

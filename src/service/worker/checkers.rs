@@ -1,5 +1,5 @@
-//! Workers that check documents which the front process does not parse itself: few, and separate from those that solve,
-//! so that a check does not wait for a solve to end.
+//! Worker processes for checks of specification documents that take too long to be parsed by the process serving
+//! HTTP. They are few, and separate from the workers that solve, so that a check does not wait for a solve to end.
 
 use super::Death;
 use super::launcher::Launcher;
@@ -14,20 +14,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::Notify;
 use tracing::Instrument;
 
-/// The outcome of a check.
+/// The outcome of the check of a specification document.
 #[derive(Debug)]
 pub enum Checked {
-    /// The document is correct; its summary as JSON.
+    /// The specification is correct: its main properties, and its summary as JSON.
     Correct(Facts, Vec<u8>),
-    /// The errors of the document.
+    /// The specification has errors, which are listed.
     Wrong(Vec<Finding>),
-    /// The check exceeded its time limit, or was stopped.
+    /// The check of the specification exceeded its time limit, or was stopped.
     Interrupted,
-    /// The worker died during the check.
+    /// The worker process died during the check of the specification.
     Died(Death),
 }
 
-/// The idle workers; each is started when a check first needs it.
+/// The idle worker processes for checks; each is started when a check first needs it.
 pub struct Checkers {
     resting: Mutex<Vec<Supervisor>>,
     launcher: Launcher,
@@ -36,13 +36,14 @@ pub struct Checkers {
 }
 
 impl Checkers {
-    /// No workers yet. A worker that holds more than `keep` bytes between checks is replaced.
+    /// Creates a pool without workers. A worker that holds more than `keep` bytes of memory between checks is
+    /// replaced.
     pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Arc<Self> {
         Arc::new(Self { resting: Mutex::default(), launcher, keep, notice })
     }
 
-    /// Checks a document, concurrently with other checks, whose number the caller bounds. Dropping the future stops the
-    /// check. `turn` is dropped when the worker is free again.
+    /// Checks a specification document, concurrently with other checks, whose number the caller limits. Dropping the
+    /// future stops the check. `turn` is dropped when the worker is free again.
     pub async fn check(self: &Arc<Self>, document: Arc<[u8]>, limits: Limits, turn: impl Send + 'static) -> Checked {
         let waits = Waits(Arc::default());
         let (checkers, asked) = (Arc::clone(self), Arc::clone(&waits.0));
@@ -96,14 +97,14 @@ impl Checkers {
     }
 }
 
-/// A request for a check, shared with the check itself.
+/// A request for the check of a document, shared with the task that performs the check.
 #[derive(Debug, Default)]
 struct CheckRequest {
     halted: Notify,
     is_unwanted: AtomicBool,
 }
 
-/// A guard of the request: dropping it stops the check.
+/// A guard of a request for a check: dropping the guard stops the check.
 struct Waits(Arc<CheckRequest>);
 
 impl Drop for Waits {

@@ -1,5 +1,5 @@
-//! The limits that a worker imposes on itself before it takes orders, so that the effects of a specification end with
-//! it.
+//! The resource and access limits that a worker process imposes on itself before it takes orders, so that a harmful
+//! specification affects no other process.
 
 use super::solving::STACK_BYTES;
 #[cfg(target_os = "linux")]
@@ -12,39 +12,43 @@ use std::os::unix::fs::FileExt;
 use std::sync::LazyLock;
 use std::{fmt, str};
 
-/// The memory of a worker beside a solve, in bytes: a document and its text, the current message, and the reserve of
-/// the allocator. Several times the largest document that is accepted by default.
+/// The memory that a worker process needs in addition to a solve, in bytes: a specification as bytes and as text, the
+/// current message, and the reserve of the allocator. Several times the largest specification that is accepted by
+/// default.
 const OWN_BYTES: usize = 64 << 20;
 
-/// The largest number of open files of a worker: its three streams, and the file in which it reads its own size.
+/// The largest number of open files of a worker process: standard input, output and error, the file in which the
+/// worker reads its own size, and some in reserve.
 const OPEN_FILES: u64 = 16;
 
-/// The kernel's `oom_score_adj`, in thousandths of all memory, added to the size of a worker when memory runs out:
-/// workers are killed before any other process.
+/// The value of the kernel's `oom_score_adj` for workers, in thousandths of all memory, which is added to the size of
+/// a process when memory runs out: workers are killed before any other process.
 const OOM_SCORE: &str = "1000";
 
 /// The first version of Landlock that denies every way to change a file, truncation by path included (Linux 6.2).
 #[cfg(target_os = "linux")]
 const WHOLE: ABI = ABI::V3;
 
-/// The sizes of this process, in pages. Opened at the start, since a worker opens no file later.
+/// The file with the sizes of this process, in pages. A worker process opens it at its start, before it gives up
+/// access to files.
 static SIZES: LazyLock<Option<File>> = LazyLock::new(|| File::open("/proc/self/statm").ok());
 
-/// The size of a buffer for the text of seven page counts, in bytes.
+/// The size of a buffer for the seven page counts of `/proc/self/statm` as text, in bytes.
 const SIZES_BYTES: usize = 256;
 
-/// The limits in force on a worker; a limit that could not be set is absent.
+/// The limits in force on a worker process; a limit that could not be set is absent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Confinement {
-    /// Writable memory in bytes, stacks included (`RLIMIT_DATA`).
+    /// The limit of writable memory in bytes, stacks included (`RLIMIT_DATA`).
     pub data: Option<u64>,
-    /// The number of open files (`RLIMIT_NOFILE`).
+    /// The limit of open files (`RLIMIT_NOFILE`).
     pub open_files: Option<u64>,
-    /// No core file is written (`RLIMIT_CORE`).
+    /// Whether the worker process writes no core file (`RLIMIT_CORE`).
     pub no_core: bool,
-    /// The kernel kills the worker first when memory runs out (`oom_score_adj`).
+    /// Whether the kernel kills the worker process first when memory runs out (`oom_score_adj`).
     pub first_to_go: bool,
-    /// No file may be opened, created, changed or removed (Landlock); the inherited pipes stay usable.
+    /// Whether the worker process may open, create, change or remove no file (Landlock); its inherited pipes stay
+    /// usable.
     pub no_files: bool,
 }
 
@@ -64,7 +68,8 @@ impl fmt::Display for Confinement {
 }
 
 impl Confinement {
-    /// Confines this process to `memory` bytes for a solve, beside the memory of the program itself.
+    /// Limits this process to `memory` bytes for a solve, in addition to the memory of the program itself, and denies
+    /// it access to files.
     pub fn impose(memory: usize) -> Self {
         let data = memory.saturating_add(OWN_BYTES).saturating_add(STACK_BYTES) as u64 + written();
         Self {
@@ -72,13 +77,13 @@ impl Confinement {
             open_files: limit(Resource::Nofile, OPEN_FILES),
             no_core: limit(Resource::Core, 0).is_some(),
             first_to_go: fs::write("/proc/self/oom_score_adj", OOM_SCORE).is_ok(),
-            // Last, since the limits above open files.
+            // Access to files is denied last, since setting the other limits opens files.
             no_files: deny_files(),
         }
     }
 }
 
-/// Sets a soft and hard limit; returns it, or `None` if the system refuses.
+/// Sets a soft and a hard limit; returns the limit, or `None` if the system refuses.
 fn limit(resource: Resource, value: u64) -> Option<u64> {
     setrlimit(resource, Rlimit { current: Some(value), maximum: Some(value) }).ok().map(|()| value)
 }
@@ -88,30 +93,30 @@ fn limit(resource: Resource, value: u64) -> Option<u64> {
 #[cfg(target_os = "linux")]
 fn deny_files() -> bool {
     let deny = || -> Result<_, RulesetError> {
-        // Request the rights of later versions too; a kernel that does not know them ignores them.
+        // The rights of later Landlock versions are requested too; a kernel that does not know them ignores them.
         Ruleset::default().handle_access(AccessFs::from_all(ABI::V7))?.create()?.restrict_self()
     };
     let status = deny().map(|status| status.landlock);
     matches!(status, Ok(LandlockStatus::Available { effective_abi, .. }) if effective_abi >= WHOLE)
 }
 
-/// Landlock exists on Linux only.
+/// Returns false: Landlock exists on Linux only.
 #[cfg(not(target_os = "linux"))]
 fn deny_files() -> bool {
     false
 }
 
-/// The writable memory of this process in bytes, as `RLIMIT_DATA` counts it.
+/// Returns the writable memory of this process in bytes, as `RLIMIT_DATA` counts it.
 fn written() -> u64 {
     pages(5)
 }
 
-/// The resident memory of this process, in bytes.
+/// Returns the resident memory of this process, in bytes.
 pub(super) fn resident() -> u64 {
     pages(1)
 }
 
-/// A field of `/proc/self/statm`, converted from pages to bytes; zero if there is no such file.
+/// Returns a field of `/proc/self/statm`, converted from pages to bytes; zero if there is no such file.
 fn pages(field: usize) -> u64 {
     let mut text = [0; SIZES_BYTES];
     let length = SIZES.as_ref().and_then(|sizes| sizes.read_at(&mut text, 0).ok()).unwrap_or(0);

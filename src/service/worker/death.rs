@@ -1,27 +1,27 @@
-//! The cause of a worker's death, from the exit status of its process and its last words on standard error.
+//! The cause of death of a worker process, found from its exit status and its last output on standard error.
 
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
-/// The cause of a worker's death.
+/// The cause of death of a worker process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Death {
-    /// A memory allocation failed; its size in bytes, if it was reported.
+    /// A memory allocation of the worker failed; its size in bytes, if it was reported.
     TooMuchMemory(Option<u64>),
-    /// The stack of the worker overflowed.
+    /// The stack of the worker process overflowed.
     StackOverflow,
-    /// Another process, or the kernel for want of memory, killed it by this signal.
+    /// The worker was killed by this signal: by another process, or by the kernel for lack of memory.
     Killed(i32),
-    /// The worker did not heed its deadline or a cancellation, and was killed.
+    /// The worker did not stop at its deadline or when cancelled, and was killed.
     Overran,
-    /// The worker panicked, or broke the protocol.
+    /// The worker panicked, or violated the message protocol.
     Defect(String),
 }
 
 impl Death {
-    /// The cause behind an exit status and the last words.
+    /// Finds the cause of death from the exit status of the worker and its last output on standard error.
     pub fn of(status: ExitStatus, last_words: &str) -> Self {
-        // The message of the standard library before it aborts.
+        // The text is that of the message that the Rust standard library writes before it aborts.
         if let Some((_, after)) = last_words.rsplit_once("memory allocation of ") {
             return Self::TooMuchMemory(after.split(' ').next().and_then(|bytes| bytes.parse().ok()));
         }
@@ -34,7 +34,7 @@ impl Death {
         }
     }
 
-    /// The code of the cause, for programs.
+    /// The code of the cause of death, for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooMuchMemory(_) => "too_much_memory",
@@ -46,7 +46,7 @@ impl Death {
     }
 }
 
-/// The signals that other processes send. Signals that a process causes itself are defects.
+/// The signals that other processes send. Signals that a process causes itself count as defects.
 const HUP: i32 = 1;
 const INT: i32 = 2;
 const KILL: i32 = 9;

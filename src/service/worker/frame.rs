@@ -1,18 +1,19 @@
-//! The framing of messages on a byte stream: the length of the message (four bytes, little-endian), the length of its
-//! payload (likewise), the message as JSON, and the payload.
+//! The framing of messages between the front process and a worker on a byte stream: the length of the message (four
+//! bytes, little-endian), the length of its payload (four bytes, little-endian), the message as JSON, and the
+//! payload.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{self, Read, Write};
 
-/// The size of the two lengths, in bytes.
+/// The size of the header of a frame, in bytes: the length of the message and the length of its payload.
 const HEAD: usize = 8;
 
-/// The largest size of a message (some hundred events, or the reasons of a verdict) and of the payload of a report (a
-/// piece of a result, a summary, or the errors of a document), in bytes. Longer input is refused.
+/// The largest size, in bytes, of a message (some hundred events, or the reasons of a verdict) and of the payload of
+/// a report (a piece of a result, a summary, or the errors of a specification). Longer input is refused.
 const LONGEST: usize = 64 << 20;
 
-/// A frame without its payload, which has `bytes` bytes.
+/// Encodes a message as a frame without its payload; `bytes` is the length of the payload.
 ///
 /// # Errors
 /// The message or the payload is too long for its length field.
@@ -26,13 +27,13 @@ pub fn head<M: Serialize>(message: &M, bytes: usize) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Writes a message and its payload.
+/// Writes a message and its payload as one frame.
 ///
 /// # Errors
 /// I/O errors of `out`.
 pub fn write<M: Serialize>(out: &mut impl Write, message: &M, bytes: &[u8]) -> io::Result<()> {
     let mut frame = head(message, bytes.len())?;
-    // A short payload is copied, to need one write only.
+    // A short payload is copied behind its message, so that one write suffices.
     if bytes.len() <= 64 << 10 {
         frame.extend_from_slice(bytes);
         return out.write_all(&frame);
@@ -41,10 +42,10 @@ pub fn write<M: Serialize>(out: &mut impl Write, message: &M, bytes: &[u8]) -> i
     out.write_all(bytes)
 }
 
-/// Reads a message and its payload; `None` at the end of the stream.
+/// Reads a message and its payload; returns `None` at the end of the stream.
 ///
 /// # Errors
-/// I/O errors of `input`, or the input is no message.
+/// I/O errors of `input`, or the input is not a message.
 pub fn read<M: DeserializeOwned>(input: &mut impl Read) -> io::Result<Option<(M, Vec<u8>)>> {
     let mut lengths = [0; HEAD];
     match input.read_exact(&mut lengths) {
@@ -68,18 +69,18 @@ fn parts(lengths: [u8; HEAD]) -> io::Result<(usize, usize)> {
     Ok((message, bytes))
 }
 
-/// A decoder of a stream of reports: input is appended to its buffer, and complete frames are taken from it.
+/// A decoder of a stream of frames: input is appended to its buffer, and complete frames are taken from the buffer.
 #[derive(Debug, Default)]
 pub struct Decoder {
-    /// The input; new bytes are appended.
+    /// The input that has not been decoded; new bytes are appended.
     pub buffer: Vec<u8>,
 }
 
 impl Decoder {
-    /// The next message and its payload, if they are complete.
+    /// Takes the next message and its payload from the buffer, if they are complete.
     ///
     /// # Errors
-    /// The input is no message.
+    /// The input is not a message.
     pub fn take<M: DeserializeOwned>(&mut self) -> io::Result<Option<(M, Vec<u8>)>> {
         let Some((lengths, rest)) = self.buffer.split_first_chunk::<HEAD>() else { return Ok(None) };
         let (message, bytes) = parts(*lengths)?;
@@ -129,7 +130,7 @@ mod tests {
         assert!(read::<String>(&mut &b"GET /solve HTTP/1.1\r\n"[..]).is_err());
         let mut decoder = Decoder { buffer: b"\x02\0\0\0\0\0\0\0{]".to_vec() };
         assert!(decoder.take::<String>().is_err());
-        // Refuse an excessive length at once, since the frame would never be complete.
+        // A frame of excessive length is refused at once, since it would never be complete.
         let mut decoder = Decoder { buffer: b"\x02\0\0\0\xff\xff\xff\xff".to_vec() };
         assert!(decoder.take::<String>().is_err());
     }

@@ -1,4 +1,4 @@
-//! The link of the front to one worker: the pipes, and the process.
+//! The link of the front process (which serves HTTP) to one worker: the pipes, and the worker's process.
 
 use super::Death;
 use super::frame::{self, Decoder};
@@ -20,88 +20,90 @@ use tokio::sync::Notify;
 use tokio::task::spawn_blocking;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until, timeout, timeout_at};
 
-/// The bound on a result as columns, as a multiple of its bound as JSON: a number takes eight bytes in columns and at
-/// least two in JSON, and the index is no longer than the columns.
+/// The size limit of a result as columns, as a multiple of its limit as JSON: a number takes eight bytes in columns
+/// and at least two in JSON, and the index is no longer than the columns.
 const COLUMNS: usize = 8;
 
-/// The interval between two polls of a task's progress.
+/// The interval between two requests to a worker for the progress of its task.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// The time from the deadline of a task, or a request to stop it, to the kill of its worker: a step of a large problem
-/// may take seconds.
+/// The time from the deadline of a task, or from a request to stop it, until its worker is killed: one step of a
+/// large problem may take seconds.
 const OVERRUN: Duration = Duration::from_secs(10);
 
-/// The time limits for the start of a worker, and for its end after it has closed its pipe, on a busy machine.
+/// The time limits for the start of a worker, and for its end after it has closed its pipe, generous for a busy
+/// machine.
 const START: Duration = Duration::from_secs(30);
 const END: Duration = Duration::from_secs(5);
 
-/// The number of bytes kept of a worker's standard error.
+/// The number of bytes kept of the end of a worker's standard error.
 const LAST_WORDS: usize = 4 << 10;
 
-/// The duration of a task, in start-up times of its worker, after which the worker is lowered in priority. A lowered
-/// worker is replaced after its task, so that a replacement costs a fraction of the work done. New tasks then get, in
-/// all, up to nine tenths of the processors: each step of niceness reduces a share by about a fifth.
+/// The duration of a task, as a multiple of the start-up time of its worker, after which the worker is lowered in
+/// priority. A lowered worker is replaced after its task; the replacement costs a fraction of the work done. New
+/// tasks then get, in all, up to nine tenths of the processors: each step of niceness reduces a share by about a
+/// fifth.
 pub const FAIR: u32 = 4;
 const LOWERED: i32 = 10;
 
-/// A duration longer than any deadline.
+/// A duration that is longer than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
-/// A task for a worker.
+/// A task for a worker: to solve or to check a specification document.
 pub struct Task<'a> {
-    /// Solve the document; otherwise only check it.
+    /// Whether to solve the document; otherwise the worker only checks it.
     pub solve: bool,
-    /// The members to solve, if the task is a part of a sweep.
+    /// The members of the sweep to solve, if the task is a part of a sweep.
     pub members: Option<&'a Members>,
-    /// The posted document.
+    /// The specification document as it was posted.
     pub document: &'a [u8],
-    /// The limits of the task.
+    /// The limits of steps, memory, time and result size of the task.
     pub limits: Limits,
     /// The control and the observers of the task.
     pub watch: &'a Watch<'a>,
-    /// The destination of long results, as columns.
+    /// The destination of a long result in the columnar format.
     pub long: &'a mut (dyn Write + Send),
     /// Whether the worker is lowered in priority during a long task.
     pub yields: bool,
-    /// The first time slice, if the task has one.
+    /// The first time slice of the task, if it has one.
     pub slice: Option<Slice<'a>>,
 }
 
-/// The control and the observers of a task.
+/// The control and the observers of a task of a worker.
 pub struct Watch<'a> {
-    /// The ids for the log of the worker.
+    /// The ids of job, request and trace under which the worker logs the task.
     pub origin: &'a Origin,
-    /// Receives the progress of the solve.
+    /// Receives the progress and the events of the solve.
     pub control: &'a Control,
     /// Notified when the task is to stop.
     pub halted: &'a Notify,
-    /// Whether the results of the task so far are unwanted.
+    /// Whether the results that the task has so far are unwanted.
     pub is_unwanted: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// The outcome of a task.
+/// The outcome of a task of a worker.
 #[derive(Debug)]
 pub enum Finished {
-    /// The solve returned.
+    /// The solve returned, with a solution or a failure.
     Solved(Box<Solved>, Left),
-    /// The document is correct; its summary as JSON.
+    /// The specification is correct: its main properties, and its summary as JSON.
     Checked(Facts, Vec<u8>),
-    /// The document has errors, given as JSON; true if its check was interrupted.
+    /// The specification has errors, given as JSON; the flag is true if its check was interrupted.
     Refused(Vec<u8>, bool),
-    /// The solve is estimated to take this many bytes, more than it may take.
+    /// The solve was not begun: its estimated memory in bytes exceeds the limit.
     TooMuchMemory(usize),
-    /// The results exceed their size limit.
+    /// The results of the solve exceed their size limit.
     TooLarge,
 }
 
-/// The results of a solve.
+/// The results of a solve, as the worker sends them.
 #[derive(Debug)]
 pub enum Left {
-    /// Short results, as JSON.
+    /// Short results, sent as JSON.
     Text(Vec<u8>),
-    /// Long results, written as columns to [`Task::long`], with their fingerprints.
+    /// Long results, written in the columnar format to [`Task::long`], with their fingerprints.
     Columns(Prints),
-    /// The rows of so many of the first members of a part of a sweep, as bytes.
+    /// The rows of the first members of a part of a sweep: the number of rows, and the rows as bytes.
     Rows(usize, Vec<u8>),
 }
 
@@ -114,21 +116,21 @@ pub struct Link {
     process: Option<Process>,
     /// The process id of the worker, or zero if it has no process of its own.
     pub id: u32,
-    /// The number of the latest task.
+    /// The number of the latest task that the worker was given.
     task: u64,
-    /// The limits in force on the worker.
+    /// The limits in force on the worker process.
     pub confinement: Confinement,
     /// The start-up time of the worker. It is also the time that a worker has to stop a task whose results are
     /// unwanted: to wait longer would cost more than to start another worker.
     pub started_in: Duration,
-    /// The worker has had a long task, and was lowered in priority.
+    /// Whether the worker has had a long task, during which its priority was lowered.
     pub is_lowered: bool,
     /// The memory that the worker held after its latest task, in bytes.
     pub resident: u64,
 }
 
 impl Link {
-    /// Opens the link to a worker started at `begun`, and waits until it is ready.
+    /// Opens the link to a worker whose start began at `begun`, and waits until it is ready.
     ///
     /// # Errors
     /// The worker does not answer, or is of another version.
@@ -159,16 +161,16 @@ impl Link {
         }
     }
 
-    /// Waits until the idle worker has died.
+    /// Waits until the idle worker has closed its pipe, which means that it has died.
     pub async fn closed(&mut self) {
         // Late reports about earlier tasks are ignored.
         while self.receive().await.is_ok() {}
     }
 
-    /// Performs a task.
+    /// Has the worker perform a task, and follows its progress.
     ///
     /// # Errors
-    /// The worker is lost.
+    /// The worker died or was killed.
     pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Loss> {
         let Task { solve, members, document, limits, watch, long, yields, slice } = task;
         let (solve, limits) = (*solve, *limits);
@@ -199,7 +201,7 @@ impl Link {
                     cancelled = true;
                     let grace = if (watch.is_unwanted)() { self.started_in } else { OVERRUN };
                     end = end.min(Instant::now() + grace);
-                    // If the worker is gone, reading its reports fails next.
+                    // If the worker has died, sending fails here, and reading its reports fails next.
                     let _ = self.send(&Order::Cancel { task }, &[]).await;
                 }
                 report = self.receive() => match report {
@@ -211,9 +213,9 @@ impl Link {
                         progress.relay(watch.control);
                     }
                     Ok((Report::Piece { .. }, bytes)) => {
-                        // The solve has stopped in time, and the worker sends its results.
+                        // The solve has stopped in time; sending its results may take longer than the deadline.
                         end = end.max(Instant::now() + OVERRUN);
-                        // A worker checks the limit itself, so that exceeding it here is a defect.
+                        // A worker checks the size limit itself, so that exceeding it is a defect of the worker.
                         written += bytes.len();
                         if written > limits.result_bytes.saturating_mul(COLUMNS) {
                             return Err(Loss::Died(self.defect("a result beyond its bound").await));
@@ -275,7 +277,7 @@ impl Link {
     fn lower(&mut self) {
         self.is_lowered = true;
         let group = i32::try_from(self.id).ok().and_then(Pid::from_raw);
-        // If this fails, the worker goes on unchanged. The process group contains all threads of the worker.
+        // If `setpriority` fails, the worker goes on unchanged. The process group contains all threads of the worker.
         let _ = group.map(|group| setpriority_pgrp(Some(group), LOWERED));
     }
 
@@ -284,7 +286,8 @@ impl Link {
         self.orders.write_all(document).await
     }
 
-    /// The next report. Safe to cancel: partial input stays in the decoder.
+    /// Receives the next report of the worker. Cancelling the future loses nothing: partial input stays in the
+    /// decoder.
     async fn receive(&mut self) -> io::Result<(Report, Vec<u8>)> {
         loop {
             if let Some(frame) = self.decoder.take()? {
@@ -297,7 +300,7 @@ impl Link {
         }
     }
 
-    /// The loss of a worker whose long results could be kept neither on the disk nor in memory.
+    /// Kills a worker whose long results could be stored neither on the disk nor in memory, and returns its loss.
     async fn not_kept(&mut self, error: &io::Error) -> Loss {
         Loss::Died(self.defect(&format!("a result could not be kept: {error}")).await)
     }
@@ -307,19 +310,19 @@ impl Link {
         Loss::Died(Death::Overran)
     }
 
-    /// The cause of death of the worker, which has closed its pipe.
+    /// Waits for the end of the worker, which has closed its pipe, and returns the cause of its death.
     pub async fn death(&mut self) -> Death {
         let death = self.end(Process::death).await;
         death.unwrap_or_else(|| Death::Defect("its thread ended".to_owned()))
     }
 
     async fn defect(&mut self, message: &str) -> Death {
-        // The place of a panic is on standard error.
+        // Standard error contains the source location of a panic.
         let words = self.end(Process::kill).await.unwrap_or_default();
         Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
     }
 
-    /// Ends the process, on a thread for blocking calls: to free gigabytes takes a while.
+    /// Ends the process by `how`, on a thread for blocking calls: freeing gigabytes of memory takes a while.
     async fn end<T: Send + 'static>(&mut self, how: impl FnOnce(&mut Process) -> T + Send + 'static) -> Option<T> {
         let mut process = self.process.take()?;
         spawn_blocking(move || how(&mut process)).await.ok()
@@ -343,7 +346,7 @@ impl Process {
         Ok(Self { child, words, listener: Some(listener) })
     }
 
-    /// Waits a while for the end of the process, then kills it; returns the cause of its death.
+    /// Waits a limited time for the end of the process, then kills it; returns the cause of its death.
     fn death(&mut self) -> Death {
         let start = std::time::Instant::now();
         while start.elapsed() < END && matches!(self.child.try_wait(), Ok(None)) {
@@ -356,9 +359,9 @@ impl Process {
         }
     }
 
-    /// Kills the process, if it has not ended, and returns its last words.
+    /// Kills the process, if it has not ended, and returns its last output on standard error.
     fn kill(&mut self) -> String {
-        // Killing fails if the process has ended.
+        // `kill` fails if the process has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if let Some(listener) = self.listener.take() {
@@ -374,7 +377,7 @@ impl Drop for Process {
     }
 }
 
-/// Reads standard error to its end, keeping the last bytes.
+/// Reads the standard error of a worker to its end, and keeps the last bytes in `words`.
 fn listen(mut stderr: ChildStderr, words: &Mutex<Vec<u8>>) {
     let mut piece = [0; 1024];
     while let Ok(count @ 1..) = stderr.read(&mut piece) {

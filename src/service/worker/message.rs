@@ -1,5 +1,5 @@
-//! The messages between the front and a worker, independent of their transport. A message may have a payload: a
-//! document with an order, a piece of a result with a report.
+//! The messages between the front process (which serves HTTP) and a worker, independent of their transport. A message
+//! may have a payload: a specification document with an order, a piece of a result with a report.
 //!
 //! ```text
 //! worker: Ready                         once, before anything else
@@ -13,7 +13,7 @@
 //! worker: Solved + bytes | Checked + bytes | Refused + bytes | TooMuchMemory | TooLarge | Defect
 //! ```
 //!
-//! Messages carry the number of their task: late ones are ignored.
+//! A message carries the number of its task, by which late messages about earlier tasks are recognized and ignored.
 
 use super::Confinement;
 use crate::context::Context;
@@ -28,134 +28,135 @@ use std::time::Duration;
 use tracing::Span;
 use utoipa::ToSchema;
 
-/// The version of these messages: a worker of another version gets no orders.
+/// The version of the messages between the front process and its workers: a worker of another version gets no orders.
 pub const VERSION: u32 = 4;
 
-/// An order to a worker.
+/// An order of the front process to a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
-    /// Solve the document in the payload.
+    /// An order to solve the specification document in the payload.
     Solve {
-        /// The number of the task.
+        /// The number of the task to begin, repeated in all reports about the task.
         task: u64,
-        /// The limits of the task.
+        /// The limits of steps, memory, time and result size of the task.
         limits: Limits,
-        /// The ids of the job, request and trace of the task.
+        /// The ids of the job, request and trace of the task, for the log.
         origin: Origin,
-        /// The members to solve, if the task is a part of a sweep.
+        /// The members of the sweep to solve, if the task is a part of a sweep.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         members: Option<Members>,
     },
-    /// Check the document in the payload.
+    /// An order to check the specification document in the payload.
     Check {
-        /// The number of the task.
+        /// The number of the task to begin, repeated in all reports about the task.
         task: u64,
-        /// The limits of the task.
+        /// The limits of steps, memory, time and result size of the task.
         limits: Limits,
-        /// The ids of the request and trace of the task.
+        /// The ids of the request and trace of the task, for the log.
         origin: Origin,
     },
-    /// Report the progress of the task.
+    /// An order to report the progress of the task.
     Look {
-        /// The number of the task.
+        /// The number of the task whose progress is asked for.
         task: u64,
     },
-    /// Stop the task at its next step.
+    /// An order to stop the task at its next step.
     Cancel {
-        /// The number of the task.
+        /// The number of the task to stop.
         task: u64,
     },
 }
 
-/// A report of a worker.
+/// A report of a worker to the front process.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
-    /// The worker takes orders.
+    /// The worker is ready to take orders.
     Ready {
-        /// [`VERSION`].
+        /// The version of the messages, [`VERSION`].
         version: u32,
-        /// The limits in force on the worker.
+        /// The limits in force on the worker process.
         confinement: Confinement,
     },
-    /// The worker has received the document.
+    /// The worker has received the specification document.
     Taken {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
     },
-    /// The solve has begun.
+    /// The worker has read the specification, and its solve has begun.
     Begun {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
     },
-    /// The progress of the task.
+    /// The worker reports the progress of its task.
     Progress {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
-        /// The progress.
+        /// The steps, the time and the events of the solve so far.
         progress: Progress,
     },
-    /// The next bytes of long results, as columns, are the payload.
+    /// The payload is the next bytes of a long result in the columnar format.
     Piece {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
     },
-    /// The solve has returned; the payload is short results as JSON, the last bytes of long ones, or the rows of members.
+    /// The solve has returned; the payload is short results as JSON, the last bytes of long ones, or the rows of
+    /// members of a sweep.
     Solved {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
         /// The fingerprints of long results; `None` for short ones.
         columns: Option<Prints>,
         /// The number of rows in the payload, if the task was a part of a sweep.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         rows: Option<usize>,
-        /// The end of the solve.
+        /// How the solve ended, without its results.
         solved: Box<Solved>,
-        /// The final progress.
+        /// The final progress of the solve.
         progress: Progress,
         /// The resident memory of the worker, in bytes.
         resident: u64,
     },
-    /// The document is correct; the payload is its summary, as JSON.
+    /// The specification is correct; the payload is its summary, as JSON.
     Checked {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
-        /// The facts of the document that the front needs.
+        /// The properties of the specification that the front process needs.
         facts: Facts,
         /// The resident memory of the worker, in bytes.
         resident: u64,
     },
-    /// The document has errors; the payload lists them, as JSON.
+    /// The specification has errors; the payload lists them, as JSON.
     Refused {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
-        /// The check was stopped before its end.
+        /// Whether the check of the specification was stopped before its end.
         interrupted: bool,
     },
     /// The solve was not begun, since its estimated memory exceeds the limit.
     TooMuchMemory {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
-        /// The estimated memory, in bytes.
+        /// The estimated memory of the solve, in bytes.
         estimate: usize,
     },
-    /// The results exceed their size limit.
+    /// The results of the solve exceed their size limit.
     TooLarge {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
     },
     /// The solver panicked, and the worker takes no more orders.
     Defect {
-        /// The number of the task.
+        /// The number of the task that the report is about.
         task: u64,
-        /// The message of the panic.
+        /// The message of the solver's panic.
         message: String,
     },
 }
 
 impl Report {
-    /// The number of the task that the report is about.
+    /// Returns the number of the task that the report is about; `None` for the report that the worker is ready.
     pub fn task(&self) -> Option<u64> {
         match self {
             Self::Ready { .. } => None,
@@ -173,36 +174,36 @@ impl Report {
     }
 }
 
-/// Members of a sweep as one task.
+/// A range of members of a sweep, solved as one task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Members {
-    /// The first.
+    /// The index of the first member of the sweep in the range.
     pub first: usize,
-    /// Behind the last.
+    /// The index behind the last member of the sweep in the range.
     pub end: usize,
-    /// Why they cannot be solved, if that is known: their rows say so.
+    /// The reason, if known, for which these members of the sweep cannot be solved; their rows report it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<Lost>,
-    /// The time after which no further member is begun, in seconds.
+    /// The time in seconds after which no further member of the sweep is begun.
     pub seconds: f64,
 }
 
-/// Why a member of a sweep has no solution: the worker that had it was lost.
+/// The reason why a member of a sweep has no solution: the worker that was solving it was lost.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lost {
-    /// The code of the error in its row.
+    /// The code of the error in the row of the member.
     pub code: String,
-    /// The same in words.
+    /// The message of the error in the row of the member.
     pub message: String,
 }
 
-/// The ids that connect the worker's log lines with those of the service.
+/// The ids that connect the log lines of a worker with those of the service.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
-    /// The job, if the task is a solve for one.
+    /// The id of the job, if the task is a solve for a job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub job: Option<String>,
-    /// The request that posted the document, if it is known.
+    /// The id of the request that posted the specification, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub request: Option<String>,
     /// The trace and the parent span, in the format of W3C Trace Context.
@@ -211,19 +212,19 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// The origin of a task for a job, or of a check, in the context of a request, with the trace of the request.
+    /// Returns the ids of a task for `job`, or of a check, with the request and the trace of `context`.
     pub fn of(job: Option<String>, context: &Context) -> Self {
         let request = Some(&*context.request).filter(|id| !id.is_empty()).map(str::to_owned);
         Self { job, request, traceparent: context.trace.map(|trace| trace.traceparent()) }
     }
 
-    /// Makes the task's `span` part of the trace.
+    /// Makes the task's `span` part of the trace that these ids name.
     pub fn join(&mut self, span: &Span) {
         let trace = self.traceparent.as_deref().and_then(Trace::read);
         self.traceparent = trace::join(span, trace).map(|trace| trace.traceparent());
     }
 
-    /// A span with these ids.
+    /// Creates a span for log lines with the ids of the job, the request and the trace.
     pub fn span(&self) -> Span {
         let trace = self.traceparent.as_deref().and_then(Trace::read);
         let trace = trace.map(tracing::field::display);
@@ -234,57 +235,57 @@ impl Origin {
     }
 }
 
-/// The limits of a task.
+/// The limits of a task of a worker.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Limits {
-    /// The number of accepted steps.
+    /// The largest number of accepted steps.
     pub steps: u64,
-    /// The memory in bytes, as estimated before a solve or measured by it.
+    /// The largest memory in bytes, as estimated before a solve or measured by it.
     pub memory: usize,
-    /// The wall time in seconds, if it is bounded.
+    /// The largest wall-clock time in seconds, if it is limited.
     pub wall_seconds: Option<f64>,
-    /// The size of the results as JSON, in bytes.
+    /// The largest size of the results as JSON, in bytes.
     pub result_bytes: usize,
 }
 
 impl Limits {
-    /// The wall time, if it is bounded.
+    /// Returns the limit of the wall-clock time of a task, if it has one.
     pub fn wall(&self) -> Option<Duration> {
         Duration::try_from_secs_f64(self.wall_seconds?).ok()
     }
 
-    /// Parses and checks a document to be solved within these limits.
+    /// Parses a specification document and checks it for a solve within these limits.
     ///
     /// # Errors
-    /// All errors of the document.
+    /// All errors of the specification.
     pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         self.check(Draft::read(document)?, control)
     }
 
-    /// Checks a parsed document to be solved within these limits.
+    /// Checks a parsed specification for a solve within these limits.
     ///
     /// # Errors
-    /// All errors of the document.
+    /// All errors of the specification.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         Ok(draft.check_within(self.memory, control)?.within_steps(self.steps))
     }
 }
 
-/// One thing wrong with a specification.
+/// An error of a specification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = SpecificationError)]
 pub struct Finding {
-    /// The JSON pointer (RFC 6901) of the offender.
+    /// The JSON pointer (RFC 6901) of the value with the error.
     pub pointer: String,
     /// A stable word for programs, such as `unknown_key`.
     #[schema(value_type = String)]
     pub code: Cow<'static, str>,
-    /// What is wrong, for people.
+    /// A description of the error, for people.
     pub detail: String,
-    /// What would be right.
+    /// What would be valid in place of the value with the error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected: Option<String>,
-    /// The nearest valid name.
+    /// The valid name that is nearest to an unknown one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub did_you_mean: Option<String>,
 }
@@ -296,70 +297,71 @@ impl From<SpecificationError> for Finding {
     }
 }
 
-/// The fingerprints that identify long results.
+/// The fingerprints (length and digest) that identify a long result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Prints {
-    /// The fingerprint of the JSON that they encode.
+    /// The fingerprint of the result as JSON, which the columns encode.
     pub json: Fingerprint,
-    /// The fingerprint of the index, at the end of the columns.
+    /// The fingerprint of the index, which stands at the end of the columnar file.
     pub index: Fingerprint,
 }
 
-/// The progress of a task.
+/// The progress of a solve.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Progress {
     /// The fraction of the time horizon that has been integrated, in `[0, 1]`.
     pub fraction: f64,
-    /// The number of accepted steps.
+    /// The number of accepted steps of the solve.
     pub steps: u64,
-    /// The events since the last report, each with its number.
+    /// The events of the trajectory since the last report, each with its number.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<(u64, Event)>,
 }
 
 impl Progress {
-    /// The progress of the solve under `control`, with its events after number `told`, the last that was reported.
+    /// Returns the progress of the solve under `control`, with its events after number `told`, the last that was
+    /// reported.
     pub fn of(control: &Control, told: u64) -> Self {
         Self { fraction: control.fraction(), steps: control.steps(), events: control.events_after(told) }
     }
 
-    /// Reports this progress to `control`.
+    /// Reports this progress and its events to `control`.
     pub fn relay(self, control: &Control) {
         control.relay(self.events);
         control.report(self.fraction, self.steps);
     }
 }
 
-/// Why a solve did not reach its end time.
+/// The reason why a solve did not reach its end time.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Failed {
-    /// The error code, for programs.
+    /// The code of the error, for programs.
     pub code: String,
-    /// A description, for people.
+    /// A description of the error, for people.
     pub message: String,
-    /// The time that was reached.
+    /// The time of the problem that the solve reached.
     pub time: f64,
 }
 
-/// The end of a solve, without its results.
+/// How a solve ended, without its results.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Solved {
-    /// The problem type.
+    /// The problem type, such as `dvi` or `circuit`.
     pub problem: Cow<'static, str>,
-    /// Whether the end time was reached.
+    /// Whether the solve reached its end time.
     pub status: Status,
-    /// Why the end time was not reached.
+    /// Why the solve did not reach its end time.
     pub failed: Option<Failed>,
-    /// Whether the solution can be trusted.
+    /// Whether the solution can be trusted, and the reasons if not.
     pub verdict: Verdict,
-    /// The number of accepted steps.
+    /// The number of accepted steps of the solve.
     pub steps: u64,
-    /// The number of variational inequalities solved at stages.
+    /// The number of variational inequalities solved at the stages of the steps.
     pub vi_solves: Option<u64>,
 }
 
 impl Solved {
-    /// The end of a solve of a problem of type `problem`.
+    /// Summarizes the solution of a problem of type `problem`.
     pub fn of(problem: &'static str, solution: &Solution) -> Self {
         let failed = solution.error.as_ref();
         Self {
@@ -377,37 +379,37 @@ impl Solved {
     }
 }
 
-/// Facts of a specification that is not in memory.
+/// The properties of a specification that the front process needs, which may not have parsed it itself.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Facts {
-    /// A label chosen by the client.
+    /// The label of the specification, chosen by the client.
     pub label: Option<String>,
-    /// The time horizon of the problem.
+    /// The start and the end time of the problem.
     pub horizon: Time,
-    /// The problem type.
+    /// The problem type, such as `dvi` or `circuit`.
     pub problem: Cow<'static, str>,
     /// The estimated memory of a solve, in bytes.
     pub memory: usize,
-    /// The sweep, if it is one.
+    /// The properties of the sweep, if the specification is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<SweepFacts>,
 }
 
-/// Facts of a sweep.
+/// The properties of a parameter sweep that the front process needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SweepFacts {
-    /// The number of members.
+    /// The number of members of the sweep.
     pub members: usize,
-    /// The wall time that its client allows, in seconds, if it is bounded.
+    /// The wall-clock time in seconds that the client allows for the whole sweep, if it is bounded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// The numbers of the trajectory of a member that are kept.
+    /// The number of values that are kept of the trajectory of each member of the sweep.
     #[serde(default)]
     pub kept: usize,
 }
 
 impl Facts {
-    /// The facts of `specification`.
+    /// Returns the properties of `specification` that the front process needs.
     pub fn of(specification: &Specification) -> Self {
         Self {
             label: specification.label().map(str::to_owned),

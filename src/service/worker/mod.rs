@@ -1,15 +1,16 @@
-//! Workers: solver processes of this program (`dvi worker`), each supervised by the front process.
+//! Workers: solver processes of this program (`dvi worker`), each supervised by the front process, which serves HTTP.
 //!
-//! Whatever a specification makes a solve do (use up memory, overflow the stack, meet a defect) affects the worker that
-//! runs it, and no other job. A worker
+//! Whatever a specification makes a solve do (use up memory, overflow the stack, hit a defect of the program) affects
+//! the worker that runs it, and no other job. A worker
 //!
 //! - limits itself before it takes orders ([`Confinement`]);
-//! - takes one document at a time and reports on it ([`Order`], [`Report`]), whatever the transport of the messages:
-//!   between the front and its workers, pipes ([`frame`]);
-//! - ends when its orders end, even during a solve, so that none is left when the front is killed.
+//! - takes one specification document at a time and reports on it ([`Order`], [`Report`]), over any transport of
+//!   messages: between the front process and its workers, pipes ([`frame`]);
+//! - ends when its stream of orders ends, even during a solve, so that no worker is left when the front process is
+//!   killed.
 //!
-//! The front keeps a worker from one job to the next, and replaces it when it has died, when it did not heed its
-//! deadline, or when its memory has grown ([`Supervisor`]). Checks without a solve have workers of their own
+//! The front process keeps a worker from one job to the next, and replaces it when it has died, when it did not stop
+//! at its deadline, or when its memory has grown ([`Supervisor`]). Checks without a solve have workers of their own
 //! ([`Checkers`]). The death of a worker affects one job, which reports the cause ([`Death`]).
 
 mod checkers;

@@ -1,50 +1,51 @@
 //! The first time slice of a task, which begins with the worker's report that the solve has begun.
 //!
-//! What comes before, the order on its way and the reading of the document, is no part of the slice: on a busy machine
-//! the slice would be over before the solve has begun, and the job would be stopped without having run. It is bounded
-//! all the same. A document that takes as much CPU time to read as a slice lasts ends the slice, and a worker that
-//! never reports is ended at the deadline of its task.
+//! The time before that report (sending the order, reading the specification) is not part of the slice: on a busy
+//! machine the slice would be over before the solve has begun, and the job would be stopped without having run. That
+//! time is limited all the same: a specification that takes as much CPU time to read as a slice lasts ends the slice,
+//! and a worker that never reports is killed at the deadline of its task.
 
 use std::fs;
 use std::future::pending;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// The bound on the elapsed time of a slice, in multiples of its CPU time: on a machine with more runnable processes
-/// per processor, a slice gets less CPU time.
+/// The limit of the elapsed time of a slice, as a multiple of its CPU time. On a machine with more runnable processes
+/// per processor than this, a slice gets less CPU time.
 const CROWDED: u32 = 4;
 
-/// The first time slice of a task.
+/// The first time slice of a task of a worker.
 pub struct Slice<'a> {
-    /// The CPU time of the slice.
+    /// The CPU time that the slice lasts.
     pub time: Duration,
     /// Called when the slice is over.
     pub over: &'a (dyn Fn() + Sync),
 }
 
-/// The clock of a first time slice.
+/// A clock that measures the first time slice of a task.
 #[derive(Debug)]
 pub(super) struct SliceClock {
-    /// The process id of the worker.
+    /// The process id of the worker that performs the task.
     worker: u32,
     /// The CPU time of the slice; `None` if there is no slice, or if it is over.
     time: Option<Duration>,
-    /// The CPU time of the worker when the document was sent, or when the solve began, if the system reports it.
+    /// The CPU time of the worker when the specification was sent, or when the solve began, if the system reports it.
     before: Option<Duration>,
-    /// When the worker reported that the solve had begun.
+    /// The time at which the worker reported that the solve had begun.
     solving_since: Option<Instant>,
-    /// When the clock is to be looked at next; `None` if a report is awaited first.
+    /// The time of the next check whether the slice is over; `None` if a report of the worker must come first.
     next: Option<Instant>,
 }
 
 impl SliceClock {
-    /// The clock of a slice of `time`, if there is one, for a document that is about to be sent to a `worker`.
+    /// Creates the clock of a slice of `time`, if there is a slice, for a specification that is about to be sent to
+    /// `worker`.
     pub fn new(time: Option<Duration>, worker: u32) -> Self {
         let next = time.map(|time| Instant::now() + time);
         Self { worker, time, before: effort(worker), solving_since: None, next }
     }
 
-    /// Begins the slice: the worker has reported that the solve has begun.
+    /// Begins the slice, when the worker has reported that the solve has begun.
     pub fn begin(&mut self) {
         let now = Instant::now();
         self.solving_since = Some(now);
@@ -52,7 +53,7 @@ impl SliceClock {
         self.next = self.time.map(|time| now + time);
     }
 
-    /// Waits until the slice may be over.
+    /// Waits until the next time at which the slice may be over.
     pub async fn rings(&self) {
         match self.next {
             Some(next) => sleep_until(next).await,
@@ -60,14 +61,14 @@ impl SliceClock {
         }
     }
 
-    /// Whether the slice is over, which it is once.
+    /// Whether the slice is over; true is returned only once.
     pub fn is_over(&mut self) -> bool {
         let Some(time) = self.time else { return false };
         let now = Instant::now();
         let had = effort(self.worker).zip(self.before).map(|(now, before)| now.saturating_sub(before));
         let earliest = had.map(|had| now + time.saturating_sub(had));
         self.next = match self.solving_since {
-            // Without a CPU time, the elapsed time counts.
+            // If the system reports no CPU time, the elapsed time counts.
             Some(since) => Some(earliest.unwrap_or(now).min(since + time * CROWDED)),
             None => earliest,
         };
@@ -79,7 +80,7 @@ impl SliceClock {
     }
 }
 
-/// The CPU time of the threads of a process, if the system reports it.
+/// Returns the CPU time of all threads of a process, if the system reports it.
 fn effort(id: u32) -> Option<Duration> {
     let threads = fs::read_dir(format!("/proc/{id}/task")).ok()?;
     let of_thread = |thread: fs::DirEntry| {
@@ -97,7 +98,7 @@ mod tests {
 
     const TIME: Duration = Duration::from_millis(200);
 
-    /// A process, killed at the end of the test.
+    /// A process that stands for a worker, killed at the end of the test.
     struct Worker(Child);
 
     impl Worker {
@@ -115,7 +116,7 @@ mod tests {
 
     #[test]
     fn a_slice_begins_with_the_solve_and_is_over_once() {
-        // A worker that gets no CPU time.
+        // A sleeping process, which uses no CPU time, stands for the worker.
         let worker = Worker::start("sleep", &["60"]);
         let mut clock = SliceClock::new(Some(TIME), worker.0.id());
         sleep((CROWDED + 1) * TIME);

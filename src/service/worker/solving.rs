@@ -1,5 +1,6 @@
-//! The worker's side of the link: one thread takes orders and answers requests for progress at once, another one
-//! solves. The solver thread has a stack of fixed size, independent of the limits of the shell that started the front.
+//! The worker's side of the link to the front process: one thread takes orders and answers requests for progress at
+//! once, another one solves. The solver thread has a stack of fixed size, independent of the limits of the shell that
+//! started the service.
 
 use super::frame;
 use super::message::{Facts, Limits, Lost, Members, Order, Origin, Prints, Progress, Report, Solved, VERSION};
@@ -18,19 +19,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The time of a part of a sweep is at least this multiple of the time that it takes to read its specification.
+/// The time of a part of a sweep is at least this multiple of the time that it takes to read the specification.
 const BEGINNING: u32 = 8;
 
-/// The function that solves a specification, called by workers, and by the front for inline solves.
+/// The function that solves a specification, called by worker processes, and by the front process for inline solves.
 pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
 
 /// The stack size of the solver thread, in bytes: enough for the deepest expression that a specification may contain.
 pub(super) const STACK_BYTES: usize = 8 << 20;
 
-/// The size of one piece of a result, in bytes.
+/// The size of the pieces in which a long result is sent, in bytes.
 const PIECE: usize = 256 << 10;
 
-/// Takes orders from `input` until it ends, and writes reports to `output`. A task still running then is stopped.
+/// Takes orders from `input` until it ends, and writes reports to `output`. A task that is still running at the end
+/// of `input` is stopped.
 ///
 /// # Errors
 /// I/O errors of `input` and `output`, invalid input, or the system provides no thread.
@@ -53,36 +55,36 @@ pub fn serve(
     heard
 }
 
-/// The state shared by the two threads.
+/// The state shared by the thread that takes orders and the thread that solves.
 struct Desk<W> {
     output: Mutex<W>,
     task: Mutex<Option<Task>>,
 }
 
-/// The current task.
+/// The task that the worker is performing.
 struct Task {
     number: u64,
     control: Arc<Control>,
-    /// The number of events that have been reported.
+    /// The number of events of the trajectory that have been reported.
     told: u64,
 }
 
-/// A document on its way to the solver thread.
+/// A specification document on its way from the thread that takes orders to the solver thread.
 struct Assignment {
     task: u64,
     limits: Limits,
     origin: Origin,
     document: Vec<u8>,
-    /// Solve the document; otherwise only check it.
+    /// Whether to solve the document; otherwise it is only checked.
     solve: bool,
-    /// The members to solve, if the task is a part of a sweep.
+    /// The members of the sweep to solve, if the task is a part of a sweep.
     members: Option<Members>,
     control: Arc<Control>,
     begun: Instant,
 }
 
 impl<W: Write> Desk<W> {
-    /// Takes orders until they end, and assigns what is to be done to the solver thread.
+    /// Takes orders until their stream ends, and assigns solves and checks to the solver thread.
     fn hear(&self, input: &mut impl Read, assign: &Sender<Assignment>) -> io::Result<()> {
         while let Some((order, document)) = frame::read(input)? {
             match order {
@@ -108,7 +110,7 @@ impl<W: Write> Desk<W> {
         frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
     }
 
-    /// Takes a document up, to be checked.
+    /// Makes a document the current task, reports its receipt, and returns its assignment as a check.
     fn begin(&self, task: u64, limits: Limits, origin: Origin, document: Vec<u8>) -> io::Result<Assignment> {
         let begun = Instant::now();
         let control = Arc::new(within(begun, limits.wall()));
@@ -117,7 +119,7 @@ impl<W: Write> Desk<W> {
         Ok(Assignment { task, limits, origin, document, solve: false, members: None, control, begun })
     }
 
-    /// Begins the solve of a task, with a control that replaces that of its check; the new one is stopped if the old one was.
+    /// Begins the solve of a task, with a control that replaces that of its check and is cancelled if that one was.
     fn begin_solve(&self, number: u64, control: &Arc<Control>) -> io::Result<()> {
         if let Some(task) = &mut *self.task() {
             if task.control.poll().is_some() {
@@ -160,7 +162,8 @@ fn within(begun: Instant, time: Option<Duration>) -> Control {
     }
 }
 
-/// Performs assignments until there are no more, or until a panic, after which the state of the process is not trusted.
+/// Performs assignments until there are no more, or until a panic, after which the state of the process is not
+/// trusted.
 fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
     for assignment in assigned {
         let task = assignment.task;
@@ -195,10 +198,10 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         return desk.report(&Report::Checked { task, facts, resident }, &summary);
     }
     if members.is_some() && specification.sweep().is_none() {
-        // A part of nothing: the front does not ask for that.
+        // The front process never asks for a part of a specification that is not a sweep.
         return desk.report(&Report::Refused { task, interrupted: false }, b"[]");
     }
-    // What it takes to begin a part of a sweep is to be a small part of what is done then.
+    // The time to read the specification is to be a small fraction of the time of a part of a sweep.
     let least = BEGINNING * begun.elapsed();
     let is_part = members.is_some();
     let specification = match members {
@@ -226,7 +229,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
             let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
             let (trajectory, table) = (&solution.trajectory, solution.table.as_ref());
             let index = Fingerprint::of(&write_columns(trajectory, table, &skeleton, &mut pieces)?);
-            // The rest of the buffer goes with the last report.
+            // The last bytes, which remain in the buffer, are sent with the final report.
             (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }
     };
@@ -237,15 +240,15 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     desk.report(&Report::Solved { task, columns, rows: None, solved, progress, resident }, &rest)
 }
 
-/// The part of a sweep that an order asks for, which takes `least` at least.
+/// Converts an order for a part of a sweep; the time limit of the part is at least `least`.
 fn chunk(members: Members, least: Duration) -> SweepChunk {
     let Members { first, end, lost, seconds } = members;
     let within = Duration::try_from_secs_f64(seconds).unwrap_or_default().max(least);
     SweepChunk { members: first..end, lost: lost.map(|Lost { code, message }| (code, message)), within: Some(within) }
 }
 
-/// Solves a part of a sweep, and sends its rows. The wall time that the client allows is that of the whole sweep, with which
-/// the front reckons.
+/// Solves a part of a sweep, and sends its rows. The wall-clock time that the client allows is that of the whole
+/// sweep, which the front process enforces.
 fn solve_members<W: Write>(
     desk: &Desk<W>,
     solver: &Solver,
@@ -267,7 +270,7 @@ fn solve_members<W: Write>(
     desk.report(&Report::Solved { task, columns: None, rows, solved, progress, resident }, &bytes)
 }
 
-/// A writer that sends long results in pieces.
+/// A writer that sends a long result to the front process in pieces.
 struct Pieces<'a, W> {
     desk: &'a Desk<W>,
     task: u64,
@@ -284,7 +287,7 @@ impl<W: Write> Write for Pieces<'_, W> {
     }
 }
 
-/// The message of a panic.
+/// Returns the message of a panic.
 fn message(panic: &(dyn Any + Send)) -> &str {
     match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
         (Some(text), _) => text,

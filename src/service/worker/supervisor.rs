@@ -1,4 +1,5 @@
-//! The supervision of one worker: it is started, performs tasks, and is replaced when it is lost or has grown.
+//! The supervision of one worker process: it is started, performs tasks, and is replaced when it has died or has
+//! grown.
 
 use super::launcher::Launcher;
 use super::link::{Finished, Link, Task};
@@ -9,54 +10,54 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// A callback for the events of workers.
+/// A callback for the events in the lives of workers.
 pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
 
-/// An event in the life of a worker.
+/// An event in the life of a worker process.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
-    /// The worker takes orders: its process id and start-up time.
+    /// The worker is ready for orders: its process id and start-up time.
     Started(u32, Duration),
-    /// The worker was replaced because it held this many bytes.
+    /// The worker was replaced because it held this many bytes of memory.
     Grown(u64),
-    /// The worker was replaced after a long task, because its priority had been lowered.
+    /// The worker with this process id was replaced after a long task, because its priority had been lowered.
     Lowered(u32),
-    /// The worker was killed because it did not stop a task whose results are unwanted.
+    /// The worker with this process id was killed because it did not stop a task whose results are unwanted.
     Unwanted(u32),
-    /// The worker died.
+    /// The worker with this process id died of this cause.
     Died(u32, &'a Death),
-    /// The worker could not be started.
+    /// The worker process could not be started.
     NotStarted(&'a io::Error),
 }
 
-/// Why a worker did not answer.
+/// The reason why a worker gave no answer to an order.
 #[derive(Debug)]
 pub enum Loss {
-    /// The worker died before it had received the document.
+    /// The worker died before it had received the specification.
     NotTaken(Death),
-    /// The worker died after it had received the document.
+    /// The worker died after it had received the specification.
     Died(Death),
 }
 
-/// The largest number of workers in a row that may die before they have received a given document. The document is not
-/// the cause, but the attempts must end.
+/// The largest number of workers in a row that may die before they have received a given specification. It is not the
+/// cause of their death, but the attempts must end.
 const MOST_NOT_TAKEN: u32 = 5;
 
-/// The first and the longest pause between attempts to start a worker.
+/// The first and the longest pause between two attempts to start a worker.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 
-/// The supervisor of one place for a worker.
+/// A supervisor of one worker at a time, which replaces the worker if necessary.
 pub struct Supervisor {
     launcher: Launcher,
     link: Option<Link>,
-    /// The bytes that a worker may hold between tasks.
+    /// The memory in bytes that a worker may hold between tasks without being replaced.
     keep: u64,
     notice: Notice,
 }
 
 impl Supervisor {
-    /// No worker yet. A worker that holds more than `keep` bytes between tasks is replaced.
+    /// Creates a supervisor without a worker. A worker that holds more than `keep` bytes between tasks is replaced.
     pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Self {
         Self { launcher, link: None, keep, notice }
     }
@@ -74,7 +75,7 @@ impl Supervisor {
         Ok(confinement)
     }
 
-    /// Waits until there is a worker.
+    /// Starts a worker, if there is none, with further attempts until one succeeds.
     pub async fn ready(&mut self) {
         let mut pause = FIRST_PAUSE;
         while self.link.is_none() {
@@ -86,7 +87,7 @@ impl Supervisor {
         }
     }
 
-    /// Waits until the process of the idle worker ends; without a worker, for ever.
+    /// Waits until the process of the idle worker ends; without a worker, waits for ever.
     pub async fn idle(&mut self) {
         let Some(link) = &mut self.link else { return pending().await };
         link.closed().await;
@@ -94,7 +95,7 @@ impl Supervisor {
         self.lost(&death);
     }
 
-    /// Performs a task.
+    /// Has a worker perform a task, starting the worker if necessary.
     ///
     /// # Errors
     /// The cause of death of the worker that had the task.

@@ -5,9 +5,10 @@
 //! (r_w r_p) t = 0, |t| = 1;    r(w, p) = 0,  <t, (w, p) - (w_0, p_0)> = ds
 //! ```
 //!
-//! so that it may turn back in `p`. Between two points a change of the sign of a function of the point is located by the step
-//! `ds` from the first, solved anew each time. Where the structure of the solution changes (its word: the faces that it is on,
-//! the events on its way), steps are halved until the place is known to the resolution, and the branch goes on behind it where
+//! so that the curve may turn back in `p`. A test function of the points whose sign changes between two successive
+//! points is located by the step size `ds` from the first point, with the point solved anew in each iteration. Where
+//! the structure of the solution changes (its type `Word`: the active faces, or the sequence of events in a period),
+//! steps are halved until the border is known to the shortest step, and the branch continues behind the border if
 //! there is a solution.
 
 use crate::Failure;
@@ -15,128 +16,132 @@ use factorisation::Singular;
 use nalgebra::{DMatrix, DVector};
 use numerics::Bracket;
 
-/// Steps in units of the interval of the parameter, or of the sizes of the unknowns: the first, the longest, and the shortest,
-/// to which the place of a border is known.
+/// First, longest and shortest step along the branch, in units of the parameter interval or of the sizes of the
+/// unknowns; borders are located to the shortest step.
 const FIRST: f64 = 0.02;
 const LONGEST: f64 = 0.05;
 const SHORTEST: f64 = 1e-9;
-/// The first step behind a border.
+/// First step behind a border between two structures of the solution.
 const AGAIN: f64 = 1e-3;
-/// By how much a step grows after so many that took few corrections, and so many are few: where a border is near, steps that
-/// do not grow at once halve the distance to it.
+/// Growth factor of a step (`GROWTH`) after `STREAK` successive steps with at most `FEW` corrections each: near a
+/// border, steps that do not grow immediately halve the distance to it.
 const GROWTH: f64 = 1.5;
 const STREAK: usize = 3;
 const FEW: usize = 4;
-/// The most corrections of one point.
+/// Largest number of Newton corrections of one point.
 const CORRECTIONS: usize = 8;
-/// The least cosine of the angles between successive tangents and the line between their points: a sharper turn is made in
-/// shorter steps, and so is a way to another piece of the curve that is nearly parallel.
+/// Least cosine of the angles between successive tangents and the chord of their points: a sharper turn needs shorter
+/// steps, and so does a jump to another piece of the curve that is nearly parallel.
 const LEAST_COSINE: f64 = 0.9;
-/// The most trials in the location of an event, and the width to which it is located, as a part of the step.
+/// Largest number of iterations in the location of an event (`TRIALS`), and the width to which it is located,
+/// relative to the step.
 const TRIALS: usize = 60;
 const WIDTH: f64 = 1e-9;
-/// The part of a step by which a point may be off the plane that it is looked for in.
+/// Largest distance of a point from the plane in which it is sought, relative to the step.
 const ON_PLANE: f64 = 1e-3;
-/// Singular values below this part of the largest are zero, as for single orbits.
+/// Singular values below this fraction of the largest count as zero, as in the search for a single orbit.
 const RANK: f64 = 1e-8;
-/// How far behind a border the branch is looked for, in units of the interval.
+/// Distance behind a border at which the continuation of the branch is sought, in units of the parameter interval.
 const BEHIND: f64 = 1e-4;
 
-/// The equations at one point.
+/// The equations of a family and their derivatives at one point.
 pub struct Evaluation<W> {
-    /// The residuals, in units of their tolerances.
+    /// The residuals of the equations, in units of their tolerances.
     pub residual: DVector<f64>,
-    /// Their derivatives by `w` and `p`, `n` rows and `n + 1` columns, in the units of both.
+    /// The derivatives of the residuals with respect to `w` and `p`, `n` rows and `n + 1` columns, in the units of
+    /// `w` and `p`.
     pub jacobian: DMatrix<f64>,
-    /// What must stay the same along a smooth piece of the branch.
+    /// The structure of the solution, which is constant along a smooth piece of the branch.
     pub word: W,
-    /// The numbers that tell stability, by which bifurcations are found.
+    /// The numbers that determine stability, eigenvalues or multipliers as `[re, im]`, by which bifurcations are
+    /// found.
     pub spectrum: Vec<[f64; 2]>,
-    /// Whether the point is a solution of what was posed, and not only of the equations of its word.
+    /// Whether the point solves the problem itself, and not only the equations of its structure.
     pub is_admissible: bool,
-    /// Whether no other solutions lie beside it, by its spectrum.
+    /// Whether the solution is isolated, according to its spectrum.
     pub is_single: bool,
 }
 
-/// A family of equations.
+/// A family of equations `r(w, p) = 0` with a parameter `p`.
 pub trait Family {
-    /// The structure of a solution.
+    /// The structure of a solution: active faces, or the sequence of events.
     type Word: Clone + PartialEq;
 
-    /// Evaluates the equations, with the structure of a solution nearby where they need one.
+    /// Evaluates the equations, with the structure of a nearby solution if they need one.
     ///
     /// # Errors
-    /// Why they have no value or no derivative.
+    /// The reason why the equations have no value or no derivative.
     fn evaluate(&mut self, w: &[f64], p: f64, near: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure>;
 
-    /// A solution with another structure, at or a little behind the border `at`, reached in the direction of `towards`.
+    /// Returns a solution with another structure, at or slightly behind the border `at`, near the point `towards` and
+    /// `p`.
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)>;
 
-    /// The same solution by other unknowns, if these are better where it is, with `way`, a change of the unknowns and the
-    /// parameter along the branch, in terms of them.
+    /// Returns the solution in terms of other unknowns, if they suit it better; `_way`, a change of the unknowns and
+    /// the parameter along the branch, is converted too.
     fn by_others(&mut self, _at: &Solved<Self::Word>, _way: (&[f64], f64)) -> Option<ByOthers<Self::Word>> {
         None
     }
 
-    /// Takes note of a point of the branch.
+    /// Records a point of the branch.
     fn accept(&mut self, _point: &Solved<Self::Word>) {}
 
-    /// Whether the outside asks to stop.
+    /// Whether a stop of the continuation is requested.
     fn is_stopped(&self) -> bool;
 }
 
-/// A solution by other unknowns.
+/// A solution in terms of other unknowns.
 pub struct ByOthers<W> {
     pub w: Vec<f64>,
-    /// How they change along the branch.
+    /// The change of the new unknowns along the branch.
     pub change: Vec<f64>,
     pub word: W,
 }
 
-/// A point of the branch.
+/// A point of the branch that satisfies the equations.
 #[derive(Clone, Debug)]
 pub struct Solved<W> {
     pub w: Vec<f64>,
     pub p: f64,
-    /// The unit tangent, in units of the sizes of the unknowns and of the interval of the parameter.
+    /// The unit tangent of the branch, in units of the sizes of the unknowns and of the parameter interval.
     pub tangent: DVector<f64>,
     pub word: W,
     pub spectrum: Vec<[f64; 2]>,
-    /// Whether no other solutions lie beside the branch.
+    /// Whether the branch is isolated at this point, without a family of other solutions beside it.
     pub is_single: bool,
 }
 
-/// Functions of a point whose changes of sign are events.
+/// A test function of the spectrum and the tangent at a point, whose changes of sign are events.
 pub type Test = fn(&[[f64; 2]], &DVector<f64>) -> f64;
 
-/// What happened on the branch.
+/// An event on the branch.
 #[derive(Clone, Debug)]
 pub struct Found<W> {
     pub at: Solved<W>,
-    /// The number of the point before.
+    /// The index of the last point before the event.
     pub after: usize,
     pub what: What<W>,
 }
 
-/// The kind of an event.
+/// The kind of an event on a branch.
 #[derive(Clone, Debug)]
 pub enum What<W> {
-    /// The sign of a test changed, by its number.
+    /// A test function changed sign; its index.
     Test(usize),
-    /// The structure changed, to this one where one was found.
+    /// The structure of the solution changed; the new structure, if one was found.
     Border(Option<W>),
 }
 
-/// The curve that was followed.
+/// The branch that was followed, with its events.
 pub struct Curve<W> {
     pub points: Vec<Solved<W>>,
     pub events: Vec<Found<W>>,
-    /// Why it ends before the end of the interval; `None` at the end.
+    /// The reason why the branch ends before the end of the parameter interval; `None` if it reaches the end.
     pub ended: Option<Failure>,
 }
 
 impl<W> Curve<W> {
-    /// The points beside which other solutions lie, in words, if there are any.
+    /// Returns a message about points whose solutions are not isolated, if there are any.
     pub fn doubt(&self, name: &str, what: &str) -> Option<String> {
         let count = self.points.iter().filter(|point| !point.is_single).count();
         let first = self.points.iter().find(|point| !point.is_single)?;
@@ -161,13 +166,13 @@ impl Scales {
         self.unknowns.get(column).copied().unwrap_or((self.to - self.from).abs())
     }
 
-    /// The part of the interval that is passed at `p`.
+    /// Returns the fraction of the interval between its beginning and `p`.
     fn passed(&self, p: f64) -> f64 {
         (p - self.from) / (self.to - self.from)
     }
 }
 
-/// A continuation on its way.
+/// The continuation of a branch of a family of equations.
 pub struct Continuation<'f, F: Family> {
     family: &'f mut F,
     scales: Scales,
@@ -179,10 +184,11 @@ impl<'f, F: Family> Continuation<'f, F> {
         Self { family, scales, tests }
     }
 
-    /// Follows the branch from a point near `w` at the beginning of the interval, over at most so many points.
+    /// Follows the branch from a point near `w` at the beginning of the parameter interval, over at most `most`
+    /// points.
     ///
     /// # Errors
-    /// Why there is no first point.
+    /// The reason why there is no first point.
     pub fn follow(&mut self, w: &[f64], most: usize) -> Result<Curve<F::Word>, Failure> {
         let n = w.len();
         let mut ahead = DVector::zeros(n + 1);
@@ -199,7 +205,8 @@ impl<'f, F: Family> Continuation<'f, F> {
                 curve.ended = Some(stopped(&last));
                 return Ok(curve);
             }
-            // In units of the interval the parameter goes from 0 to 1; a branch that turns may come back to its beginning.
+            // In units of the interval the parameter goes from 0 to 1; a branch that turns may return to its
+            // beginning.
             let (passed, along) = (self.scales.passed(last.p), last.tangent[n]);
             let end = if along > 0.0 { 1.0 } else { 0.0 };
             let left = (end - passed) / along;
@@ -247,13 +254,13 @@ impl<'f, F: Family> Continuation<'f, F> {
         Ok(curve)
     }
 
-    /// Whether a point that a branch came to is at the end of the interval that it leads to.
+    /// Whether a point is at the end of the parameter interval towards which its tangent leads.
     fn is_at_end(&self, point: &Solved<F::Word>) -> bool {
         let end = if point.tangent[point.w.len()] > 0.0 { 1.0 } else { 0.0 };
         (self.scales.passed(point.p) - end).abs() <= SHORTEST
     }
 
-    /// A step along the tangent, and the number of its corrections.
+    /// Makes a step of length `ds` along the tangent; returns the point and the number of its corrections.
     fn step(&mut self, last: &Solved<F::Word>, ds: f64) -> Result<(Solved<F::Word>, usize), Failure> {
         let n = last.w.len();
         let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
@@ -261,7 +268,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         self.correct((&w, p), (&last.w, last.p), &last.tangent, ds, Some(&last.word))
     }
 
-    /// A step to an end of the interval.
+    /// Makes a step to an end of the parameter interval, where the parameter is fixed.
     fn last_step(&mut self, last: &Solved<F::Word>, ds: f64, end: f64) -> Result<(Solved<F::Word>, usize), Failure> {
         let n = last.w.len();
         let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
@@ -275,7 +282,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         Ok((point, corrections))
     }
 
-    /// The way from one point to another, in the units of tangents.
+    /// Returns the difference of two points, in the units of tangents.
     fn way(&self, last: &Solved<F::Word>, next: &Solved<F::Word>) -> DVector<f64> {
         let n = last.w.len();
         let along = (next.p - last.p) / self.scales.of(n) * self.direction();
@@ -288,7 +295,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         curve.points.push(self.by_best(point));
     }
 
-    /// A point by the unknowns that are best where it is.
+    /// Converts a point to the unknowns that suit it best.
     fn by_best(&mut self, point: Solved<F::Word>) -> Solved<F::Word> {
         let n = point.w.len();
         let way: Vec<f64> = (0..n).map(|i| point.tangent[i] * self.scales.of(i)).collect();
@@ -301,12 +308,12 @@ impl<'f, F: Family> Continuation<'f, F> {
         made.ok().filter(|(made, _)| made.word == word).map_or(point, |(made, _)| made)
     }
 
-    /// The sign of the parameter in units of its interval.
+    /// Returns the sign of the parameter direction from the beginning to the end of the interval.
     fn direction(&self) -> f64 {
         (self.scales.to - self.scales.from).signum()
     }
 
-    /// Newton's method for the point at the distance `ds` from `origin` along `tangent`.
+    /// Solves by Newton's method for the point at the distance `ds` from `origin` along `tangent`.
     fn correct(
         &mut self,
         (w, p): (&[f64], f64),
@@ -352,7 +359,8 @@ impl<'f, F: Family> Continuation<'f, F> {
         Err(unsolved(&w, p))
     }
 
-    /// The derivatives of the residuals by the unknowns in units of their sizes, with the tangent as the last row.
+    /// Returns the Jacobian with respect to unknowns in units of their sizes, bordered by the tangent as the last
+    /// row.
     fn bordered(&self, jacobian: &DMatrix<f64>, tangent: &DVector<f64>) -> DMatrix<f64> {
         let n = jacobian.nrows();
         let mut matrix = DMatrix::zeros(n + 1, n + 1);
@@ -364,9 +372,9 @@ impl<'f, F: Family> Continuation<'f, F> {
         matrix
     }
 
-    /// Locates the changes of sign of the tests between two points.
+    /// Locates the sign changes of the test functions between two successive points.
     fn locate(&mut self, (last, next): (&Solved<F::Word>, &Solved<F::Word>), ds: f64, curve: &mut Curve<F::Word>) {
-        // Among solutions that lie side by side, tests tell nothing.
+        // Where solutions are not isolated, the test functions are meaningless.
         if !(last.is_single && next.is_single) {
             return;
         }
@@ -377,7 +385,7 @@ impl<'f, F: Family> Continuation<'f, F> {
             if !(before.is_finite() && behind.is_finite()) || before == 0.0 || before.signum() == behind.signum() {
                 continue;
             }
-            // The bracket falls.
+            // The bracket expects a function that falls from positive to negative values.
             let sign = before.signum();
             let mut bracket = Bracket::new((0.0, sign * before), (ds, sign * behind));
             let mut best = next.clone();
@@ -400,7 +408,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         }
     }
 
-    /// Goes on behind a border, where there is a solution; returns whether there is.
+    /// Continues the branch behind a border if a solution exists there; returns whether it does.
     fn cross(&mut self, last: &Solved<F::Word>, other: Option<F::Word>, curve: &mut Curve<F::Word>) -> bool {
         let n = last.w.len();
         let ahead: Vec<f64> = (0..n).map(|i| last.tangent[i] * self.scales.of(i)).collect();
@@ -419,7 +427,7 @@ impl<'f, F: Family> Continuation<'f, F> {
 }
 
 impl<F: Family> Continuation<'_, F> {
-    /// The first point behind a border, with its tangent towards where the branch goes on.
+    /// Returns the first point behind a border, with its tangent in the direction in which the branch continues.
     fn first_behind(
         &mut self,
         last: &Solved<F::Word>,
@@ -433,7 +441,8 @@ impl<F: Family> Continuation<'_, F> {
         if self.way(last, &point).dot(&point.tangent) < 0.0 {
             point.tangent = -point.tangent;
         }
-        // The branch goes to the side on which it is a solution.
+        // The tangent may point to either side: the branch continues on the side that has a solution of this
+        // structure.
         for _ in 0..2 {
             if self.step(&point, AGAIN).is_ok_and(|(next, _)| next.word == point.word) {
                 return Some(point);
@@ -444,7 +453,8 @@ impl<F: Family> Continuation<'_, F> {
     }
 }
 
-/// The solution of a square system, the smallest where it is singular, and whether it is regular.
+/// Solves a square system, by the solution of least norm if it is singular; returns the solution and whether the
+/// system is regular.
 fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, bool)> {
     let rows = DVector::from_fn(matrix.nrows(), |i, _| {
         let largest = matrix.row(i).amax();

@@ -1,26 +1,28 @@
-//! Where in its period an orbit is cut open: the unknowns of a branch are the states there. An event that comes to the cut
-//! moves from the end of a run to its beginning, and the states there jump or have no derivative, although nothing happens to
-//! the orbit. The cut goes to another place before.
+//! The cut of a periodic orbit, the point at which its period begins; the unknowns of a branch are the states at the
+//! cut. If an event passes the cut, it moves from the end of a run to its beginning, and the states at the cut jump
+//! or are not differentiable, although the orbit itself does not change. The cut is moved before such an event
+//! reaches it.
 
 use crate::passages::Passages;
 
-/// The events of an orbit, from the cut on.
+/// The events of a periodic orbit, in their order from the cut on.
 #[derive(Clone, Debug)]
 pub(super) struct CutOpen {
     pub passages: Passages,
-    /// The time of the cut after the beginning of the period.
+    /// The time from the beginning of the period to the cut.
     pub after: f64,
 }
 
 impl CutOpen {
-    /// A better place for the cut of an orbit of a period, as the time after this one.
+    /// Returns a better position of the cut, as the time after the current one, for an orbit of the given period;
+    /// `None` if the current position is good.
     pub fn better(&self, period: f64) -> Option<f64> {
         Some(self.passages.far_from_all()? * period)
     }
 }
 
 impl PartialEq for CutOpen {
-    /// Whether the events are the same, wherever the cut is.
+    /// Whether the cyclic sequences of events are equal, wherever the cuts are.
     fn eq(&self, other: &Self) -> bool {
         self.passages == other.passages
     }

@@ -1,7 +1,7 @@
-//! Branches of periodic orbits and of states of rest over one parameter, with what happens on them: folds, period doublings
-//! (flips), tori (Neimark and Sacker), oscillations (Hopf), branching, and the borders that only systems with switches and
-//! impacts have, where an orbit touches what it did not before (grazing) or a state of rest comes to the border of its face
-//! (di Bernardo and others 2008, *Piecewise-smooth Dynamical Systems*).
+//! Branches of periodic orbits and of steady states over one parameter, with the events on them: folds, period
+//! doublings (flips), tori (Neimark and Sacker), oscillations (Hopf), branching, and the borders that only systems
+//! with switches and impacts have, where an orbit begins to touch a bound or contact (grazing) or a steady state
+//! reaches the border of its active face (di Bernardo and others 2008, *Piecewise-smooth Dynamical Systems*).
 
 mod arclength;
 mod cut;
@@ -19,59 +19,59 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// What is followed.
+/// The plan of a continuation: the kind of solutions, the parameter and its interval.
 #[derive(Clone, Debug)]
 pub struct BranchPlan {
-    /// Orbits, or states of rest.
+    /// The kind of solutions: periodic orbits or steady states.
     pub of: BranchOf,
-    /// The parameter, by its number and its name.
+    /// The index of the parameter.
     pub parameter: usize,
-    /// Its name.
+    /// The name of the parameter that varies along the branch.
     pub name: String,
-    /// Where it begins.
+    /// The value of the parameter at which the branch begins.
     pub from: f64,
-    /// Where it ends.
+    /// The value of the parameter at which the branch ends.
     pub to: f64,
-    /// The most points.
+    /// The largest number of points.
     pub points: usize,
 }
 
-/// What the points of a branch are.
+/// The kind of solutions on a branch.
 #[derive(Clone, Debug)]
 pub enum BranchOf {
-    /// Periodic orbits; their period as a function of the parameters, where it is given.
+    /// Periodic orbits, and their period as a function of the parameters if it is given.
     Orbits(Periodic, Option<Tape>),
-    /// States of rest.
+    /// Steady states.
     Rests,
 }
 
-/// A branch of solutions over a parameter: lists of one length, a value a point, and what happens between the points.
+/// A branch of solutions over a parameter: lists with one value per point, and the events between the points.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Branch {
-    /// The name of the parameter.
+    /// The name of the parameter that varies along the branch.
     pub name: String,
-    /// Its values, from where the branch begins.
+    /// The values of the parameter, in the order of the points of the branch.
     pub parameter: Vec<f64>,
-    /// The states where orbits begin, or of rest, by their names.
+    /// The states at the beginning of each orbit, or at each steady state, by name.
     pub points: Vec<BTreeMap<String, f64>>,
-    /// The periods of orbits; empty of states of rest.
+    /// The periods of orbits; empty for steady states.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub period: Vec<f64>,
-    /// Whether what is near comes nearer; null where that is not known.
+    /// Whether each solution is asymptotically stable; null if unknown.
     pub stable: Vec<Option<bool>>,
-    /// The Floquet multipliers of orbits, or the eigenvalues of states of rest, as `[re, im]`.
+    /// The Floquet multipliers of orbits, or the eigenvalues at steady states, as `[re, im]`.
     pub spectrum: Vec<Vec<[f64; 2]>>,
-    /// What happens on the branch, in its order.
+    /// The events on the branch, in their order along it.
     pub events: Vec<BranchEvent>,
-    /// Why it ends before the end of the interval, if it does.
+    /// The reason why the branch ends before the end of the parameter interval, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,
-    /// Runs over one period, or solutions of the equations of rest, that it took.
+    /// Number of runs over one period, or of evaluations of the equations of a steady state.
     pub shots: u64,
 }
 
 impl Branch {
-    /// Puts the branch into the answer.
+    /// Adds the branch and its caveats to the answer.
     fn tell(self, solution: &mut Solution) {
         if let Some(why) = &self.ended {
             let end = self.parameter.last().copied().unwrap_or_default();
@@ -91,7 +91,7 @@ impl Branch {
         solution.branch = Some(self);
     }
 
-    /// The first point behind which the stability changes although nothing happens.
+    /// Returns the first point after which the stability changes without an event.
     fn unexplained(&self) -> Option<usize> {
         let changes = |pair: &[Option<bool>]| matches!(pair, [Some(before), Some(after)] if before != after);
         let has_event = |point: usize| self.events.iter().any(|event| event.after == point as u64);
@@ -100,41 +100,41 @@ impl Branch {
     }
 }
 
-/// Something that happens on a branch.
+/// An event on a branch: a bifurcation or a border.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct BranchEvent {
-    /// The value of the parameter.
+    /// The value of the parameter at the event.
     pub at: f64,
-    /// What.
+    /// The kind of the event.
     pub kind: BranchEventKind,
-    /// The point before it, counted from 0.
+    /// The index of the last point before the event, counted from 0.
     pub after: u64,
-    /// The states there.
+    /// The states at the event.
     pub point: BTreeMap<String, f64>,
-    /// The period there, of an orbit.
+    /// The period of the orbit at the event.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<f64>,
-    /// What the border is: the variable or the contact that changes.
+    /// The variable or contact that changes at a border.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<String>,
 }
 
-/// What happens on a branch.
+/// The kind of an event on a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BranchEventKind {
-    /// The branch turns back in the parameter: two solutions meet and vanish (a multiplier 1, an eigenvalue 0).
+    /// The branch turns back in the parameter: two solutions meet and vanish (a multiplier is 1, or an eigenvalue 0).
     Fold,
-    /// A multiplier is -1: an orbit of twice the period begins.
+    /// A multiplier is -1: a branch of orbits with twice the period begins.
     Flip,
-    /// Two multipliers are on the unit circle: a torus begins.
+    /// Two complex multipliers are on the unit circle: a torus begins.
     NeimarkSacker,
-    /// Two eigenvalues are imaginary: an oscillation begins.
+    /// Two eigenvalues are imaginary: a branch of periodic orbits begins.
     Hopf,
-    /// A multiplier is 1, or an eigenvalue 0, and the branch does not turn: it meets another.
+    /// A multiplier is 1, or an eigenvalue 0, and the branch does not turn: it meets another branch.
     Branching,
-    /// An orbit comes to touch a bound or a contact that it did not reach before, or no longer does.
+    /// An orbit begins or ceases to touch a bound or a contact.
     Grazing,
-    /// Another border: the order of switches, or the face of a state of rest, changes.
+    /// Another border: the order of switches, or the active face of a steady state, changes.
     Border,
 }

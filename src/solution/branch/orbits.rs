@@ -1,4 +1,5 @@
-//! Branches of periodic orbits, by shooting with the derivatives of each run by its start and by the parameter.
+//! Branches of periodic orbits, by shooting with the derivatives of each run with respect to its start and to the
+//! parameter.
 
 use super::arclength::{ByOthers, Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
 use super::cut::CutOpen;
@@ -23,12 +24,12 @@ use problem::Control;
 use radau::Settings;
 use std::time::Instant;
 
-/// How far from the border, in units of the sizes of the unknowns, the branch may be taken up behind it.
+/// Largest distance of an orbit behind a border from the border, relative to the largest unknown.
 const NEAR: f64 = 0.1;
-/// The most corrections of an orbit behind a border.
+/// The largest number of Newton corrections of an orbit behind a border.
 const CORRECTIONS: usize = 12;
 
-/// The name of what an event is of.
+/// Returns the name of the variable or contact that an event belongs to.
 fn name(model: &Bindable<'_>, of: &Passed) -> Option<String> {
     match (model, of) {
         (Bindable::Dvi(model), Passed::Switch(variable, ..)) => model.variable_names.get(*variable).cloned(),
@@ -37,14 +38,14 @@ fn name(model: &Bindable<'_>, of: &Passed) -> Option<String> {
     }
 }
 
-/// How its runs are made.
+/// The settings and the analysis of the runs.
 #[derive(Clone, Copy)]
 struct How<'a> {
     settings: &'a Settings,
     analysis: &'a Analysis,
 }
 
-/// Follows orbits of a differential variational inequality.
+/// Follows a branch of periodic orbits of a differential variational inequality.
 pub fn follow_orbits(
     model: &DviModel,
     plan: &Plan,
@@ -57,7 +58,7 @@ pub fn follow_orbits(
     follow(&Bindable::Dvi(Box::new(model.clone())), plan, (asked, periodic, program), how, control)
 }
 
-/// Follows orbits of a motion with located impacts.
+/// Follows a branch of periodic orbits of a motion with located impacts.
 pub fn follow_orbits_of_motion(
     model: &MechanicalModel,
     plan: &Plan,
@@ -70,7 +71,7 @@ pub fn follow_orbits_of_motion(
     follow(&Bindable::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
 }
 
-/// The orbits over the parameter.
+/// The family of periodic orbits over the parameter.
 struct Orbits<'a> {
     model: &'a Bindable<'a>,
     how: How<'a>,
@@ -78,13 +79,14 @@ struct Orbits<'a> {
     parameter: usize,
     values: Vec<f64>,
     periodic: Periodic,
-    /// The value that the state of the phase keeps.
+    /// The constant value of the state that fixes the phase.
     anchor: f64,
-    /// The period as a function of the parameters, where it is given.
+    /// The period as a function of the parameters, if it is given.
     program: Option<Tape>,
     control: &'a Control,
     shots: u64,
-    /// The states where the periods of the points begin, and these periods.
+    /// For each point of the branch, the states at the beginning of the period, and the period; `None` if a run
+    /// fails.
     places: Vec<Option<(Vec<f64>, f64)>>,
 }
 
@@ -99,7 +101,7 @@ impl Orbits<'_> {
         values
     }
 
-    /// The period where it is given.
+    /// Returns the period at the parameter value `p`, if it is given.
     fn period_at(&mut self, p: f64) -> f64 {
         let values = self.values_at(p);
         let Some(program) = &mut self.program else { return self.periodic.period };
@@ -109,7 +111,7 @@ impl Orbits<'_> {
         period[0]
     }
 
-    /// The start and the period of an orbit.
+    /// Returns the start and the period of an orbit with the unknowns `w`.
     fn start(&mut self, w: &[f64], p: f64) -> (Vec<f64>, f64) {
         let mut from = w.to_vec();
         match self.periodic.phase {
@@ -126,7 +128,7 @@ impl Orbits<'_> {
         self.run((&from, period), p, after)
     }
 
-    /// A run over a period from a cut.
+    /// Makes a run over a period from a cut, which is `after` the beginning of the period.
     fn run(&mut self, (from, period): (&[f64], f64), p: f64, after: f64) -> Result<Shot, Failure> {
         if !(period > 0.0 && period.is_finite()) {
             return Err(self.failure(format!("the period is {period:?} where the parameter is {p:?}")));
@@ -137,12 +139,13 @@ impl Orbits<'_> {
         model.subject(self.how.settings).shoot(&plan, (from, period), &[self.parameter], self.control)
     }
 
-    /// The plan of runs from a cut.
+    /// Returns the plan of runs from a cut, which is `after` the beginning of the period.
     fn plan_from(&self, after: f64) -> Plan {
         Plan { start: self.plan.start + after, ..self.plan.clone() }
     }
 
-    /// The states of an orbit where its period begins, and its period; `None` if a run from the cut does not come there.
+    /// Returns the states of an orbit at the beginning of its period, and the period; `None` if the run from the cut
+    /// to there fails.
     fn at_beginning(&mut self, point: &Solved<CutOpen>) -> Option<(Vec<f64>, f64)> {
         let (from, period) = self.start(&point.w, point.p);
         let after = point.word.after;
@@ -192,7 +195,7 @@ impl Family for Orbits<'_> {
         let residual = DVector::from_fn(n, |i, _| (shot.to[i] - shot.from[i]) / shot.scale[i]);
         let mut spectrum = shot.multipliers();
         if self.periodic.phase.is_some() {
-            // The multiplier of the free phase is 1, and tells nothing.
+            // The multiplier that belongs to a free phase is always 1.
             let off = |value: &[f64; 2]| (value[0] - 1.0).hypot(value[1]);
             let nearest = (0..spectrum.len()).min_by(|a, b| off(&spectrum[*a]).total_cmp(&off(&spectrum[*b])));
             nearest.map(|nearest| spectrum.remove(nearest));
@@ -220,7 +223,7 @@ impl Family for Orbits<'_> {
     }
 
     fn by_others(&mut self, at: &Solved<Self::Word>, (way, by_p): (&[f64], f64)) -> Option<ByOthers<Self::Word>> {
-        // The value that the state of a phase keeps would have to be another.
+        // With a free phase, another cut would need another value of the state that fixes the phase.
         if self.periodic.phase.is_some() {
             return None;
         }
@@ -231,7 +234,7 @@ impl Family for Orbits<'_> {
         let subject = model.subject(self.how.settings);
         let run = subject.shoot(&plan, (&from, later), &[self.parameter], self.control).ok()?;
         let along = run.monodromy.ok()? * DVector::from_column_slice(way) + run.by_parameters.column(0) * by_p;
-        // A whole period later the forcing is the same.
+        // The forcing is periodic: the position of the cut is taken modulo the period.
         let after = (at.word.after + later) % period;
         let passages = self.shoot(&run.to, at.p, after).ok()?.passages;
         let change = along.iter().copied().collect();
@@ -302,7 +305,7 @@ fn follow(
     solution
 }
 
-/// The first orbit, from the initial values, and the sizes of its unknowns.
+/// Returns the first orbit, sought from the initial values, and the sizes of its unknowns.
 fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64>), Failure> {
     let model = orbits.model.bound(&orbits.values_at(asked.from)).map_err(|why| orbits.failure(why))?;
     let subject = model.subject(orbits.how.settings);
@@ -313,7 +316,7 @@ fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f
     orbits.shots += shots;
     let shot = found.map_err(|missed: Missed| missed.1)?;
     let settings = orbits.how.settings;
-    // Below its tolerance a state is at zero, and has no size.
+    // A state below its absolute tolerance counts as zero; its size is one.
     let sizes = shot.scale.iter().zip(&settings.atol).map(|(scale, atol)| {
         let largest = (scale - atol) / settings.rtol;
         if largest > *atol { largest } else { 1.0 }
@@ -326,7 +329,7 @@ fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f
     Ok((orbits.unknowns(&shot), sizes))
 }
 
-/// A run along the last orbit of the branch, or from the start where there is none.
+/// Runs once along the last orbit of the branch, or from the initial values if there is none.
 fn along_last(
     orbits: &mut Orbits<'_>,
     (curve, at): (&Result<Curve<CutOpen>, Failure>, f64),
@@ -353,8 +356,8 @@ fn along_last(
     run_along(model.subject(settings), &plan, asked, (found, orbits.shots), along, control)
 }
 
-/// Holds the multipliers of the first orbit, of the last, and of those where they say that something happens, to differences of
-/// runs. On a border an orbit has derivatives on one side only.
+/// Verifies the multipliers of the first orbit, of the last orbit, and of orbits at bifurcations by differences of
+/// runs. On a border an orbit has one-sided derivatives only.
 fn check(orbits: &mut Orbits<'_>, curve: &Curve<CutOpen>, checks: &mut Checks) {
     let tested = curve.events.iter().filter(|found| matches!(found.what, What::Test(_)));
     for point in curve.points.first().into_iter().chain(curve.points.last()).chain(tested.map(|found| &found.at)) {
@@ -366,7 +369,7 @@ fn check(orbits: &mut Orbits<'_>, curve: &Curve<CutOpen>, checks: &mut Checks) {
     }
 }
 
-/// The branch by names.
+/// Converts the branch to named states, variables and events.
 fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> Branch {
     let (names, model) = (orbits.plan.names.clone(), orbits.model);
     let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
@@ -395,7 +398,8 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> B
     branch
 }
 
-/// What a border is: where the number of events changes, something is touched.
+/// Returns the kind of a border, and the event that changes: grazing if the number of events changes, since a bound
+/// or contact is then touched.
 fn border(before: &Passages, after: Option<&Passages>) -> (BranchEventKind, Option<Passed>) {
     let Some(after) = after else { return (BranchEventKind::Grazing, None) };
     let longer = if after.len() > before.len() { after } else { before };

@@ -1,7 +1,7 @@
-//! Branches of states of rest. On a face the states and variables solve `F = 0` with `G = 0` for free variables and
-//! `z = bound` for the others; a border is where a free variable reaches a bound, or the inequality at a bound reaches zero.
-//! There the branch goes on with that variable free, or at its bound, to the side where that is a solution, which may be back
-//! in the parameter.
+//! Branches of steady states. On an active face the states and variables solve `F = 0` with `G = 0` for free
+//! variables and `z = bound` for the others; a border is where a free variable reaches a bound, or the inequality at
+//! a bound reaches zero. From a border the branch continues with that variable free, or at its bound, in the
+//! direction of the parameter that has such a solution, which may be backwards.
 
 use super::arclength::{Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
 use super::test_functions::{OF_RESTS, is_confirmed};
@@ -18,13 +18,14 @@ use radau::{ActiveFace, Activity, Settings, Tangents};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// A variable may be off its side by this part of what decides it, where that is more than the tolerance.
+/// Permitted violation of a bound or inequality, relative to the size of the variables, if it exceeds the relative
+/// tolerance.
 const SLACK: f64 = 1e-8;
 
-/// States below this part of their tolerance are zero.
+/// States below this fraction of their tolerance are set to zero.
 const AT_ZERO: f64 = 1e-3;
 
-/// Follows states of rest.
+/// Follows a branch of steady states of a differential variational inequality.
 pub fn follow_rests(
     model: &DviModel,
     plan: &Plan,
@@ -49,7 +50,7 @@ pub fn follow_rests(
     let mut plan = plan.clone();
     plan.observables.bind(&rests.values_at(at));
     plan.initial = last.map_or_else(|| bound.initial.clone(), |point| point.w[..bound.initial.len()].to_vec());
-    // What Newton's method leaves of a state that is zero is none.
+    // The remainder that Newton's method leaves of a state that is zero is removed.
     for (x, atol) in plan.initial.iter_mut().zip(&settings.atol) {
         *x = if x.abs() < AT_ZERO * atol { 0.0 } else { *x };
     }
@@ -70,26 +71,26 @@ pub fn follow_rests(
     solution
 }
 
-/// The states of rest over the parameter.
+/// The family of steady states over the parameter.
 struct Rests<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
     settings: &'a Settings,
     parameter: usize,
-    /// The length of its interval.
+    /// The length of the parameter interval.
     span: f64,
-    /// The size of the unknowns where the branch begins.
+    /// The size of the unknowns at the beginning of the branch.
     size: f64,
     values: Vec<f64>,
     control: &'a Control,
     solved: u64,
 }
 
-/// The equation of one variable on a face, and how far it is on its side.
+/// The equation of one variable on an active face, and the inequality that the face requires.
 struct Sided {
-    /// Zero on the face.
+    /// The residual of the equation, which is zero on the face.
     value: f64,
-    /// Negative where the face is not the one of the solution.
+    /// The margin of the inequality; negative if the solution is not on this face.
     margin: f64,
 }
 
@@ -108,7 +109,7 @@ impl Rests<'_> {
         self.model.with_parameters(&self.values_at(p)).map_err(|why| self.failure(why.to_string()))
     }
 
-    /// The rates at a point, and for each variable the residual of its equation on a face.
+    /// Returns the rates at a point, and for each variable the equation and the inequality of an active face.
     fn rows(&self, model: &DviModel, w: &[f64], face: &ActiveFace) -> (Vec<f64>, Vec<Sided>) {
         let mut problem = model.problem();
         let structure = problem.structure().clone();
@@ -159,7 +160,8 @@ impl Family for Rests<'_> {
         let count = w.len();
         let mut jacobian = DMatrix::zeros(count, count + 1);
         jacobian.columns_mut(0, count).copy_from(&by_y);
-        // The derivatives by directions are of the rows; those of bounds have the sign of theirs already.
+        // Column `count` holds the derivatives with respect to the parameter; those of bounds have the sign of the
+        // residual.
         jacobian.set_column(count, &by_parameter.column(0));
         let mut residual = DVector::zeros(count);
         let mut is_admissible = true;
@@ -167,11 +169,12 @@ impl Family for Rests<'_> {
         let of_variables = self.settings.atol.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         for row in 0..count {
             let tolerance = |i: usize| {
-                // Variables have no tolerance of their own.
+                // Variables have no absolute tolerance of their own, and take the largest one of the states.
                 let own = self.settings.atol.get(i).map(|atol| atol + self.settings.rtol * w[i].abs());
                 own.unwrap_or(of_variables + self.settings.rtol * largest)
             };
-            // Where the derivatives by the states vanish, at a fold, the parameter has a tolerance too.
+            // At a fold the derivatives with respect to the states vanish: the tolerance of the parameter then scales
+            // the residual.
             let of_parameter = by_parameter[(row, 0)].abs() * self.settings.rtol * self.span.max(p.abs());
             let size = (0..count).map(|i| by_y[(row, i)].abs() * tolerance(i)).sum::<f64>() + of_parameter;
             let size = if size > 0.0 { size } else { f64::MIN_POSITIVE };
@@ -193,7 +196,7 @@ impl Family for Rests<'_> {
     }
 
     fn beyond(&mut self, at: &Solved<ActiveFace>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, ActiveFace)> {
-        // The variable whose side is lost first is the one that is farthest off behind the border.
+        // The variable that leaves the face first is the one with the largest violation slightly behind the border.
         let model = self.bound(p).ok()?;
         let (_, sided) = self.rows(&model, towards, &at.word);
         let (k, _) = sided.iter().enumerate().min_by(|a, b| a.1.margin.total_cmp(&b.1.margin))?;
@@ -221,14 +224,14 @@ impl Family for Rests<'_> {
     }
 }
 
-/// The first state of rest, and the sizes of its unknowns.
+/// Returns the first steady state of the branch, and the sizes of its unknowns.
 fn first(rests: &mut Rests<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64>), Failure> {
     let model = rests.bound(asked.from)?;
     let plan = Plan { initial: model.initial.clone(), ..rests.plan.clone() };
     let rest = rest_of(&model, &plan, rests.settings, rests.control)?;
     let w = [rest.x, rest.z].concat();
     let largest = w.iter().map(|x| x.abs()).fold(0.0, f64::max);
-    // Below the tolerances a state of rest is at zero, and has no size.
+    // A steady state below the tolerances counts as zero; its unknowns have the size one.
     let least = rests.settings.atol.iter().copied().fold(0.0, f64::max);
     let size = if largest > least { largest } else { 1.0 };
     rests.size = size;
@@ -236,7 +239,7 @@ fn first(rests: &mut Rests<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64
     Ok((w, sizes))
 }
 
-/// The branch by names.
+/// Converts the branch to named states, variables and events.
 fn told(rests: &Rests<'_>, asked: &BranchPlan, curve: Curve<ActiveFace>) -> Branch {
     let n = rests.model.state_names.len();
     let named = |w: &[f64]| -> BTreeMap<String, f64> {

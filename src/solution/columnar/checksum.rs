@@ -8,12 +8,12 @@ const P3: u64 = 0x1656_67B1_9E37_79F9;
 const P4: u64 = 0x85EB_CA77_C2B2_AE63;
 const P5: u64 = 0x27D4_EB2F_1656_67C5;
 
-/// The checksum of `bytes`.
+/// Returns the checksum of `bytes`.
 pub fn checksum(bytes: &[u8]) -> u64 {
     checksum_from(0, bytes)
 }
 
-/// The checksum of `bytes` from a seed: bytes that belong to another seed have another checksum.
+/// Returns the checksum of `bytes` with a seed; another seed gives another checksum.
 pub fn checksum_from(seed: u64, bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
     let (stripes, words) = words.as_chunks::<4>();
@@ -36,7 +36,8 @@ pub fn checksum_from(seed: u64, bytes: &[u8]) -> u64 {
     hash ^ (hash >> 32)
 }
 
-/// The lanes are variables of their own: a loop over them is not always unrolled, at a third of the speed.
+/// Hashes stripes of four words. The four lanes are separate variables: a loop over the lanes is not always unrolled,
+/// and then has a third of the speed.
 fn of_stripes(seed: u64, stripes: &[[[u8; 8]; 4]]) -> u64 {
     let (mut a, mut b) = (seed.wrapping_add(P1).wrapping_add(P2), seed.wrapping_add(P2));
     let (mut c, mut d) = (seed, seed.wrapping_sub(P1));
@@ -67,7 +68,7 @@ mod tests {
 
     #[test]
     fn published_values() {
-        // Values of the reference implementation.
+        // Checksums computed by the reference implementation.
         for (text, value) in [
             ("", 0xEF46_DB37_51D8_E999),
             ("a", 0xD24E_C4F1_A98C_6E5B),

@@ -1,8 +1,8 @@
-//! The table of a sweep in parts of some thousand rows, in memory or on a disk: a reader has one column of one part at a time,
-//! however many members there are.
+//! The table of a sweep in parts of some thousand rows, in memory or on disk: a reader holds one column of one part
+//! at a time, however many members there are.
 //!
-//! The stored form is, for each part, the values of each column as [`Values::put`] writes them, each with a checksum in the
-//! index.
+//! The stored form consists, for each part, of the values of each column as [`Values::put`] writes them, with their
+//! checksums in the index.
 
 use super::checksum;
 use super::stored::Source;
@@ -11,38 +11,38 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The rows of a part: with its kind, a column of numbers takes no more than 8 KiB, as a chunk of a trajectory does, and is
-/// what an allocator hands out from what was freed.
+/// Number of rows in a part: a column of numbers then takes no more than 8 KiB with its header, as a chunk of a
+/// trajectory does, a size for which allocators reuse freed memory.
 pub const PART: usize = 1000;
 
-/// A table, a part of its rows at a time.
+/// A table that is read one part of its rows at a time.
 pub trait Members: Send + Sync {
-    /// All but the rows: names, counts, provenance.
+    /// Returns the table without rows: names, counts, provenance.
     fn head(&self) -> &Table;
 
-    /// How many parts there are.
+    /// Returns the number of parts.
     fn parts(&self) -> usize;
 
-    /// The values of a column in a part.
+    /// Returns the values of a column in a part.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where the column is not as it was written.
+    /// Errors of the disk; [`io::ErrorKind::InvalidData`] if the column has changed since it was written.
     fn values(&self, part: usize, column: usize) -> io::Result<Values>;
 
-    /// Compares the checksums of all that is stored.
+    /// Verifies the checksums of all stored columns and parts.
     ///
     /// # Errors
-    /// As of [`Members::values`].
+    /// Same as for [`Members::values`].
     fn verify(&self) -> io::Result<()> {
         Ok(())
     }
 }
 
 impl dyn Members + '_ {
-    /// The rows of a part.
+    /// Returns the rows of a part.
     ///
     /// # Errors
-    /// As of [`Members::values`].
+    /// Same as for [`Members::values`].
     pub fn part(&self, part: usize) -> io::Result<Table> {
         let mut table = self.head().head();
         for (k, column) in table.columns.iter_mut().enumerate() {
@@ -51,10 +51,10 @@ impl dyn Members + '_ {
         Ok(table)
     }
 
-    /// All rows.
+    /// Returns the table with all rows.
     ///
     /// # Errors
-    /// As of [`Members::values`].
+    /// Same as for [`Members::values`].
     pub fn whole(&self) -> io::Result<Table> {
         let mut table = self.head().emptied();
         for part in 0..self.parts() {
@@ -64,10 +64,10 @@ impl dyn Members + '_ {
         Ok(Table { failed: self.head().failed, ..table })
     }
 
-    /// Visits the values of the column of that name, from the first part to the last.
+    /// Visits the values of the column `name`, from the first part to the last.
     ///
     /// # Errors
-    /// As of [`Members::values`].
+    /// Same as for [`Members::values`].
     pub fn visit(&self, name: &str, mut visit: impl FnMut(&Values)) -> io::Result<()> {
         let Some(column) = self.head().columns.iter().position(|column| column.name == name) else { return Ok(()) };
         (0..self.parts()).try_for_each(|part| self.values(part, column).map(|values| visit(&values)))
@@ -90,10 +90,10 @@ impl Members for Table {
     }
 }
 
-/// Where the parts of a stored table are.
+/// The index of the parts of a stored table.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PartsIndex {
-    /// The table without rows.
+    /// The table without its rows.
     head: Table,
     parts: Vec<PartIndex>,
 }
@@ -101,23 +101,23 @@ pub struct PartsIndex {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct PartIndex {
     rows: usize,
-    /// Of each column its bytes and their checksum.
+    /// For each column, the number of its bytes and their checksum.
     columns: Vec<(u64, u64)>,
 }
 
-/// A writer of a table, from its first part to its last.
+/// Writes a table part by part.
 #[derive(Debug, Default)]
 pub struct PartsWriter {
     index: Option<PartsIndex>,
-    /// Rows that do not make a part yet.
+    /// Rows that do not fill a part yet.
     rest: Option<Table>,
 }
 
 impl PartsWriter {
-    /// Adds rows, which may be few.
+    /// Adds rows, of any number.
     ///
     /// # Errors
-    /// Those of `out`; [`io::ErrorKind::InvalidData`] if they are rows of another table.
+    /// Errors of writing to `out`; [`io::ErrorKind::InvalidData`] if the rows belong to another table.
     pub fn add(&mut self, rows: Table, out: &mut impl Write) -> io::Result<()> {
         match &mut self.rest {
             Some(rest) => rest.append(rows).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.0))?,
@@ -126,10 +126,10 @@ impl PartsWriter {
         if self.rest.as_ref().is_some_and(|rest| rest.rows() >= PART) { self.put(out) } else { Ok(()) }
     }
 
-    /// Writes the rows that are left; returns the index, or nothing if no table was added.
+    /// Writes the remaining rows; returns the index, or `None` if no table was added.
     ///
     /// # Errors
-    /// The same as those of [`PartsWriter::add`].
+    /// Same as for [`PartsWriter::add`].
     pub fn end(mut self, out: &mut impl Write) -> io::Result<Option<PartsIndex>> {
         self.put(out)?;
         Ok(self.index)
@@ -154,13 +154,13 @@ impl PartsWriter {
     }
 }
 
-/// Writes a table that is in memory; gives the index.
+/// Writes a table from memory; returns the index.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_parts(table: &Table, out: &mut impl Write) -> io::Result<Option<PartsIndex>> {
     let (members, mut writer): (&dyn Members, _) = (table, PartsWriter::default());
-    // A table without rows has a head all the same.
+    // A table without rows has an index too.
     writer.add(table.head(), out)?;
     for part in 0..members.parts() {
         writer.add(Table { failed: 0, ..members.part(part)? }, out)?;
@@ -168,19 +168,19 @@ pub fn write_parts(table: &Table, out: &mut impl Write) -> io::Result<Option<Par
     writer.end(out)
 }
 
-/// A table where it is stored.
+/// A table in its stored form.
 pub struct StoredMembers {
     source: Arc<dyn Source>,
     index: PartsIndex,
-    /// Where each column of each part begins.
+    /// The offset in bytes of each column of each part.
     offsets: Vec<u64>,
     end: u64,
-    /// What was read last: one allocation for all columns, of which there may be many thousand.
+    /// The bytes that were read last, in one buffer for all columns, of which there may be many thousand.
     bytes: Mutex<Vec<u8>>,
 }
 
 impl StoredMembers {
-    /// The table in `source`, from `start` on.
+    /// Creates the table that is stored in `source` from the offset `start` on.
     pub fn new(source: Arc<dyn Source>, index: PartsIndex, start: u64) -> Self {
         let mut end = start;
         let mut offsets = Vec::with_capacity(index.parts.len() * index.head.columns.len());
@@ -191,17 +191,18 @@ impl StoredMembers {
         Self { source, index, offsets, end, bytes: Mutex::default() }
     }
 
-    /// Where it ends.
+    /// Returns the offset of the end of the table in bytes.
     pub fn end(&self) -> u64 {
         self.end
     }
 
-    /// Its index.
+    /// Returns the index of the parts of the table.
     pub fn index(&self) -> &PartsIndex {
         &self.index
     }
 
-    /// Calls `read` with the rows of a part and the bytes of a column of it, which are as they were written.
+    /// Reads a column of a part, verifies its checksum, and calls `read` with the number of rows of the part and the
+    /// bytes of the column.
     fn read<T>(&self, part: usize, column: usize, read: impl FnOnce(usize, &[u8]) -> io::Result<T>) -> io::Result<T> {
         let damaged = || io::Error::new(io::ErrorKind::InvalidData, "a table is not as it was written");
         let of = self.index.parts.get(part).ok_or_else(damaged)?;

@@ -9,9 +9,9 @@
 //! index      JSON: how many rows, the names, and the solution without its columns
 //! ```
 //!
-//! Columns of earlier versions are in chunks of 1024 rows, with their checksums in the index.
+//! Columns written by earlier versions are in chunks of 1024 rows, with their checksums in the index.
 //!
-//! The caller keeps the length and a digest of the index, from which everything else is found.
+//! The caller stores the length and a digest of the index, from which everything else is found.
 
 mod checksum;
 mod members;
@@ -28,66 +28,67 @@ pub use stored::{Source, Stored, write_columns};
 use super::Trajectory;
 use std::io;
 
-/// Columns of equal length: the times, then the fields.
+/// Columns of equal length: the times of a trajectory, then its fields.
 pub trait Columns: Send + Sync {
-    /// The number of times.
+    /// Returns the number of times.
     fn rows(&self) -> usize;
 
-    /// The names of the fields.
+    /// Returns the names of the fields.
     fn names(&self) -> Vec<&str>;
 
-    /// The values of a column at the given rows; column 0 contains the times, the fields follow.
+    /// Returns the values of a column at the given rows; column 0 contains the times, and the fields follow.
     ///
     /// # Errors
     /// Errors of the disk; [`io::ErrorKind::InvalidData`] if the column has changed since it was written.
     fn values(&self, column: usize, rows: Rows) -> io::Result<Vec<f64>>;
 
-    /// Verifies the checksums of the blocks with these rows of these columns, numbered as in [`Columns::values`].
+    /// Verifies the checksums of the blocks that contain the given rows of the given columns, numbered as in
+    /// [`Columns::values`].
     ///
     /// # Errors
-    /// As of [`Columns::values`].
+    /// Same as for [`Columns::values`].
     fn verify(&self, columns: &[usize], rows: Rows) -> io::Result<()>;
 
-    /// The first row whose time does not satisfy `is_before`; the times are sorted, so neither do later ones.
+    /// Returns the first row whose time does not satisfy `is_before`; the times are sorted, so neither do later ones.
     ///
     /// # Errors
-    /// As of [`Columns::values`].
+    /// Same as for [`Columns::values`].
     fn partition_point(&self, is_before: &dyn Fn(f64) -> bool) -> io::Result<usize>;
 
-    /// The table of a sweep, where it is kept apart from the rest of the solution.
+    /// Returns the table of a sweep, if it is stored separately from the rest of the solution.
     fn members(&self) -> Option<&dyn Members> {
         None
     }
 }
 
-/// The rows from `first` on and before `end`, one in `every`.
+/// The rows from `first` to before `end`, one in `every`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rows {
-    /// The first row.
+    /// The index of the first row.
     pub first: usize,
-    /// One past the last row.
+    /// The index after the last row.
     pub end: usize,
     /// The distance between consecutive rows, at least one.
     pub every: usize,
 }
 
 impl Rows {
-    /// The last of `rows` rows, if there are any.
+    /// Returns the last of `rows` rows, or an empty range if `rows` is zero.
     pub fn last(rows: usize) -> Self {
         Self { first: rows.saturating_sub(1), end: rows, every: 1 }
     }
 
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         self.end.saturating_sub(self.first).div_ceil(self.every)
     }
 
-    /// Whether there are no rows.
+    /// Whether the range has no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The subrange of at most `count` rows that begins with row number `next` of the range.
+    /// Returns the subrange of at most `count` rows that begins with row number `next` of the range.
     pub fn part(&self, next: usize, count: usize) -> Self {
         let row = |k: usize| self.first.saturating_add(k.saturating_mul(self.every)).min(self.end);
         Self { first: row(next), end: row(next.saturating_add(count)), every: self.every }

@@ -1,5 +1,5 @@
-//! Answers in pieces of bounded size: JSON one column after another, tables one row after another. The concatenated
-//! pieces equal the answer written as a whole.
+//! Writes answers in pieces of bounded size: JSON one column after another, tables one row after another. The
+//! concatenated pieces equal the answer written as a whole.
 
 use super::{Columns, Members, Rows, Skeleton};
 use crate::encodings::Table;
@@ -7,26 +7,26 @@ use crate::excerpt::Selection;
 use crate::{Field, Trajectory};
 use std::io::{self, Write};
 
-/// Numbers per piece, about 64 KiB of text.
+/// Number of numbers per piece of an answer, about 64 KiB of text.
 const PIECE: usize = 4096;
 
-/// JSON of a selection, written piece by piece.
+/// JSON of the selected fields and rows of a solution, written piece by piece.
 pub struct JsonPieces {
     selection: Selection,
     skeleton: Skeleton,
     /// The column and row at which the next piece begins; `None` before the first piece.
     next: Option<(usize, usize)>,
-    /// The column and the part of the table of a sweep that come next, once it has been begun.
+    /// The column and the part of the table of a sweep that are written next; `None` before the table begins.
     of_table: Option<(usize, usize)>,
 }
 
 impl JsonPieces {
-    /// The JSON of a selection, with everything else from `skeleton`.
+    /// Creates the JSON of a selection, with everything other than columns from `skeleton`.
     pub fn new(selection: Selection, skeleton: Skeleton) -> Self {
         Self { selection, skeleton, next: None, of_table: None }
     }
 
-    /// Writes the next piece and returns whether there is more.
+    /// Writes the next piece of the JSON; returns whether there is more.
     ///
     /// # Errors
     /// Errors of reading the columns and of writing to `out`.
@@ -79,7 +79,8 @@ impl JsonPieces {
     }
 }
 
-/// Writes the next part of a column of a table, and what comes `after` the last one; says whether there is more.
+/// Writes the next part of a column of a table, and the text `after` at the end of the table; returns whether there
+/// is more.
 fn write_part(
     members: &dyn Members,
     (column, part): &mut (usize, usize),
@@ -110,7 +111,8 @@ fn write_part(
     Ok(true)
 }
 
-/// Writes what comes before the numbers of a column: of the times, or of a field with its place and its name.
+/// Writes the text before the numbers of a column: of the times if `field` is `None`, or of a field with its index
+/// and name.
 fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     if let Some((place, name)) = field {
         if place > 0 {
@@ -122,21 +124,21 @@ fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     out.write_all(b"[")
 }
 
-/// A table, written piece by piece.
+/// A selection in a table format, written piece by piece.
 pub struct TablePieces {
     selection: Selection,
     table: Box<dyn Table>,
-    /// The row at which the next piece begins.
+    /// The index in the selection of the row at which the next piece begins.
     next: usize,
 }
 
 impl TablePieces {
-    /// The table of a selection.
+    /// Creates the table of a selection.
     pub fn new(selection: Selection, table: Box<dyn Table>) -> Self {
         Self { selection, table, next: 0 }
     }
 
-    /// Writes the next piece and returns whether there is more.
+    /// Writes the next piece of the table; returns whether there is more.
     ///
     /// # Errors
     /// Errors of reading the columns and of writing to `out`.
@@ -176,7 +178,7 @@ impl Selection {
         Self { fields: (0..columns.names().len()).collect(), rows }
     }
 
-    /// The selected fields at the given rows, without events.
+    /// Returns the selected fields at the given rows, without events.
     ///
     /// # Errors
     /// Errors of reading the columns.
@@ -188,7 +190,7 @@ impl Selection {
         Ok(Trajectory { t: columns.values(0, rows)?, fields, events: Vec::new() })
     }
 
-    /// Verifies the checksums of the selection.
+    /// Verifies the checksums of the selected rows and fields.
     ///
     /// # Errors
     /// Errors of reading the columns.

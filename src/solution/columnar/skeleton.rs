@@ -1,4 +1,5 @@
-//! A solution without its columns, as JSON: everything in an excerpt other than the numbers.
+//! A solution without its columns, as JSON: everything in an answer other than the numbers of its trajectory and
+//! table.
 
 use crate::{
     Branch, Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution,
@@ -11,17 +12,17 @@ use std::collections::BTreeMap;
 use std::io;
 use std::ops::RangeInclusive;
 
-/// The text from the place of the times to the place of the fields, both empty.
+/// The JSON text of a trajectory with empty times and fields, which marks the positions of the columns.
 const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 
-/// The table of a sweep whose columns are elsewhere.
+/// The JSON text at the beginning of a table of a sweep whose columns are stored separately.
 const EMPTY_TABLE: &str = "\"table\":{\"columns\":{}";
 
-/// The text with the places of the columns empty, those of the table of a sweep as well.
+/// The JSON of a solution with empty columns, also those of the table of a sweep.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
-/// A solution whose diagnostics, table and study remain JSON text.
+/// A solution whose diagnostics, table and study are kept as JSON text.
 #[derive(Serialize, Deserialize)]
 struct Parts<'a> {
     #[serde(default)]
@@ -64,13 +65,13 @@ struct Parts<'a> {
     study: Option<Cow<'a, RawValue>>,
 }
 
-/// A table without its columns.
+/// Returns the JSON of a table without its columns.
 fn head_of(table: &Table) -> serde_json::Result<Box<RawValue>> {
     serde_json::value::to_raw_value(&Table { columns: Vec::new(), ..table.head() })
 }
 
 impl Skeleton {
-    /// The skeleton of a solution.
+    /// Returns the skeleton of a solution: its JSON with empty columns.
     ///
     /// # Errors
     /// Failure of serialisation, which does not occur for a valid solution.
@@ -136,22 +137,22 @@ impl Skeleton {
         Ok((Self(serde_json::to_string(&parts)?), trajectory))
     }
 
-    /// A skeleton from stored text.
+    /// Creates a skeleton from stored text.
     ///
     /// # Errors
-    /// The text has no places for columns.
+    /// The text has no positions for columns.
     pub fn of_text(text: String) -> io::Result<Self> {
         let found = text.contains(EMPTY).then_some(Self(text));
         found.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a solution has a trajectory"))
     }
 
-    /// The JSON text.
+    /// Returns the JSON text.
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// The text before the times, between times and fields, and after the fields. The search cannot match within a JSON
-    /// string, whose quotes are escaped.
+    /// Returns the text before the times, between times and fields, and after the fields. The search cannot match
+    /// within a JSON string, whose quotes are escaped.
     pub fn around_columns(&self) -> [&str; 3] {
         let start = self.0.find(EMPTY).unwrap_or_default();
         let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
@@ -159,7 +160,7 @@ impl Skeleton {
         [&self.0[..start + times], &self.0[between], &self.0[start + EMPTY.len() - ",".len()..]]
     }
 
-    /// The skeleton with only the events at times within `times`.
+    /// Returns the skeleton with only those events whose times are within `times`.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -169,13 +170,15 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// What stands before the columns of the table of a sweep and after them in a part of the text, if they are elsewhere.
+    /// Splits the text at the position of the columns of the table of a sweep; returns `None` if the text has no
+    /// table whose columns are stored separately.
     pub fn around_table(text: &str) -> Option<(&str, &str)> {
         let start = text.find(EMPTY_TABLE)? + EMPTY_TABLE.len() - "}".len();
         Some(text.split_at(start))
     }
 
-    /// The solution with `trajectory` for its columns, and the table of a sweep if that is elsewhere.
+    /// Returns the solution with the columns `trajectory`, and with `table` if the table of a sweep is stored
+    /// separately.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -186,12 +189,13 @@ impl Skeleton {
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, table, ..solution })
     }
 
-    /// Whether it is the answer of a sweep. The search cannot match within a JSON string, whose quotes are escaped.
+    /// Whether the solution has the table of a sweep. The search cannot match within a JSON string, whose quotes are
+    /// escaped.
     pub fn has_table(&self) -> bool {
         self.0.contains("\"table\":{\"columns\":")
     }
 
-    /// The provenance of the solution.
+    /// Returns the provenance of the solution.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -199,7 +203,7 @@ impl Skeleton {
         Ok(serde_json::from_str::<Parts<'_>>(&self.0)?.provenance)
     }
 
-    /// The verdict on the solution.
+    /// Returns the verdict on the solution.
     ///
     /// # Errors
     /// The text is not that of a solution.

@@ -1,4 +1,5 @@
-//! The stored form: written sequentially, read at any place, with every block verified against its checksum.
+//! The stored form of columns: written sequentially, read at any position, with every block verified against its
+//! checksum.
 
 use super::checksum::{checksum, checksum_from};
 use super::members::{Members, PartsIndex, StoredMembers, write_parts};
@@ -9,63 +10,65 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows per block: with the checksum behind them 512 bytes, the least amount that is read for a number. A block never
-/// crosses a page of memory, and a block in use is verified by 504 bytes at most beside the number.
+/// Rows per block. A block takes 512 bytes with its checksum, the least amount that is read for a number. A block
+/// never crosses a page of memory, and at most 504 bytes beside the requested number are verified.
 const BLOCK: usize = 63;
 
-/// Rows per chunk in the forms before blocks, 8 KiB.
+/// Rows per chunk in the earlier stored forms, which have chunks of 8 KiB instead of blocks.
 const CHUNK: usize = 1024;
 
-/// Bytes per number, and per checksum.
+/// Bytes per number and per checksum.
 const WIDTH: usize = size_of::<f64>();
 
-/// Bytes that are read at once where blocks are close to one another.
+/// Bytes that are read at once if the requested blocks are close to one another.
 const RUN: usize = 64 << 10;
 
-/// Distance in bytes between two blocks in use up to which the bytes between are read as well: the size of a page of
-/// memory, which copies about as fast as a further call of the system.
+/// Distance in bytes between two requested blocks up to which the bytes between them are read as well: the size of a
+/// page of memory, whose copy takes about as long as a further system call.
 const CLOSE: usize = 4 << 10;
 
-/// Distance in bytes between two blocks in use up to which all between is fetched from the disk in advance: a disk
-/// transfers it faster than it answers another request.
+/// Distance in bytes between two requested blocks up to which all bytes between them are prefetched from the disk: a
+/// disk transfers them faster than it answers another request.
 const FETCHED: usize = 128 << 10;
 
-/// The index, which describes the bytes before it.
+/// The index of a stored solution, which describes the bytes before the index.
 #[derive(Serialize, Deserialize)]
 struct Index {
     /// Version number of the stored form.
     columns: u32,
     rows: usize,
     names: Vec<String>,
-    /// Checksums of the chunks of the times, then of those of each field, in the forms before blocks.
+    /// Checksums of the chunks of the times, then of the chunks of each field, in the stored forms without blocks.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     checksums: Vec<u64>,
-    /// The table of a sweep.
+    /// The index of the table of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     members: Option<PartsIndex>,
     skeleton: String,
 }
 
-/// The number of the form, and those of the forms in chunks, which are still read: without and with the table of a sweep.
+/// The version number of the stored form with blocks, and those of the forms in chunks, which can still be read:
+/// without and with the table of a sweep.
 const FORM: u32 = 3;
 const IN_CHUNKS: [u32; 2] = [1, 2];
 
-/// The arrangement of the numbers of a column.
+/// The layout of the numbers of a column in the file.
 enum Layout {
-    /// Chunks of [`CHUNK`] rows, with these checksums in the index.
+    /// Chunks of [`CHUNK`] rows, with their checksums in the index.
     Chunks(Vec<u64>),
-    /// Blocks of [`BLOCK`] rows with a checksum behind each. Its seed is the sum of this one and of the number of the
-    /// block in the file, so that a block of another place or of other results does not pass.
+    /// Blocks of [`BLOCK`] rows, each followed by its checksum. The seed of the checksum is the sum of the given
+    /// number and of the index of the block in the file, so that a block from another position or from another
+    /// solution is detected.
     Blocks(u64),
 }
 
 impl Layout {
-    /// The seed for the results with this skeleton.
+    /// Returns the layout in blocks, with the seed for the solution with this skeleton.
     fn of(skeleton: &Skeleton) -> Self {
         Self::Blocks(checksum(skeleton.text().as_bytes()))
     }
 
-    /// The rows of a block.
+    /// Returns the number of rows of a full block.
     fn rows(&self) -> usize {
         match self {
             Self::Chunks(_) => CHUNK,
@@ -73,7 +76,7 @@ impl Layout {
         }
     }
 
-    /// The number of bytes of the checksum behind a block.
+    /// Returns the number of bytes of the checksum after a block.
     fn tail(&self) -> usize {
         match self {
             Self::Chunks(_) => 0,
@@ -81,12 +84,13 @@ impl Layout {
         }
     }
 
-    /// The length of a block in bytes, unless it is the last of its column.
+    /// Returns the length of a full block in bytes, with its checksum.
     fn length(&self) -> usize {
         self.rows() * WIDTH + self.tail()
     }
 
-    /// The numbers in the bytes of a block with this number in the file; `None` if they are not as they were written.
+    /// Returns the numbers in the bytes of the block with index `number` in the file; `None` if the checksum does not
+    /// match.
     fn numbers<'b>(&self, number: usize, block: &'b [u8]) -> Option<&'b [[u8; WIDTH]]> {
         let (bytes, is_intact) = match self {
             Self::Chunks(checksums) => (block, checksums.get(number) == Some(&checksum(block))),
@@ -99,11 +103,11 @@ impl Layout {
     }
 }
 
-/// Writes `trajectory`, the `table` if it is that of a sweep, and the rest of the solution; gives the bytes of the index,
-/// which are the last that it wrote.
+/// Writes `trajectory`, the `table` of a sweep if there is one, and the rest of the solution; returns the bytes of
+/// the index, which it has written last.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_columns(
     trajectory: &Trajectory,
     table: Option<&Table>,
@@ -136,15 +140,16 @@ pub fn write_columns(
     Ok(index)
 }
 
-/// Bytes with random access.
+/// A source of bytes with random access.
 pub trait Source: Send + Sync {
-    /// Reads bytes from `offset` on.
+    /// Fills `bytes` with the bytes from `offset` on.
     ///
     /// # Errors
     /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
 
-    /// Announces that many of `length` bytes from `offset` on will be read soon, each by a request of its own.
+    /// Announces that several parts of `_length` bytes from `_offset` on will be read soon, each by a request of its
+    /// own.
     fn fetch(&self, _offset: u64, _length: u64) {}
 }
 
@@ -157,7 +162,7 @@ impl Source for Vec<u8> {
     }
 }
 
-/// Shared bytes.
+/// Reads from a shared source of bytes.
 impl<S: Source + ?Sized> Source for Arc<S> {
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
         (**self).read_at(offset, bytes)
@@ -168,7 +173,7 @@ impl<S: Source + ?Sized> Source for Arc<S> {
     }
 }
 
-/// Columns in the stored form.
+/// Columns of a solution in the stored form.
 pub struct Stored {
     source: Arc<dyn Source>,
     rows: usize,
@@ -205,16 +210,16 @@ impl Stored {
         Ok(stored)
     }
 
-    /// The table of a sweep in `source`, and the rest of its solution, which has no trajectory.
+    /// Returns the table of a sweep stored in `source`, and the rest of its solution, which has no trajectory.
     pub fn of_members(source: Arc<dyn Source>, index: PartsIndex, skeleton: Skeleton) -> Self {
         let members = Some(StoredMembers::new(Arc::clone(&source), index, 0));
         Self { source, rows: 0, names: Vec::new(), layout: Layout::of(&skeleton), members, skeleton }
     }
 
-    /// The bytes of the index, as they stand behind the columns.
+    /// Returns the bytes of the index, as they are stored after the columns.
     ///
     /// # Errors
-    /// There are none: the index has a JSON form.
+    /// None occur: the index can always be serialised as JSON.
     pub fn index(&self) -> io::Result<Vec<u8>> {
         let members = self.members.as_ref().map(|members| members.index().clone());
         let (columns, checksums) = match &self.layout {
@@ -225,35 +230,35 @@ impl Stored {
         Ok(serde_json::to_vec(&Index { columns, rows: self.rows, names, checksums, members, skeleton })?)
     }
 
-    /// The solution without its columns.
+    /// Returns the solution without its columns.
     pub fn skeleton(&self) -> &Skeleton {
         &self.skeleton
     }
 
-    /// Number of bytes before the index.
+    /// Returns the number of bytes before the index.
     pub fn bytes(&self) -> u64 {
         let columns = self.start_of(1 + self.names.len());
         self.members.as_ref().map_or(columns, StoredMembers::end)
     }
 
-    /// The offset of a column in bytes, or the end of the columns.
+    /// Returns the offset of a column in bytes, or the end of the columns for the number of columns.
     fn start_of(&self, column: usize) -> u64 {
         let length = self.rows * WIDTH + self.blocks() * self.layout.tail();
         (column * length) as u64
     }
 
-    /// The number of blocks of a column.
+    /// Returns the number of blocks of a column.
     fn blocks(&self) -> usize {
         self.rows.div_ceil(self.layout.rows())
     }
 
-    /// The rows of a block.
+    /// Returns the range of rows in a block.
     fn rows_of(&self, block: usize) -> Range<usize> {
         let start = block * self.layout.rows();
         start..(start + self.layout.rows()).min(self.rows)
     }
 
-    /// Reads successive blocks of a column into `bytes`, not yet verified.
+    /// Reads successive blocks of a column into `bytes`, without verifying them.
     fn read(&self, column: usize, blocks: Range<usize>, bytes: &mut Vec<u8>) -> io::Result<()> {
         let rows = self.rows_of(blocks.end.saturating_sub(1)).end - self.rows_of(blocks.start).start;
         bytes.resize(rows * WIDTH + blocks.len() * self.layout.tail(), 0);
@@ -262,7 +267,7 @@ impl Stored {
             .map_err(cut_off)
     }
 
-    /// The numbers of a block among the `bytes` of successive ones.
+    /// Returns the verified numbers of a block, from the `bytes` of successive blocks beginning with block `first`.
     fn numbers<'b>(&self, column: usize, block: usize, bytes: &'b [u8], first: usize) -> io::Result<&'b [[u8; WIDTH]]> {
         let start = (block - first) * self.layout.length();
         let length = self.rows_of(block).len() * WIDTH + self.layout.tail();
@@ -324,7 +329,7 @@ impl Columns for Stored {
             self.read(0, block..block + 1, &mut bytes)?;
             Ok(self.numbers(0, block, &bytes, block)?.iter().map(|time| f64::from_le_bytes(*time)).collect())
         };
-        // The first block whose last time does not satisfy `is_before`.
+        // Bisection for the first block whose last time does not satisfy `is_before`.
         let (mut found, mut end) = (0, self.blocks());
         while found < end {
             let middle = found.midpoint(end);
@@ -349,7 +354,7 @@ fn changed() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "a column has changed since it was written")
 }
 
-/// Reports a file that is too short as invalid data.
+/// Converts the error of a file that is too short to one of invalid data.
 fn cut_off(error: io::Error) -> io::Error {
     match error.kind() {
         io::ErrorKind::UnexpectedEof => io::Error::new(io::ErrorKind::InvalidData, "the end of the columns is missing"),

@@ -1,4 +1,4 @@
-//! Runs with successively halved steps: the distance of each from the previous one, and the choice of the answer.
+//! Runs with successively halved steps: the distance of each run from the previous one, and the choice of the answer.
 
 use crate::run::{Plan, Run};
 use crate::{CheckCode, Refinement, Warning};
@@ -8,7 +8,7 @@ use convolution::Convolution;
 /// inverse power of the step given by the order of the kernel, outweigh the gain of a smaller step.
 pub(super) struct Best<'a> {
     run: Run<'a>,
-    /// The distance of this run from the previous one; `None` for the first run.
+    /// The distance of this run from the previous run with twice the step; `None` for the first run.
     refinement: Option<Refinement>,
     steps: usize,
 }
@@ -18,19 +18,19 @@ impl<'a> Best<'a> {
         Self { run, refinement, steps }
     }
 
-    /// The estimated error in units of the tolerance.
+    /// Returns the estimated error in units of the tolerance.
     fn scaled(&self) -> f64 {
         self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
-    /// The estimated error, for comparison with other runs. It is infinite if it rests on a single distance, which may
-    /// be small by chance.
+    /// Returns the estimated error, for comparison with other runs. It is infinite if it is based on a single
+    /// distance between runs, which may be small by chance.
     pub fn rank(&self) -> f64 {
         let estimated = self.refinement.as_ref().filter(|refinement| refinement.halvings > 1);
         estimated.map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
-    /// Returns the run with the estimate added to its evidence; `last` is the number of steps of the last run.
+    /// Returns the run with the error estimate added to its evidence; `last` is the number of steps of the last run.
     pub fn judged(mut self, agrees: bool, last: usize) -> Run<'a> {
         let (scaled, steps) = (self.scaled(), self.steps);
         let diagnostics = &mut self.run.diagnostics;
@@ -54,18 +54,18 @@ impl<'a> Best<'a> {
     }
 }
 
-/// A run to compare the next one with.
+/// The values of a run, for comparison with a run with half the step.
 pub(super) struct Coarse {
     /// The values of each variable at the ends of the steps.
     ends: Vec<Vec<f64>>,
-    /// The distance of each variable from the previous run.
+    /// The distance of each variable from the previous run with twice the step.
     distances: Option<Vec<f64>>,
     /// Number of consecutive runs in which the largest distance has grown.
     growths: u32,
 }
 
-/// Number of consecutive halvings with growing distances after which rounding errors are assumed: a single one may be
-/// due to a feature of the solution that only the last run resolves.
+/// Number of consecutive halvings with growing distances after which rounding errors are assumed to dominate: a
+/// single increase may be due to a feature of the solution that only the last run resolves.
 const GROWTHS: u32 = 2;
 
 impl Coarse {
@@ -74,19 +74,20 @@ impl Coarse {
         Self { ends, distances: None, growths: 0 }
     }
 
-    /// This run as the successor of `before`, with its distances from it.
+    /// Returns this run as the successor of `before`, with the distances of its variables from `before`.
     pub fn after(self, before: Option<Self>, distances: Option<Vec<f64>>) -> Self {
         let grown = |before: &Self| Some(largest(distances.as_ref()?) > largest(before.distances.as_ref()?));
         let growths = before.filter(|before| grown(before) == Some(true)).map_or(0, |before| before.growths + 1);
         Self { distances, growths, ..self }
     }
 
-    /// Whether smaller steps increase the error.
+    /// Whether the distances between runs have grown so often that smaller steps increase the error.
     pub fn diverges(&self) -> bool {
         self.growths >= GROWTHS
     }
 
-    /// The refinement from this run to one with twice the steps, and the distances of the variables.
+    /// Returns the refinement from this run to the run `fine` with twice as many steps, and the distances of the
+    /// variables.
     pub fn refined(&self, fine: &Self, plan: &Plan, rtol: f64, atol: &[f64], halvings: i32) -> (Refinement, Vec<f64>) {
         let mean = |coarse: &[f64], fine: &[f64]| {
             let pairs = coarse.iter().zip(fine.iter().skip(1).step_by(2));

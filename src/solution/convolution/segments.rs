@@ -1,6 +1,7 @@
-//! Runs by segments between located switches. Each run has a tenth of the tolerance of the previous one and elements at
-//! most half as long, until two runs agree in the mean over time and in the number of switches. The last is then the
-//! answer; if no two agree, it is the one that differs least from its predecessor, unless a uniform mesh is better.
+//! Runs of a problem with memory by segments between located switches. Each run has a tenth of the tolerance of the
+//! previous one and elements at most half as long, until two runs agree in the mean over time and in the number of
+//! switches. The last run is then the answer; if no two runs agree, it is the run that differs least from its
+//! predecessor, unless a uniform mesh is more accurate.
 
 use super::failure;
 use crate::run::{Plan, Run, Stepper, ending};
@@ -12,19 +13,19 @@ use convolution::{Activity, SegmentSettings, Segments};
 use models::ConvolutionModel;
 use problem::{Control, Dvi};
 
-/// Most runs.
+/// Largest number of runs with decreasing tolerances.
 const RUNS: usize = 4;
-/// The tolerance of the first run relative to the requested one, and the factor from run to run.
+/// The tolerance of the first run relative to the requested one, and the factor of the tolerance from run to run.
 const FIRST: f64 = 0.1;
 const NEXT: f64 = 0.1;
 
-/// The reason for another method, and the best of the runs, if there were two.
+/// The reason why a uniform mesh is needed instead of segments, and the best run by segments, if there were two.
 pub(super) struct Unsettled {
     pub why: String,
     pub best: Option<Solution>,
 }
 
-/// Integrates by segments; an error if no two runs agree.
+/// Integrates by segments between located switches; returns an error if no two runs agree.
 pub(super) fn integrate(
     model: &ConvolutionModel,
     plan: &Plan,
@@ -87,7 +88,7 @@ pub(super) fn integrate(
     Err(unsettled(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"), best))
 }
 
-/// The diagnostics known before the run.
+/// Returns the diagnostics known before the run by segments.
 pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "convolution",
@@ -106,12 +107,12 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     diagnostics
 }
 
-/// A run with the names of its columns.
+/// A run by segments, with named outputs.
 struct SegmentedRun<'p> {
     segments: Segments<'p>,
     names: &'p [String],
-    /// Number of elements reported. The first is computed immediately, since `z` at the start comes from its basis
-    /// functions.
+    /// Number of elements reported. The first element is computed immediately, since `z` at the start comes from its
+    /// basis functions.
     told: usize,
     start: f64,
     ends: Vec<f64>,
@@ -119,7 +120,7 @@ struct SegmentedRun<'p> {
     switches: usize,
     bounded: Vec<usize>,
     is_constant: bool,
-    /// The order of the kernel.
+    /// The order `a` of the kernel, which behaves like `t^(a-1)` at `t = 0`.
     order: f64,
     set: problem::ConvexSet,
     values: Vec<f64>,
@@ -188,7 +189,7 @@ impl Stepper for SegmentedRun<'_> {
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
         if self.segments.outputs(t, out).is_err() {
-            // A value between two nodes that is not finite is ignored: report the values at the nodes.
+            // A value between two nodes that is not finite is ignored: the values at the last node are reported.
             out[..self.names.len()].copy_from_slice(&self.ends);
         }
     }
@@ -213,8 +214,7 @@ impl Stepper for SegmentedRun<'_> {
         let Segments { rejected, proven, open, .. } = self.segments;
         diagnostics.steps = Steps { accepted: self.told as u64, rejected, ..Steps::default() };
         diagnostics.screening = Some(Screening { proven, undecided: open, missed: 0 });
-        // After a switch, with a kernel of order above one, variables on the new face may have to be impulses, which is
-        // not examined.
+        // With a kernel of order above one, variables may have to be impulses after a switch, which is not examined.
         let doubted = if self.order > 1.0 { self.switches } else { 0 };
         diagnostics.checks.record(CheckCode::EventsUnproven, doubted as f64, 0.0, || {
             format!(

@@ -14,7 +14,7 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Writes an Arrow stream.
+/// Writes a trajectory as an Arrow stream.
 #[derive(Default)]
 pub struct Arrow {
     metadata: HashMap<String, String>,
@@ -22,7 +22,7 @@ pub struct Arrow {
 }
 
 impl Arrow {
-    /// A stream with the given verdict in its metadata.
+    /// Prepares a stream with the given verdict in its metadata.
     pub fn with(verdict: &Verdict) -> Self {
         // Every number of a verdict is finite, so that serialisation cannot fail.
         let json = serde_json::to_string(verdict).unwrap_or_default();
@@ -30,7 +30,7 @@ impl Arrow {
         Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
     }
 
-    /// Adds the provenance to the metadata.
+    /// Adds the provenance of the answer to the metadata.
     #[must_use]
     pub fn of(mut self, provenance: Option<&Provenance>) -> Self {
         if let Some(json) = provenance.and_then(|provenance| serde_json::to_string(provenance).ok()) {
@@ -39,12 +39,12 @@ impl Arrow {
         self
     }
 
-    /// The metadata of the schema.
+    /// Returns the metadata of the schema.
     pub fn metadata(&self) -> &HashMap<String, String> {
         &self.metadata
     }
 
-    /// The schema of a trajectory.
+    /// Returns the Arrow schema of a trajectory.
     pub(super) fn schema(&self, trajectory: &Trajectory) -> Arc<Schema> {
         let names = std::iter::once("t").chain(trajectory.fields.iter().map(|field| field.name.as_str()));
         let columns: Vec<arrow_schema::Field> =
@@ -84,7 +84,7 @@ impl Table for Arrow {
     }
 }
 
-/// The rows of a trajectory with the indices `times`.
+/// Returns the rows of a trajectory with the indices `times` as a record batch.
 pub(super) fn batch_of(schema: &Arc<Schema>, trajectory: &Trajectory, times: Range<usize>) -> io::Result<RecordBatch> {
     let columns = std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values));
     let columns = columns.map(|column| {

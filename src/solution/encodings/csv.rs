@@ -5,7 +5,7 @@ use crate::Trajectory;
 use std::io::{self, Write};
 use std::ops::Range;
 
-/// Writes CSV.
+/// Writes a trajectory as CSV.
 #[derive(Clone, Copy, Debug)]
 pub struct Csv;
 

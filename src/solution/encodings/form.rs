@@ -1,4 +1,4 @@
-//! A whole answer in any of its forms, of a run or of a sweep.
+//! Writes a whole answer, of a run or of a sweep, in any of its formats.
 
 #[cfg(feature = "parquet")]
 use super::Parquet;
@@ -7,26 +7,26 @@ use crate::Solution;
 use crate::pictures::write_svg;
 use std::io::{self, Write};
 
-/// A form of an answer.
+/// A format of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// Everything; the columns as arrays.
+    /// JSON: the whole answer, with columns as arrays.
     Json,
-    /// A row a time, or a member of a sweep.
+    /// CSV: one row per time, or per member of a sweep.
     Csv,
-    /// An object a time, or a member of a sweep, each on a line.
+    /// JSON lines: one object per time, or per member of a sweep, each on a line.
     Lines,
-    /// An Arrow stream.
+    /// Arrow: a stream of record batches.
     Arrow,
-    /// A file of Parquet.
+    /// Parquet: groups of rows in a file.
     #[cfg(feature = "parquet")]
     Parquet,
-    /// A picture.
+    /// SVG: a plot of the answer.
     Svg,
 }
 
 impl Form {
-    /// The form that files with this extension have.
+    /// Returns the format of files with this extension; `None` if there is none.
     pub fn of_extension(extension: &str) -> Option<Self> {
         Some(match extension {
             "json" => Self::Json,
@@ -40,10 +40,10 @@ impl Form {
         })
     }
 
-    /// Writes an answer; a picture has its label.
+    /// Writes an answer; a plot has the label `label`.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     pub fn write(self, solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
         let arrow = || Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
         match (self, solution.table.is_some()) {

@@ -6,7 +6,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::io::{self, Write};
 use std::ops::Range;
 
-/// Writes JSON lines.
+/// Writes a trajectory as JSON lines.
 #[derive(Clone, Copy, Debug)]
 pub struct Lines;
 

@@ -1,5 +1,5 @@
-//! The table of a sweep in other formats: CSV, JSON lines, an Arrow stream. Missing values are empty in CSV, null in
-//! the others.
+//! The table of a sweep in formats other than a JSON solution: CSV, JSON lines, an Arrow stream. Missing values are
+//! empty in CSV and null in the other formats.
 
 use super::csv::write_text;
 #[cfg(feature = "parquet")]
@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::Arc;
 
-/// A form of a table.
+/// A format of the table of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MembersForm {
     /// CSV: a header, and one row per member.
@@ -24,7 +24,7 @@ pub enum MembersForm {
     Lines,
     /// Arrow: a stream of record batches.
     Arrow,
-    /// Parquet: groups of rows, and their places at the end.
+    /// Parquet: groups of rows, with their positions at the end of the file.
     #[cfg(feature = "parquet")]
     Parquet,
 }
@@ -40,11 +40,11 @@ pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Writ
     Ok(())
 }
 
-/// The table of a sweep in the making, a part of its rows at a time.
+/// Writes the table of a sweep piece by piece, one part of its rows at a time.
 pub struct MembersPieces {
     form: MembersForm,
     verdict: Verdict,
-    /// The part that comes next.
+    /// The index of the next part.
     part: usize,
     arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
     #[cfg(feature = "parquet")]
@@ -52,7 +52,7 @@ pub struct MembersPieces {
 }
 
 impl MembersPieces {
-    /// The table of an answer on which this is the verdict.
+    /// Prepares the table of an answer with the given verdict.
     pub fn new(form: MembersForm, verdict: &Verdict) -> Self {
         Self {
             form,
@@ -64,10 +64,10 @@ impl MembersPieces {
         }
     }
 
-    /// Writes the next piece; says whether there is more.
+    /// Writes the next piece; returns whether there is more.
     ///
     /// # Errors
-    /// Those of the table and of `out`.
+    /// Errors of reading `members` and of writing to `out`.
     pub fn write(&mut self, members: &dyn Members, out: &mut dyn Write) -> io::Result<bool> {
         let is_first = self.part == 0;
         let rows = if self.part < members.parts() { members.part(self.part)? } else { members.head().head() };
@@ -129,12 +129,12 @@ fn batch_of(schema: &Arc<Schema>, rows: &Table) -> io::Result<RecordBatch> {
     RecordBatch::try_new(Arc::clone(schema), columns).map_err(broken)
 }
 
-/// The schema of the table of a sweep in Arrow, with the verdict and the provenance as its metadata.
+/// Returns the Arrow schema of the table of a sweep, with the verdict and the provenance as its metadata.
 pub fn schema_of_members(table: &Table, verdict: &Verdict) -> Schema {
     let provenance = &table.provenance;
     let metadata: HashMap<String, String> = [
         ("dvi.trusted", verdict.trusted.to_string()),
-        // Every number of a verdict is finite, so that it has a JSON form.
+        // Every number of a verdict is finite, so that the verdict can be written as JSON.
         ("dvi.verdict", serde_json::to_string(verdict).unwrap_or_default()),
         ("dvi.program", provenance.version.clone()),
         ("dvi.features", provenance.features.clone()),
@@ -181,7 +181,7 @@ fn write_csv(table: &Table, out: &mut dyn Write) -> io::Result<()> {
                 values if values.is_missing(row) => {}
                 Values::Words(words) => write_text(words.get(row).unwrap_or_default(), out)?,
                 Values::Lists(_) => {
-                    // A list of JSON in quotes: CSV has no lists.
+                    // CSV has no lists: a list is written as JSON in quotes.
                     let mut list = Vec::new();
                     column.values.write_json(row, &mut list)?;
                     write_text(&String::from_utf8_lossy(&list), out)?;
@@ -227,7 +227,7 @@ impl Serialize for Row<'_> {
     }
 }
 
-/// The values of a column in Arrow: null where one is missing.
+/// Returns the values of a column as an Arrow array; missing values are null.
 pub fn array(values: &Values) -> ArrayRef {
     let rows = 0..values.len();
     match values {

@@ -1,15 +1,15 @@
-//! Formats of a solution. Numbers in text are the shortest decimals that read back as the same double, identical on
-//! every machine.
+//! Formats of a written solution. Numbers in text are the shortest decimals that read back as the same double,
+//! identical on every machine.
 //!
 //! - JSON: one object, with columns as arrays. Only this format contains events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
-//! - With the feature `parquet`, files of Parquet, written some groups of rows at a time.
+//! - With the feature `parquet`, Parquet files, written some groups of rows at a time.
 //!
 //! The answer of a sweep is a separate table, which may have texts and missing values ([`write_members`]).
 //!
-//! JSON has the verdict right after `status`, and Arrow in the metadata of its schema. CSV (RFC 4180) has no comments,
-//! and each of the JSON lines is a row, so readers of data frames would take anything else for data. For these formats
-//! the verdict is in the header `Dvi-Trusted` of the service and in the exit code of the program.
+//! JSON has the verdict right after `status`, and Arrow in the metadata of its schema. CSV (RFC 4180) has no
+//! comments, and each of the JSON lines is a row, so readers of data frames would take anything else for data. For
+//! these two formats the verdict is in the header `Dvi-Trusted` of the service and in the exit code of the program.
 
 mod arrow;
 mod csv;
@@ -47,7 +47,7 @@ pub fn read_json(text: &[u8]) -> io::Result<Solution> {
     serde_json::from_slice(text).map_err(io::Error::from)
 }
 
-/// A table format: its beginning, its rows in order, its end.
+/// A table format, written in order: its beginning, its rows, its end.
 pub trait Table: Send {
     /// Writes the text before the rows of `trajectory`.
     ///
@@ -94,7 +94,7 @@ pub fn write_piece(
     Ok(None)
 }
 
-/// Numbers per piece of a table, about 64 KiB of text.
+/// Number of numbers per piece of a table, about 64 KiB of text.
 const PIECE: usize = 4096;
 
 /// Writes a trajectory as a table.

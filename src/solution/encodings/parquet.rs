@@ -1,5 +1,5 @@
-//! Files of Parquet: groups of rows, compressed by Snappy, and their places at the end of the file. The metadata are those of
-//! the schema in Arrow, with the verdict.
+//! Parquet files: groups of rows, compressed by Snappy, with their positions at the end of the file. The metadata are
+//! those of the Arrow schema, with the verdict.
 
 use super::Table;
 use super::arrow::{Arrow, batch_of};
@@ -15,19 +15,19 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows that are in memory before they are written.
+/// Number of rows that are collected in memory before they are written as a group.
 const ROWS: usize = 1 << 16;
 
-/// A file of Parquet in the making.
+/// A Parquet file in the process of being written.
 pub struct ParquetFile {
     writer: ArrowWriter<Vec<u8>>,
 }
 
 impl ParquetFile {
-    /// Begins a file of tables with a schema.
+    /// Begins a file of tables with the given schema.
     ///
     /// # Errors
-    /// A type of a column has no form in Parquet.
+    /// A column has a type that Parquet cannot represent.
     pub fn new(schema: &Arc<Schema>) -> io::Result<Self> {
         let pair = |(key, value): (&String, &String)| KeyValue::new(key.clone(), value.clone());
         let mut pairs: Vec<KeyValue> = schema.metadata().iter().map(pair).collect();
@@ -41,19 +41,19 @@ impl ParquetFile {
         Ok(Self { writer })
     }
 
-    /// Writes rows; groups that are full go to `out`.
+    /// Adds rows; complete groups of rows are written to `out`.
     ///
     /// # Errors
-    /// Those of the table and of `out`.
+    /// Errors of the conversion of `rows` and of writing to `out`.
     pub fn write(&mut self, rows: &RecordBatch, out: &mut dyn Write) -> io::Result<()> {
         self.writer.write(rows).map_err(broken)?;
         self.pass_on(out)
     }
 
-    /// Writes the last group and the end of the file.
+    /// Writes the last group of rows and the end of the file.
     ///
     /// # Errors
-    /// Those of the table and of `out`.
+    /// Errors of the conversion of the rows and of writing to `out`.
     pub fn finish(&mut self, out: &mut dyn Write) -> io::Result<()> {
         self.writer.finish().map_err(broken)?;
         self.pass_on(out)
@@ -67,7 +67,7 @@ impl ParquetFile {
     }
 }
 
-/// Writes a file of Parquet.
+/// Writes a trajectory as a Parquet file.
 #[derive(Default)]
 pub struct Parquet {
     like: Arrow,
@@ -75,7 +75,7 @@ pub struct Parquet {
 }
 
 impl Parquet {
-    /// A file with the columns and the metadata of an Arrow stream.
+    /// Prepares a file with the columns and the metadata of an Arrow stream.
     pub fn like(arrow: Arrow) -> Self {
         Self { like: arrow, begun: None }
     }

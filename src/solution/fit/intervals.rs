@@ -15,28 +15,29 @@ use super::least_squares::{LeastSquares, Loss, Minimum};
 use expression::cube_root;
 use factorisation::Singular;
 use nalgebra::DMatrix;
-/// The component of a singular vector below which it counts as zero: the accuracy of singular vectors.
+/// Components of a singular vector below this value count as zero: the accuracy of singular vectors.
 const PART: f64 = 1e-6;
 /// The confidence level of the intervals.
 const CONFIDENCE: f64 = 0.95;
 /// The two-sided 5 % quantile of the standard normal distribution.
 const NORMAL: f64 = 1.959_963_984_540_054;
-/// The degrees of freedom above which Student's distribution is the normal distribution to four digits.
+/// The degrees of freedom above which Student's distribution equals the normal distribution to four digits.
 const MANY: usize = 20_000;
-/// The 0.999 quantile of the standard normal distribution.
+/// The 0.999 quantile of the standard normal distribution, beyond which a statistic counts as improbable.
 const RARE: f64 = 3.090;
 
-/// The number of signs from which on the normal approximation of the number of stretches is a good one.
+/// The least number of residuals for which the normal approximation of the number of runs of equal signs is accurate.
 const NORMAL_FROM: usize = 20;
 
-/// The uncertainty of all parameters, in order.
+/// The uncertainties of all parameters, in the order of the parameters.
 #[derive(Clone, Debug)]
 pub struct Intervals {
-    /// Standard errors; `None` for parameters that the data do not determine or that are at a bound.
+    /// Standard errors of the parameters; `None` for parameters that the data do not determine or that are at a
+    /// bound.
     pub sd: Vec<Option<f64>>,
-    /// Half the width of a confidence interval, in standard errors.
+    /// Half the width of the confidence intervals, in standard errors.
     pub width: f64,
-    /// The covariance matrix of the parameters; `None` like the standard errors.
+    /// The covariance matrix of the parameters; `None` for parameters that have no standard error.
     pub covariance: Vec<Vec<Option<f64>>>,
     /// The singular values of the scaled Jacobian, over the free parameters, decreasing.
     pub singular_values: Vec<f64>,
@@ -46,8 +47,8 @@ pub struct Intervals {
     pub held: Vec<bool>,
 }
 
-/// The uncertainty of the parameters at a minimum, with the magnitudes `size` of the parameters; `None` if the singular
-/// value decomposition fails.
+/// Computes the uncertainty of the parameters at a minimum, with the magnitudes `size` of the parameters; returns
+/// `None` if the singular value decomposition fails.
 pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) -> Option<Intervals> {
     let here = &minimum.residuals;
     let (m, p) = here.jacobian.shape();
@@ -121,8 +122,8 @@ fn combinations(rows: &DMatrix<f64>, free: &[usize], p: usize) -> Vec<Vec<f64>> 
     (0..rows.nrows()).map(of).collect()
 }
 
-/// The two-sided 5 % quantile of Student's distribution, by bisection on its distribution function for whole degrees of
-/// freedom (Abramowitz and Stegun 1972, 26.7.3 and 26.7.4).
+/// Returns the two-sided 5 % quantile of Student's distribution, by bisection on its distribution function for
+/// integer degrees of freedom (Abramowitz and Stegun 1972, 26.7.3 and 26.7.4).
 fn student(freedoms: usize) -> f64 {
     if freedoms > MANY {
         return NORMAL;
@@ -138,7 +139,8 @@ fn student(freedoms: usize) -> f64 {
     }
 }
 
-/// The probability that the magnitude of a variable of Student's distribution is below `tan(angle) sqrt(freedoms)`.
+/// Returns the probability that the magnitude of a variable of Student's distribution is below
+/// `tan(angle) sqrt(freedoms)`.
 fn within(angle: f64, freedoms: usize) -> f64 {
     let (sin, cos) = angle.sin_cos();
     let is_odd = freedoms % 2 == 1;
@@ -160,17 +162,17 @@ pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
     freedoms > 0 && (cube_root(squares / freedoms as f64) - (1.0 - part)) / part.sqrt() > RARE
 }
 
-/// Stretches of residuals of one sign.
+/// Runs of successive residuals with equal signs (Wald and Wolfowitz 1940).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretches {
-    /// Their number.
+    /// The number of runs of equal signs.
     pub count: usize,
-    /// The number that independent residuals have on average.
+    /// The expected number of runs of equal signs for independent residuals.
     pub expected: f64,
 }
 
-/// The stretches of one sign of residuals in the order of time, if they are fewer than those of independent residuals
-/// are in all but one of a thousand cases, by the normal approximation (Wald and Wolfowitz 1940).
+/// Counts the runs of equal signs of residuals in the order of time; returns `None` unless they are fewer than those
+/// of independent residuals with a probability of 0.999, by the normal approximation (Wald and Wolfowitz 1940).
 pub fn long_stretches(residuals: impl Iterator<Item = f64>) -> Option<Stretches> {
     let signs: Vec<bool> = residuals.filter(|residual| *residual != 0.0).map(|residual| residual > 0.0).collect();
     let count = 1 + signs.windows(2).filter(|pair| pair[0] != pair[1]).count();
@@ -188,7 +190,8 @@ mod tests {
 
     #[test]
     fn residuals_of_one_sign_for_long_are_told_from_independent_ones() {
-        // 20 and 20 signs have 21 stretches on average, with a deviation of sqrt(20 * 19 / 39) = 3.12, so that 11 are rare.
+        // 20 positive and 20 negative signs form 21 runs on average, with a standard deviation of
+        // `sqrt(20 * 19 / 39) = 3.12`, so that 11 runs are improbable.
         let with_runs = |runs: usize| {
             let lengths = move |k: usize| 20 / (runs / 2) + usize::from(k / 2 < 20 % (runs / 2));
             (0..runs).flat_map(move |k| vec![if k % 2 == 0 { 1.0 } else { -1.0 }; lengths(k)])
@@ -203,7 +206,8 @@ mod tests {
     #[test]
     fn student_has_the_values_of_tables() {
         for (freedoms, value) in [
-            // From the inverse of the incomplete beta function in 30 digits; the first is tan(0.475 pi).
+            // Values of the inverse of the incomplete beta function, computed with 30 digits; the first is
+            // `tan(0.475 pi)`.
             (1, 12.706_204_736_174_7),
             (2, 4.302_652_729_749_464),
             (5, 2.570_581_835_636_314),
@@ -218,9 +222,9 @@ mod tests {
 
     #[test]
     fn a_sum_of_squares_is_too_large_beyond_its_quantile() {
-        // The 0.999 quantiles of the chi-squared distribution: 29.588 for 10 degrees of freedom, 149.449 for 100. The
-        // approximation has an error of at most a hundredth of the quantile for 10 degrees of freedom, and less for
-        // more.
+        // The 0.999 quantiles of the chi-squared distribution are 29.588 for 10 degrees of freedom and 149.449 for
+        // 100. The approximation by Wilson and Hilferty has an error of at most a hundredth of the quantile for 10
+        // degrees of freedom, and less for more.
         assert!(is_too_large(29.9, 10) && !is_too_large(29.3, 10));
         assert!(is_too_large(149.6, 100) && !is_too_large(149.2, 100));
     }

@@ -17,20 +17,21 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The largest number of evaluations from one starting point.
+/// The largest number of evaluations in the search from one starting point.
 const MOST_RUNS: u64 = 100;
-/// The initial damping, relative to the diagonal of the scaled normal matrix, which is one.
+/// The initial damping of the Levenberg-Marquardt method, relative to the diagonal of the scaled normal matrix, which
+/// is one.
 const DAMPING: f64 = 1e-3;
 /// The least factor of the damping after a step with the predicted gain: small, since undamped steps converge fast.
 const LESS: f64 = 0.1;
-/// The damping above which steps are shorter than rounding errors.
+/// The damping of the Levenberg-Marquardt method above which steps are shorter than rounding errors.
 const MOST_DAMPING: f64 = 1e20;
 /// The distance to the minimum, in standard errors of the parameters, at which the search ends.
 const CLOSE: f64 = 1e-8;
 /// The distance to the minimum, in standard errors, up to which estimates are accepted.
 const ALLOWED: f64 = 1e-2;
-/// The search continues until the distance is this fraction of the uncertainty due to errors of the residuals. These
-/// errors are nearly equal at nearby points, so that they do not disturb the search before.
+/// The search continues until the distance to the minimum is this fraction of the uncertainty due to errors of the
+/// residuals. These errors are nearly equal at nearby points, so that they do not disturb the search earlier.
 const BELOW_NOISE: f64 = 1e-2;
 /// The relative rounding error of a loss, a sum of many terms.
 const ROUNDING: f64 = 1e-14;
@@ -42,10 +43,10 @@ const HUBER: f64 = 1.345;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
-    /// `rho(r) = r^2`.
+    /// Squares: `rho(r) = r^2`.
     #[default]
     Squares,
-    /// `rho(r) = r^2` up to `1.345 sd`, and its tangent beyond, so that outliers have little weight.
+    /// Huber's loss: `rho(r) = r^2` up to `1.345 sd`, and its tangent beyond, so that outliers have little weight.
     Huber,
 }
 
@@ -57,7 +58,7 @@ impl Loss {
         }
     }
 
-    /// Half the derivative of `rho`.
+    /// Returns `psi(r)`, half the derivative of the loss `rho` of one residual.
     pub fn psi(self, r: f64) -> f64 {
         match self {
             Self::Huber => r.clamp(-HUBER, HUBER),
@@ -65,42 +66,42 @@ impl Loss {
         }
     }
 
-    /// Whether `rho` is quadratic at a residual.
+    /// Whether the loss `rho` of one residual is quadratic at the residual `r`.
     pub fn is_quadratic(self, r: f64) -> bool {
         self == Self::Squares || r.abs() <= HUBER
     }
 
-    /// The loss: the sum of `rho` over all residuals.
+    /// Returns the loss: the sum of `rho` over all residuals.
     pub fn of(self, residuals: &DVector<f64>) -> f64 {
         residuals.iter().map(|r| self.rho(*r)).sum()
     }
 }
 
-/// Residuals and their derivatives at a point.
+/// Residuals of a least-squares problem and their derivatives at a point.
 #[derive(Clone, Debug)]
 pub struct Residuals {
-    /// `r`, in standard deviations of the data.
+    /// The residuals `r`, in standard deviations of the data.
     pub values: DVector<f64>,
     /// The Jacobian `J`, with a column for each parameter.
     pub jacobian: DMatrix<f64>,
-    /// The Euclidean norm of the errors of the residuals, in the same unit.
+    /// The Euclidean norm of the errors of the residuals, in standard deviations of the data.
     pub noise: f64,
 }
 
-/// The end of a search.
+/// The result of a search for a minimum.
 #[derive(Clone, Debug)]
 pub struct Minimum {
-    /// The parameters.
+    /// The parameters at the end of the search.
     pub point: Vec<f64>,
-    /// The residuals at `point`.
+    /// The residuals at the end of the search, `point`.
     pub residuals: Residuals,
-    /// The loss at `point`.
+    /// The loss at the end of the search, `point`.
     pub loss: f64,
-    /// The distance to the minimum that the linear problem predicts, in standard errors.
+    /// The distance to the minimum that the linearised problem predicts, in standard errors.
     pub distance: f64,
-    /// The largest accepted distance, at the accuracy of the residuals.
+    /// The largest distance to the minimum that is accepted, given the accuracy of the residuals.
     pub allowed: f64,
-    /// The number of evaluations of the residuals.
+    /// The number of evaluations of the residuals in the search.
     pub runs: u64,
 }
 
@@ -111,12 +112,12 @@ pub struct LeastSquares<'a> {
     pub lower: &'a [f64],
     /// The upper bounds of the parameters, possibly infinite.
     pub upper: &'a [f64],
-    /// The loss.
+    /// The loss of the residuals.
     pub loss: Loss,
     /// Whether residuals are in units of known standard deviations; otherwise the standard deviation is estimated from
     /// the residuals.
     pub is_scaled: bool,
-    /// Singular values of the scaled matrix below this fraction of the largest count as zero.
+    /// Singular values of the scaled Jacobian below this fraction of the largest count as zero.
     pub rank: f64,
 }
 
@@ -126,14 +127,14 @@ struct Linear {
     /// The lengths of the weighted columns of `J`: the diagonal of `D`.
     scale: Vec<f64>,
     svd: Singular,
-    /// `U' W^(1/2) r`, with the left singular vectors `U`.
+    /// `U' W^(1/2) r`, where `U` are the left singular vectors, `W` the weights and `r` the residuals.
     right: DVector<f64>,
 }
 
 impl LeastSquares<'_> {
-    /// Searches a minimum from `start`, a point within the bounds with the residuals `first`. `evaluate` returns `None`
-    /// at a point without residuals; the search ends when `goes_on` returns false, which is called before each
-    /// evaluation.
+    /// Searches for a minimum from `start`, a point within the bounds with the residuals `first`. `evaluate` returns
+    /// `None` at a point without residuals; the search ends when `goes_on`, which is called before each evaluation,
+    /// returns false.
     pub fn minimise(
         &self,
         start: Vec<f64>,
@@ -162,7 +163,7 @@ impl LeastSquares<'_> {
             runs += 1;
             let there = evaluate(&next, runs);
             let gain = there.as_ref().map_or(f64::NAN, |there| loss - self.loss.of(&there.values));
-            // The decrease of the loss that the linear problem predicts for the projected step.
+            // The decrease of the loss that the linearised problem predicts for the projected step.
             let change = &here.jacobian * DVector::from_column_slice(&moved);
             let terms = here.values.iter().zip(change.iter());
             let predicted: f64 = terms.map(|(r, d)| -(2.0 * self.loss.psi(*r) * d + self.weight(*r) * d * d)).sum();
@@ -191,7 +192,7 @@ impl LeastSquares<'_> {
         if r == 0.0 { 1.0 } else { self.loss.psi(r) / r }
     }
 
-    /// Whether a parameter is at a bound, and the loss decreases beyond it.
+    /// Whether a parameter is at a bound, and the loss would decrease beyond the bound.
     pub fn is_held(&self, k: usize, point: &[f64], here: &Residuals) -> bool {
         let column = here.jacobian.column(k);
         let slope: f64 = column.iter().zip(here.values.iter()).map(|(j, r)| j * self.loss.psi(*r)).sum();
@@ -215,7 +216,7 @@ impl LeastSquares<'_> {
         Some(Linear { free, scale, svd, right })
     }
 
-    /// The point after a damped step of the linear problem, projected onto the bounds.
+    /// Returns the point after a damped step of the linearised problem, projected onto the bounds.
     fn step(&self, linear: &Linear, point: &[f64], damping: f64) -> Vec<f64> {
         let Linear { free, scale, svd, right } = linear;
         let pairs = svd.values.iter().zip(right.iter());
@@ -228,7 +229,7 @@ impl LeastSquares<'_> {
         next
     }
 
-    /// The length of the undamped step in standard errors, in the directions that the data determine.
+    /// Returns the length of the undamped step in standard errors, in the directions that the data determine.
     fn distance(&self, linear: &Option<Linear>, here: &Residuals, loss: f64) -> f64 {
         let Some(Linear { svd, right, .. }) = linear else { return 0.0 };
         let least = self.rank * svd.values.first().copied().unwrap_or(0.0);
@@ -236,7 +237,7 @@ impl LeastSquares<'_> {
         parts.map(|(_, right)| right * right).sum::<f64>().sqrt() / self.unit(here, loss)
     }
 
-    /// The standard deviation of a residual: 1 if known, otherwise estimated from the loss.
+    /// Returns the standard deviation of a residual: 1 if known, otherwise estimated from the loss.
     pub fn unit(&self, here: &Residuals, loss: f64) -> f64 {
         let freedoms = here.values.len().saturating_sub(here.jacobian.ncols()).max(1);
         if self.is_scaled { 1.0 } else { (loss / freedoms as f64).sqrt().max(f64::MIN_POSITIVE) }
@@ -277,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_bound_holds_where_the_minimum_is_beyond_it() {
-        // The minimum of Rosenbrock's function on p_1 <= 1/2 is at (1/2, 1/4).
+        // The minimum of Rosenbrock's function for `p_1 <= 1/2` is at `(1/2, 1/4)`.
         let at = |p: &[f64]| rosenbrock(p);
         let found = search(&[-1.2, 0.4], [-2.0, 0.5], Loss::Squares, at);
         assert!((found.point[0] - 0.5).abs() < 1e-12 && (found.point[1] - 0.25).abs() < 1e-5, "{found:?}");
@@ -285,7 +286,7 @@ mod tests {
 
     #[test]
     fn one_value_that_is_far_off_moves_hubers_mean_by_its_bound_alone() {
-        // Huber's estimate m of the mean of 9 zeros and one outlier satisfies 9 m = 1.345.
+        // Huber's estimate `m` of the mean of nine zeros and one outlier satisfies `9 m = 1.345`.
         let at = |p: &[f64]| {
             let values = (0..10).map(|k| p[0] - if k == 0 { 1e3 } else { 0.0 }).collect();
             (values, vec![1.0; 10])

@@ -1,19 +1,20 @@
-//! An axis: the interval of the real line that it shows, its power of ten, and ticks at round numbers.
+//! An axis of a plot: the interval of the real line that it shows, its power of ten, and ticks at round numbers.
 //!
 //! Ticks are at multiples of 1, 2 or 5 times a power of ten (P. S. Heckbert, "Nice numbers for graph labels", Graphics
 //! Gems, 1990). Values far from one are shown in units of `10^e` with `e` a multiple of three, which also keeps every
 //! intermediate number clear of overflow and underflow, whatever the values.
 
-/// A span this small relative to the values counts as rounding: its labels would consist of digits only.
+/// Span of an axis, relative to its values, below which differences count as rounding errors: labels would need too
+/// many digits.
 const LEAST_RELATIVE_SPAN: f64 = 1e-9;
 
-/// Fraction of a step by which a tick may lie beyond the end.
+/// Distance by which a tick may lie beyond the end of an axis, relative to the distance of ticks.
 const ROUNDING: f64 = 1e-6;
 
-/// Decimal exponents of values that are shown without a unit.
+/// Decimal exponents of values that are shown without a power of ten.
 const PLAIN: std::ops::RangeInclusive<i32> = -1..=4;
 
-/// An interval of the real line, in units of `10^exponent`.
+/// The interval of the real line that an axis shows, in units of `10^exponent`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     low: f64,
@@ -21,17 +22,17 @@ pub struct Axis {
     exponent: i32,
 }
 
-/// A tick of an axis.
+/// A labelled tick of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Position on the axis: 0 at its low end, 1 at its high end.
+    /// Position of the tick on the axis: 0 at its low end, 1 at its high end.
     pub fraction: f64,
-    /// The label.
+    /// The label of the tick.
     pub label: String,
 }
 
 impl Axis {
-    /// An axis over all finite `values`, extended at both ends by `margin` times their span.
+    /// Creates an axis over all finite `values`, extended at both ends by `margin` times their span.
     pub fn spanning(values: impl IntoIterator<Item = f64>, margin: f64) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
         let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
@@ -48,17 +49,17 @@ impl Axis {
         Self { low, high, exponent }
     }
 
-    /// The position of `value`: 0 at the low end, 1 at the high end.
+    /// Returns the position of `value` on the axis: 0 at the low end, 1 at the high end.
     pub fn fraction(&self, value: f64) -> f64 {
         self.place(scaled(value, self.exponent))
     }
 
-    /// The unit of the labels, such as `×10⁻³`, unless it is one.
+    /// Returns the power of ten of the labels, such as `×10⁻³`; `None` if it is one.
     pub fn unit(&self) -> Option<String> {
         (self.exponent != 0).then(|| format!("×10{}", raised(self.exponent)))
     }
 
-    /// Ticks at round numbers in order, with about `about` intervals and at most half as many again.
+    /// Returns ticks at round numbers in order, with about `about` intervals and at most half as many again.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let wanted = (self.high - self.low) / about.max(1) as f64;
         let power = wanted.log10().floor();
@@ -70,7 +71,7 @@ impl Axis {
             _ => (10.0 * base, power + 1.0),
         };
         let decimals = (-power).max(0.0) as usize;
-        // The ends of an axis are often round numbers, and in floating point 0.3 / 0.1 < 3.
+        // The ends of an axis are often round numbers, and in floating point `0.3 / 0.1 < 3`.
         let first = (self.low / step - ROUNDING).ceil() as i64;
         let last = (self.high / step + ROUNDING).floor() as i64;
         let tick = |multiple: i64| {
@@ -85,14 +86,14 @@ impl Axis {
     }
 }
 
-/// An exponent in superscript: `⁻³`.
+/// Formats an exponent in superscript, such as `⁻³`.
 pub fn raised(exponent: i32) -> String {
     const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let digits = exponent.to_string();
     digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize])).collect()
 }
 
-/// The exponent of the unit for values up to `largest`.
+/// Returns the decimal exponent of the unit for values up to `largest`.
 fn exponent(largest: f64) -> i32 {
     if largest == 0.0 {
         return 0;
@@ -101,7 +102,8 @@ fn exponent(largest: f64) -> i32 {
     if PLAIN.contains(&exponent) { 0 } else { exponent.div_euclid(3) * 3 }
 }
 
-/// `value / 10^exponent` in two factors, each of which is finite even if the whole power is not.
+/// Returns `value / 10^exponent`, with the power in two factors, each of which is finite even if the whole power is
+/// not.
 fn scaled(value: f64, exponent: i32) -> f64 {
     let half = exponent / 2;
     value * 10f64.powi(-half) * 10f64.powi(half - exponent)

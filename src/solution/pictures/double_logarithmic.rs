@@ -1,4 +1,4 @@
-//! Curves on two logarithmic axes: one line per curve, with a mark at each point.
+//! Plots of curves on two logarithmic axes: one line per curve, with a mark at each point.
 
 use super::elements::{line, plain, text};
 use super::legend::{Legend, cross, hollow, mark, polyline, whisker};
@@ -7,36 +7,37 @@ use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Vertical position of the names, and of the top of the axes below a single row of names.
+/// Vertical positions in pixels of the names of the curves, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 70.0;
-/// Height of the axes, and of the foot below them.
+/// Heights in pixels of the axes, and of the foot below the axes.
 const HEIGHT: f64 = 330.0;
 const FOOT: f64 = 60.0;
-/// The size of a mark.
+/// The radius of a mark, in pixels.
 const RADIUS: f64 = 3.5;
-/// Room above the axes for the crosses of runs without an answer.
+/// Space above the axes for the crosses of runs without an answer, in pixels.
 pub(super) const CROSSES: f64 = 14.0;
-/// Most decades with a label each.
+/// Largest number of decades with a label each.
 const MOST_LABELS: i32 = 10;
 
-/// A curve with its marks.
+/// A curve of a double logarithmic plot, with its marks.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
-    /// The name in the legend.
+    /// The name of the curve in the legend.
     pub name: String,
-    /// The points; both coordinates are positive.
+    /// The points of the curve; both coordinates are positive.
     pub points: Vec<Point>,
-    /// The points with hollow marks: their answers are not trusted.
+    /// The points that are drawn as hollow marks: their answers are not trusted.
     pub untrusted: Vec<Point>,
-    /// The abscissae of runs without an answer, each a cross above the axes.
+    /// The abscissae of runs without an answer, which are drawn as crosses above the axes.
     pub lost: Vec<f64>,
-    /// The least and the largest abscissa of repeats, with the ordinate that they share.
+    /// For each point with repeated runs, the least and the largest abscissa of the repeats, and their common
+    /// ordinate.
     pub spread: Vec<(f64, f64, f64)>,
 }
 
 impl Curve {
-    /// The line, the spread and the marks of the `k`-th curve; crosses stand at the height `above`.
+    /// Draws the line, the spread and the marks of the `k`-th curve; crosses are drawn at the height `above`.
     pub(super) fn drawn(&self, k: usize, radius: f64, (x, y): (&Decades, &Decades), above: f64) -> Group {
         let place = |&(a, b): &Point| (x.place(a), y.place(b));
         let shown: Vec<Point> = self.points.iter().map(place).collect();
@@ -52,14 +53,14 @@ impl Curve {
         self.lost.iter().fold(group, |group, &at| group.add(cross((x.place(at), above), k, radius)))
     }
 
-    /// All abscissae.
+    /// Returns the abscissae of all points, crosses and spreads.
     pub(super) fn abscissae(&self) -> impl Iterator<Item = f64> {
         let spread = self.spread.iter().flat_map(|&(least, largest, _)| [least, largest]);
         self.points.iter().map(|point| point.0).chain(self.lost.iter().copied()).chain(spread)
     }
 }
 
-/// The meaning of hollow marks and crosses, where there are any.
+/// Returns the explanation of hollow marks and crosses, if there are any.
 pub(super) fn told_of_marks<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> String {
     let hollow =
         curves.clone().any(|curve| !curve.untrusted.is_empty()).then_some("hollow marks: answers that are not trusted");
@@ -68,7 +69,7 @@ pub(super) fn told_of_marks<'a>(curves: impl Iterator<Item = &'a Curve> + Clone)
     hollow.into_iter().chain(lost).collect::<Vec<_>>().join("; ")
 }
 
-/// A logarithmic axis between two pixel positions.
+/// A logarithmic axis from decade `low` to decade `high`, between two pixel positions.
 pub(super) struct Decades {
     pub low: i32,
     pub high: i32,
@@ -77,7 +78,7 @@ pub(super) struct Decades {
 }
 
 impl Decades {
-    /// An axis over all decades of the values.
+    /// Creates an axis over all decades of the values.
     pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
@@ -90,14 +91,15 @@ impl Decades {
         self.from + fraction * (self.to - self.from)
     }
 
-    /// The decades with a label.
+    /// Returns the decades that have a label.
     pub fn ticks(&self) -> impl Iterator<Item = i32> {
         let step = (self.high - self.low - 1) / MOST_LABELS + 1;
         (self.low..=self.high).step_by(step as usize)
     }
 }
 
-/// Draws the curves; `below` describes the ordinate, `abscissa` the abscissa.
+/// Draws a double logarithmic plot as an SVG document; `below` is the label of the ordinate, `abscissa` that of the
+/// abscissa.
 pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
     let x = Decades::spanning(curves.iter().flat_map(Curve::abscissae), LEFT, RIGHT);
     let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
@@ -137,7 +139,7 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
         .to_string()
 }
 
-/// A power of ten as text: `10⁻³`.
+/// Formats a power of ten as text, such as `10⁻³`.
 pub(super) fn power(decade: i32) -> String {
     format!("10{}", super::axis::raised(decade))
 }

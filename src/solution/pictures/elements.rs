@@ -1,21 +1,21 @@
-//! The basic shapes of pictures. Positions are rounded to a tenth of a pixel: finer than the eye can see, and coarser
+//! The basic shapes of plots. Positions are rounded to a tenth of a pixel: finer than the eye can see, and coarser
 //! than the digits in which machines differ.
 
 use super::thinning::Point;
 use svg::node::element::{Line, Text};
 
-/// A straight line.
+/// Draws a straight line.
 pub fn line(class: &str, from: Point, to: Point) -> Line {
     let ends = Line::new().set("x1", tenths(from.0)).set("y1", tenths(from.1));
     ends.set("x2", tenths(to.0)).set("y2", tenths(to.1)).set("class", class)
 }
 
-/// A text that starts at `(x, y)`, or ends there if its class is `end`.
+/// Draws a text that starts at `(x, y)`, or ends there if its class is `end`.
 pub fn text(content: impl Into<String>, class: &str, x: f64, y: f64) -> Text {
     Text::new(content).set("x", tenths(x)).set("y", tenths(y)).set("class", class)
 }
 
-/// A user's text, restricted to the characters of XML 1.0 (section 2.2) and cut to `most` characters.
+/// Returns a user's text, restricted to the characters of XML 1.0 (section 2.2) and cut to `most` characters.
 pub fn plain(written: &str, most: usize) -> String {
     let allowed = |c: char| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { '\u{fffd}' } else { c };
     let mut rest = written.chars().map(allowed);
@@ -27,7 +27,7 @@ pub fn plain(written: &str, most: usize) -> String {
     text
 }
 
-/// Rounds to a tenth of a pixel, without `-0`.
+/// Rounds a position to a tenth of a pixel, without `-0`.
 pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0 + 0.0
 }

@@ -1,34 +1,35 @@
-//! Styles that distinguish lines, six colours and then dashes and mark shapes, and the legend that explains them.
+//! Styles that distinguish the lines of a plot, first by six colours, then by dashes and mark shapes, and the legend
+//! of the lines.
 
 use super::elements::{plain, tenths, text};
 use super::thinning::Point;
 use svg::node::element::{Group, Path, Polyline, TSpan, Text};
 
-/// Number of distinct colours.
+/// Number of distinct line colours.
 pub const COLOURS: usize = 6;
 
-/// The mark of each round of colours, as text. After the last, the marks repeat.
+/// The mark shapes as text: one for each pass through the colours. After the last, the shapes repeat.
 const SHAPES: [&str; 3] = ["●", "■", "▲"];
 
-/// Widths in pixels of a mark with its surroundings, and of the widest and of other characters of a wide typeface.
+/// Widths in pixels of a mark with its margins, and of the widest and of other characters of a wide typeface.
 const MARK: f64 = 38.0;
 const WIDE: f64 = 13.0;
 const CHARACTER: f64 = 7.6;
 
-/// Height of a row of the legend.
+/// Height of a row of the legend, in pixels.
 pub const ROW: f64 = 20.0;
 
-/// Most characters of a name.
+/// Largest number of characters of a name in the legend.
 const NAME: usize = 44;
 
-/// The names of the lines, in rows that fit between `left` and `right`.
+/// The legend: the names of the lines, in rows that fit between `left` and `right`.
 pub struct Legend<'a> {
     rows: Vec<Vec<(usize, &'a str)>>,
     left: f64,
 }
 
 impl<'a> Legend<'a> {
-    /// Breaks the names into rows.
+    /// Breaks the names of the lines into rows of the legend.
     pub fn new(names: impl Iterator<Item = &'a str>, left: f64, right: f64) -> Self {
         let (mut rows, mut at) = (vec![Vec::new()], left);
         for (k, name) in names.enumerate() {
@@ -43,19 +44,19 @@ impl<'a> Legend<'a> {
         Self { rows, left }
     }
 
-    /// The height in pixels of all rows but the first.
+    /// Returns the height in pixels of all rows of the legend but the first.
     pub fn extra(&self) -> f64 {
         ROW * (self.rows.len() - 1) as f64
     }
 
-    /// Draws the rows, the first one at height `y`.
+    /// Draws the rows of the legend, the first one at height `y`.
     pub fn drawn(&self, y: f64) -> Group {
         let rows = self.rows.iter().enumerate();
         rows.fold(Group::new(), |group, (k, row)| group.add(names(row, NAME, self.left, y + ROW * k as f64)))
     }
 }
 
-/// Draws one row of names, each after the mark of its line and cut to `most` characters.
+/// Draws one row of names, each name after the mark of its line and cut to `most` characters.
 pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
     row.iter().enumerate().fold(text("", "name", x, y), |names, (place, &(k, name))| {
         let mark = TSpan::new(SHAPES[round(k)]).set("class", colour("mark", k));
@@ -64,9 +65,9 @@ pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
     })
 }
 
-/// Draws the `k`-th line.
+/// Draws a line through `points` in the style of the `k`-th line.
 pub fn polyline(points: &[Point], k: usize) -> Polyline {
-    // A line of one point has no length: with the point repeated, its round ends make a dot.
+    // A line of one point has no length: if the point is repeated, its round ends form a dot.
     let again = if let [only] = points { Some(only) } else { None };
     let mut shown = String::new();
     for (x, y) in points.iter().chain(again) {
@@ -80,24 +81,24 @@ pub fn polyline(points: &[Point], k: usize) -> Polyline {
     Polyline::new().set("class", class).set("points", shown)
 }
 
-/// A mark of the `k`-th line at `(x, y)`, with the area of a disc of radius `r`.
+/// Draws a mark of the `k`-th line, with the area of a disc of radius `r`.
 pub fn mark(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", colour("mark", k)).set("d", shape(place, k, r))
 }
 
-/// A hollow mark of the `k`-th line, with its outline in the colour of the line.
+/// Draws a hollow mark of the `k`-th line, with its outline in the colour of the line.
 pub fn hollow(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", format!("hollow {}", colour("line", k))).set("d", shape(place, k, r))
 }
 
-/// A cross in the colour of the `k`-th line.
+/// Draws a cross in the colour of the `k`-th line.
 pub fn cross((x, y): Point, k: usize, r: f64) -> Path {
     let (low, high, left, right) = (tenths(y + r), tenths(y - r), tenths(x - r), tenths(x + r));
     let strokes = format!("M{left},{low}L{right},{high}M{left},{high}L{right},{low}");
     Path::new().set("class", format!("cross {}", colour("line", k))).set("d", strokes)
 }
 
-/// A thin line in the colour of the `k`-th line.
+/// Draws a thin line in the colour of the `k`-th line.
 pub fn whisker(from: Point, to: Point, k: usize) -> Path {
     let [a, b, c, d] = [from.0, from.1, to.0, to.1].map(tenths);
     Path::new().set("class", format!("whisker {}", colour("line", k))).set("d", format!("M{a},{b}L{c},{d}"))

@@ -1,6 +1,6 @@
-//! The table of a sweep as a picture. Over one name: a line for each collected number. Over two names on a grid: a map
-//! of the first collected number, or of modes if a mode word was collected. Over more names: parallel coordinates (A.
-//! Inselberg, "The plane with parallel coordinates", 1985).
+//! The table of a sweep as a plot. Over one swept name: a line for each collected number. Over two names on a grid: a
+//! map of the first collected number, or of modes if a mode word was collected. Over more names: parallel coordinates
+//! (A. Inselberg, "The plane with parallel coordinates", 1985).
 
 use super::axis::{Axis, Tick};
 use super::elements::{line, plain, tenths, text};
@@ -11,30 +11,30 @@ use crate::{Solution, Table, Values};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Vertical position of the names, and of the top of the axes below a single row of names.
+/// Vertical positions in pixels of the names of the lines, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 72.0;
-/// Height of the axes, and of the foot below them.
+/// Heights in pixels of the axes, and of the foot below the axes.
 const HEIGHT: f64 = 360.0;
 const FOOT: f64 = 62.0;
 const TICKS: usize = 8;
-/// Most numbers with a line each.
+/// Largest number of collected numbers that are drawn as lines.
 const MOST_LINES: usize = 6;
-/// Most modes with a colour each; rarer modes share one.
+/// Largest number of modes with a colour of their own; rarer modes share one colour.
 const MOST_MODES: usize = 11;
-/// Most lines in parallel coordinates.
+/// Largest number of lines in parallel coordinates.
 const MOST_PARALLEL: usize = 2000;
-/// Most points with a mark each.
+/// Largest number of points of a line that are drawn with marks.
 const MARKED: usize = 60;
-/// Widths of the colour scale of a map, and of the mode words.
+/// Widths in pixels of the colour scale of a map, and of the list of mode words.
 const SCALE: f64 = 96.0;
 const WORDS: f64 = 210.0;
-/// Most characters of a mode word; the first modes are what distinguishes them.
+/// Largest number of characters of a mode word; mode words usually differ in their first modes.
 const WORD: usize = 28;
 /// Number of steps in the drawn colour scale.
 const STEPS: usize = 48;
 
-/// Draws the table.
+/// Draws the table of a sweep as an SVG document.
 pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> String {
     let drawn = match (table.swept.as_slice(), grid(table)) {
         ([only], _) => lines(table, only),
@@ -67,15 +67,15 @@ pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> Strin
         .to_string()
 }
 
-/// The drawing between title and remarks.
+/// The drawing of a table between title and remarks.
 struct Drawn {
     group: Group,
-    /// Height of the rows of names except the first.
+    /// Height in pixels of the rows of the legend except the first.
     extra: f64,
     below: Option<String>,
 }
 
-/// Two axes with ticks and labels.
+/// Two axes of a plot, with ticks and labels.
 struct Frame {
     x: Axis,
     y: Axis,
@@ -119,7 +119,7 @@ impl Frame {
     }
 }
 
-/// The collected columns that contain numbers.
+/// Returns the collected columns that contain numbers, with their names.
 fn collected(table: &Table) -> Vec<(&str, &Values)> {
     let of =
         |name: &'_ String| Some((table.collected.iter().find(|known| *known == name)?.as_str(), table.column(name)?));
@@ -160,7 +160,7 @@ fn lines(table: &Table, over: &str) -> Drawn {
     Drawn { group, extra: legend.extra(), below: None }
 }
 
-/// The sorted values of two names that were swept on a grid.
+/// The grid of a sweep over two names: the sorted values of both names.
 struct Grid<'t> {
     names: [&'t str; 2],
     values: [Vec<f64>; 2],
@@ -168,7 +168,7 @@ struct Grid<'t> {
     rows: Vec<Option<usize>>,
 }
 
-/// The grid of a table with two swept names, if it has one.
+/// Returns the grid of a table with two swept names, if the members form one.
 fn grid(table: &Table) -> Option<Grid<'_>> {
     let [a, b] = table.swept.as_slice() else { return None };
     let columns = [table.column(a)?, table.column(b)?];
@@ -179,7 +179,7 @@ fn grid(table: &Table) -> Option<Grid<'_>> {
         values
     });
     let places = values[0].len().checked_mul(values[1].len())?;
-    // Random points have as many values as members.
+    // Members at random points have as many distinct values as members, and form no grid.
     if values.iter().any(|values| values.len() < 2) || places as u64 > table.members {
         return None;
     }
@@ -224,7 +224,8 @@ fn map(table: &Table, grid: &Grid<'_>) -> Drawn {
     Drawn { group, extra: 0.0, below: colours.below() }
 }
 
-/// Boundaries of cells around sorted values: the midpoints between them, and equally far beyond the first and the last.
+/// Returns the boundaries of cells around sorted values: the midpoints between the values, and equally far beyond the
+/// first and the last value.
 fn edges(values: &[f64]) -> Vec<f64> {
     let middle = |pair: &[f64]| pair[0] + 0.5 * (pair[1] - pair[0]);
     let inner: Vec<f64> = values.windows(2).map(middle).collect();
@@ -234,7 +235,7 @@ fn edges(values: &[f64]) -> Vec<f64> {
 }
 
 fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
-    // Slightly wider, to close the gaps between neighbours.
+    // Cells are slightly wider than their spacing, to close the gaps between neighbours.
     Rectangle::new()
         .set("x", tenths(from.0))
         .set("y", tenths(from.1))
@@ -243,7 +244,7 @@ fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
         .set("fill", colour)
 }
 
-/// The colours of a map.
+/// The colours of the cells of a map.
 enum Colours<'t> {
     Numbers {
         name: &'t str,
@@ -251,7 +252,7 @@ enum Colours<'t> {
         axis: Axis,
         ends: (f64, f64),
     },
-    /// Modes, the most frequent first.
+    /// Modes with their numbers of occurrences, the most frequent first.
     Modes {
         name: &'t str,
         values: &'t Values,
@@ -297,7 +298,7 @@ impl<'t> Colours<'t> {
         }
     }
 
-    /// Draws the colour scale or the list of modes, from its upper left corner.
+    /// Draws the colour scale or the list of modes, with its upper left corner at the given position.
     fn scale(&self, group: Group, left: f64, top: f64) -> Group {
         match self {
             Self::Numbers { axis, name, .. } => {
@@ -337,10 +338,10 @@ impl<'t> Colours<'t> {
     }
 }
 
-/// The colour shared by the rarer modes.
+/// The colour that the rarer modes share.
 const OTHER: &str = "#9198a1";
 
-/// The colour of mode number `k`: those of Okabe and Ito, then lighter ones.
+/// Returns the colour of mode number `k`: the colours of Okabe and Ito, then lighter ones.
 fn hue(k: usize) -> String {
     const HUES: [&str; MOST_MODES] = [
         "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7", "#f0e442", "#7fb8d8", "#f2cf80", "#80ceb9",
@@ -349,8 +350,8 @@ fn hue(k: usize) -> String {
     HUES[k % HUES.len()].to_owned()
 }
 
-/// A colour from dark blue to yellow with uniformly increasing lightness (viridis; S. van der Walt and N. Smith 2015),
-/// interpolated between nine of its colours.
+/// Returns a colour from dark blue to yellow with uniformly increasing lightness (viridis; S. van der Walt and N.
+/// Smith 2015), interpolated between nine colours of this scale.
 fn shade(part: f64) -> String {
     const NINE: [[f64; 3]; 9] = [
         [68.0, 1.0, 84.0],

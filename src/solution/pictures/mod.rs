@@ -1,8 +1,8 @@
-//! Pictures of a solution in SVG: its fields over time in panels below each other, with a common time axis and separate
+//! Plots of a solution in SVG: its fields over time in panels below each other, with a common time axis and separate
 //! ordinates (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
 //!
 //! Up to eight fields have a panel each. More fields are sorted by magnitude and share panels. Switches of the active
-//! face and contact events are fine vertical lines. The picture is light or dark according to the reader's preference.
+//! face and contact events are thin vertical lines. The plot is light or dark according to the reader's preference.
 
 mod axis;
 mod double_logarithmic;
@@ -30,20 +30,20 @@ const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = WIDTH - 24.0;
-/// Height of the title.
+/// Height of the title, in pixels.
 const TITLE: f64 = 44.0;
-/// Height of the labels of the time axis and the remarks below it.
+/// Height of the labels of the time axis and the remarks below it, in pixels.
 const FOOT: f64 = 58.0;
-/// Number of ticks of the time axis.
+/// Approximate number of intervals between the ticks of the time axis.
 const TIME_TICKS: usize = 10;
 /// Least distance in pixels between two switches that are drawn separately.
 const APART: f64 = 2.0;
-/// Number of characters that fit into a line, and into a line in the large type of titles.
+/// Number of characters that fit into a line of the plot, and into a line of a title in large type.
 const LINE_CHARACTERS: usize = 80;
 const LARGE_CHARACTERS: usize = 60;
 
-/// Writes the picture of a solution, under its label. For a study it shows error against run time, for a sweep its
-/// table.
+/// Writes the plot of a solution, under its label. The plot shows error against run time for a study, and the table
+/// for a sweep.
 ///
 /// # Errors
 /// Errors of writing to `out`.
@@ -59,7 +59,7 @@ pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write)
     let mut stage = Stage { t: &trajectory.t, axis, left: LEFT, right: RIGHT, switches: Vec::new() };
     stage.switches = switches(solution, &stage);
     let panels = if trajectory.t.is_empty() { Vec::new() } else { panels(&trajectory.fields) };
-    // A few panels are high, many are low, so that the whole picture fits on a screen.
+    // A few panels are high, and many panels are low, so that the whole plot fits on a screen.
     let height = (60.0 + 240.0 / panels.len().max(1) as f64).round();
     let floor = TITLE + panels.len() as f64 * (HEADING + height);
 
@@ -107,7 +107,7 @@ fn magnitude(field: &Field) -> f64 {
     field.values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
 
-/// Positions of the switches, with those too close to distinguish merged.
+/// Returns the horizontal positions of the switches, with indistinguishable ones merged.
 fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     let events = solution.trajectory.events.iter();
     let within = events.filter(|event| (0.0..=1.0).contains(&stage.axis.fraction(event.t)));
@@ -117,7 +117,7 @@ fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     places
 }
 
-/// The remarks below the picture.
+/// Returns the remarks below the plot.
 fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
     let mut remarks = Vec::new();
     if let (Some(error), Status::Failed | Status::Stopped) = (&solution.error, solution.status) {

@@ -1,5 +1,5 @@
-//! Errors of many runs at one glance: panels on the same axes in powers of ten (small multiples: E. R. Tufte, "Envisioning
-//! Information", 1990, chapter 4), so that one may be compared with another.
+//! Overview of the errors of many runs: panels with common axes in powers of ten (small multiples: E. R. Tufte,
+//! "Envisioning Information", 1990, chapter 4), so that panels can be compared.
 
 use super::double_logarithmic::{CROSSES, Curve, Decades, power, told_of_marks};
 use super::elements::{line, plain, tenths, text};
@@ -8,48 +8,50 @@ use super::{LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// The base line of the title and of the first row of the legend, and room from there to the names of the first panels.
+/// Layout in pixels: the base lines of the title and of the first row of the legend, the distance from there to the
+/// names of the first panels, the distances between rows and between columns of panels, and the height of the foot.
 const TITLE: f64 = 30.0;
 const LEGEND: f64 = 54.0;
 const NAMES: f64 = 44.0;
 const BETWEEN: f64 = 30.0;
 const GAP: f64 = 14.0;
 const FOOT: f64 = 64.0;
-/// The width of a character of the name of a panel.
+/// The width in pixels of a character in the name of a panel.
 const CHARACTER: f64 = 6.6;
-/// Room for a label on either axis, in pixels.
+/// The space for a label on either axis, in pixels.
 const LABEL: f64 = 30.0;
 
-/// The arrangement of panels.
+/// The arrangement of the panels in an overview.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrangement {
-    /// Panels in a row.
+    /// Number of panels in a row.
     pub columns: usize,
-    /// The height of the axes of a panel, in pixels.
+    /// The height of a panel between its axes, in pixels.
     pub height: f64,
-    /// The radius of a mark.
+    /// The radius of a mark, in pixels.
     pub radius: f64,
 }
 
-/// Many small panels.
+/// The arrangement of many small panels.
 pub const SMALL: Arrangement = Arrangement { columns: 4, height: 92.0, radius: 2.0 };
-/// Few large panels.
+/// The arrangement of few large panels.
 pub const LARGE: Arrangement = Arrangement { columns: 2, height: 190.0, radius: 3.0 };
 
-/// The words of a picture.
+/// The texts of an overview.
 #[derive(Clone, Copy, Debug)]
 pub struct Words<'a> {
-    /// The title, for readers of screens, and shown where it is not said above the picture.
+    /// The title, for screen readers; also drawn if `titled` is set.
     pub title: &'a str,
-    /// Whether the title is shown.
+    /// Whether the title is drawn.
     pub titled: bool,
-    /// The ordinate of all panels.
+    /// The label of the ordinate of all panels.
     pub ordinate: &'a str,
-    /// The abscissa of all panels.
+    /// The label of the abscissa of all panels.
     pub abscissa: &'a str,
 }
 
-/// The picture: `panels` have their names and curves, the curves of all panels mean the same in the same order.
+/// Draws an overview as an SVG document. Each panel has a name and curves; the curves of all panels have the same
+/// meaning, in the same order.
 pub fn overview(panels: &[(&str, Vec<Curve>)], words: Words<'_>, arrangement: Arrangement) -> String {
     let Arrangement { columns, height, .. } = arrangement;
     let columns = columns.min(panels.len()).max(1);
@@ -91,8 +93,9 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], words: Words<'_>, arrangement: Ar
         .to_string()
 }
 
-/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column, and none
-/// that would run into the panel to its right.
+/// Draws a panel with its origin at the upper left. Labels of the ordinate are drawn for the `first` panel of a row,
+/// labels of the abscissa for the `lowest` panel of a column, except labels that would overlap the panel to the
+/// right.
 fn panel(
     name: &str,
     curves: &[Curve],
@@ -122,7 +125,7 @@ fn panel(
     group
 }
 
-/// Decades that are at least `room` pixels apart, at multiples of 1, 2, 4, ..
+/// Returns decades that are at least `room` pixels apart, at multiples of 1, 2, 4, ..
 fn grid(axis: &Decades, room: f64) -> Vec<i32> {
     let decade = (axis.to - axis.from).abs() / f64::from(axis.high - axis.low);
     let mut every = 1;

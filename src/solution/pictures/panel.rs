@@ -1,4 +1,4 @@
-//! One panel: the lines of a few fields of similar magnitude, over the common time axis.
+//! One panel of a plot: the lines of a few fields of similar magnitude, over the common time axis.
 
 use super::axis::Axis;
 use super::elements::{line, text};
@@ -7,45 +7,45 @@ use super::thinning::thin;
 use crate::Field;
 use svg::node::element::Group;
 
-/// Most lines in a panel.
+/// Largest number of lines in a panel.
 pub const MOST_LINES: usize = COLOURS;
 
-/// Height of the names above the lines, in pixels.
+/// Height of the names above the lines of a panel, in pixels.
 pub const HEADING: f64 = 26.0;
 
-/// Number of characters that fit into the heading beside the marks of the lines.
+/// Number of characters that fit into the heading of a panel beside the marks of the lines.
 const HEADING_CHARACTERS: usize = 78;
 
-/// Height per tick, in pixels, and the largest number of ticks of a high panel.
+/// Height per tick of the ordinate, in pixels, and the largest number of ticks of a panel.
 const TICK: f64 = 30.0;
 const MOST_TICKS: usize = 5;
 
-/// Free space above and below the lines, relative to their span.
+/// Free space above and below the lines of a panel, relative to the span of their values.
 const MARGIN: f64 = 0.08;
 
-/// The common parts of all panels: the time axis and its position.
+/// The parts that all panels share: the time axis and its position, and the switches.
 pub struct Stage<'a> {
-    /// The times of the values.
+    /// The times of the values in all fields.
     pub t: &'a [f64],
-    /// The time axis.
+    /// The time axis of the plot.
     pub axis: Axis,
     /// Position of the low end of the time axis, in pixels.
     pub left: f64,
     /// Position of the high end of the time axis, in pixels.
     pub right: f64,
-    /// Positions of the switches, in pixels from the left of the picture.
+    /// Horizontal positions of the switches, in pixels from the left of the plot.
     pub switches: Vec<f64>,
 }
 
 impl Stage<'_> {
-    /// Position of the time `t`, in pixels from the left of the picture.
+    /// Returns the horizontal position of the time `t`, in pixels from the left of the plot.
     pub fn x(&self, t: f64) -> f64 {
         self.left + self.axis.fraction(t) * (self.right - self.left)
     }
 }
 
-/// Draws `fields` with their heading from `top` on; the lines are `height` pixels high, and the first has colour number
-/// `colour`.
+/// Draws the panel of `fields` with their heading, from `top` on; the lines are `height` pixels high, and the first
+/// line has colour number `colour`.
 pub fn panel(stage: &Stage<'_>, fields: &[&Field], top: f64, height: f64, colour: usize) -> Group {
     let axis = Axis::spanning(fields.iter().flat_map(|field| field.values.iter().copied()), MARGIN);
     let (ceiling, floor) = (top + HEADING, top + HEADING + height);

@@ -1,4 +1,4 @@
-//! Pictures are read back by an independent reader of XML.
+//! Tests of the plots, which are parsed by an independent XML parser.
 
 use super::*;
 use crate::{Failure, Reason, Series, Study, StudyRun, Trajectory};
@@ -10,7 +10,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     Solution { status: Status::Completed, trajectory, ..Solution::default() }
 }
 
-/// Draws a solution, parses the picture and passes it to `look`.
+/// Draws a solution, parses the SVG and passes its root to `look`.
 #[track_caller]
 fn drawn<T>(solution: &Solution, label: Option<&str>, look: impl FnOnce(Node<'_, '_>) -> T) -> T {
     let mut picture = Vec::new();
@@ -24,7 +24,7 @@ fn drawn<T>(solution: &Solution, label: Option<&str>, look: impl FnOnce(Node<'_,
     look(document.root_element())
 }
 
-/// The points of every line, in order.
+/// Returns the points of every line in the plot, in order.
 fn lines(picture: Node<'_, '_>) -> Vec<Vec<(f64, f64)>> {
     let lines = picture.descendants().filter(|node| node.has_tag_name("polyline"));
     let number = |text: &str| text.parse::<f64>().unwrap();
@@ -32,12 +32,12 @@ fn lines(picture: Node<'_, '_>) -> Vec<Vec<(f64, f64)>> {
     lines.map(|line| line.attribute("points").unwrap().split_whitespace().map(point).collect()).collect()
 }
 
-/// The number of elements of a class.
+/// Returns the number of elements of a class.
 fn count(picture: Node<'_, '_>, class: &str) -> usize {
     picture.descendants().filter(|node| node.attribute("class") == Some(class)).count()
 }
 
-/// All text in the picture.
+/// Returns all text in the plot.
 fn words(picture: Node<'_, '_>) -> String {
     picture.descendants().filter(Node::is_text).filter_map(|node| node.text()).collect::<Vec<_>>().join("|")
 }
@@ -69,7 +69,7 @@ fn many_fields_share_panels_with_their_likes_and_the_rest_is_counted() {
     drawn(&solution(vec![0.0, 1.0], columns(20)), None, |picture| {
         assert_eq!((lines(picture).len(), count(picture, "name")), (20, 7));
         let tops: Vec<f64> = lines(picture).iter().map(|line| line[0].1).collect();
-        // The first panel has three of the four fields of 10^12.
+        // The first panel has three of the four fields of magnitude `10^12`.
         assert!(tops[0] == tops[1] && tops[1] == tops[2] && tops[2] < tops[3], "{tops:?}");
     });
     drawn(&solution(vec![0.0, 1.0], columns(200)), None, |picture| {

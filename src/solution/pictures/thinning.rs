@@ -1,11 +1,11 @@
-//! Thinning of a line to the points that a picture can show: the first, lowest, highest and last point of each column
-//! of pixels. The line through these covers the same pixels as the line through all points (U. Jugel et al., "M4: a
-//! visualization-oriented time series data aggregation", VLDB 2014, section 4), so that every spike is kept.
+//! Thinning of a line to the points that a plot can show: the first, lowest, highest and last point in each column of
+//! pixels. The line through these points covers the same pixels as the line through all points (U. Jugel et al., "M4:
+//! a visualization-oriented time series data aggregation", VLDB 2014, section 4), so that every spike is kept.
 
-/// A point of a picture, in pixels.
+/// A point of a plot, in pixels.
 pub type Point = (f64, f64);
 
-/// Returns the points to keep of a line that runs from left to right.
+/// Returns the points to draw of a line that runs from left to right.
 pub fn thin(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut kept = Vec::new();
     let mut column: Option<Column> = None;
@@ -25,7 +25,7 @@ pub fn thin(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     kept
 }
 
-/// The four points of a column, each with its index in the line.
+/// The first, lowest, highest and last point in a column of pixels, each with its index in the line.
 struct Column {
     number: f64,
     first: (usize, Point),

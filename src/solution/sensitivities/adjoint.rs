@@ -1,10 +1,10 @@
-//! The gradient of one number, the objective, with respect to many parameters and initial values, by the adjoint of the
-//! accepted steps ([`radau::Adjoint`]). The objective is a function of the states at the end, or the integral of one over
-//! time, whose derivatives are those of a definition or of an integral of the user.
+//! The gradient of one number, the objective, with respect to many parameters and initial values, by the adjoint of
+//! the accepted steps ([`radau::Adjoint`]). The objective is a function of the states at the end, or the integral of
+//! such a function over time, given as a definition or an integral of the user.
 //!
-//! With the run, derivatives are followed in one direction in which everything moves together: they bound the steps as
-//! those of forward mode do, tell where there is no derivative, and are what the gradient must give in that direction,
-//! to rounding.
+//! Beside the run, derivatives are propagated in one direction, in which all parameters and initial values move
+//! together: they limit the step size as in forward mode, detect where no derivative exists, and must equal the
+//! gradient in that direction up to rounding.
 
 use super::{By, MOVED_ALONE, Sensitivities, generic_parts, shifted_by, unshifted};
 use crate::observables::{Argument, Observables};
@@ -19,68 +19,71 @@ use radau::{Directions, IntegralWeights, StoredStep, Swept};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Part of the terms of the derivative in one direction by which the gradient may miss it. Both are sums over the same
-/// steps up to rounding, but derivatives of breakpoints of time and of hidden constraints are central differences, along
-/// each parameter or along all at once, which have as many digits as their step is small.
+/// Permitted difference of the gradient from the derivative in one direction, relative to the largest term of the
+/// derivative. Both are sums over the same steps up to rounding, but derivatives of breakpoints in time and of hidden
+/// constraints are central differences, along each parameter or along all at once, whose accuracy is limited by their
+/// increment.
 const ALIKE: f64 = CENTRAL_DIFFERENCE;
 
-/// Part of what derivatives were made of that is left of them where they cancel: half the digits of a double, as the
-/// rounding of many steps adds up.
+/// Relative rounding error of a derivative whose terms cancel, relative to the sum of their absolute values: half the
+/// digits of a double, since the rounding errors of many steps add up.
 const ROUNDING: f64 = 1.5e-8;
 
-/// Most bytes of stored steps: what a run of a few unknowns fills with some hundred thousand of them, and no more than a
-/// small part of the memory of a machine.
+/// Largest memory of stored steps, in bytes: a run with few unknowns fills it with some hundred thousand steps, and
+/// it is a small part of the memory of a machine.
 pub(super) const MOST_STORED: usize = 64 << 20;
 
-/// The number whose gradient is asked for: a single definition, at the end, or a single integral.
+/// The number whose gradient is requested: a single definition at the end, or a single integral.
 #[derive(Clone, Debug)]
 pub struct Objective {
-    /// The objective as the only definition or integral, with its derivatives.
+    /// The objective as the only definition or integral of the user, with its derivatives.
     pub observables: Observables,
 }
 
-/// The work of the sweep back over the steps.
+/// The work of the backward sweep over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub struct AdjointWork {
-    /// Number of steps swept.
+    /// Number of steps swept backwards.
     pub steps: u64,
-    /// Number of steps that were made a second time, because all of them would have taken too much memory.
+    /// Number of steps that were repeated because storing all steps would have taken too much memory.
     pub repeated: u64,
-    /// Evaluations of the Jacobian of the rates and of `G`.
+    /// Number of evaluations of the Jacobian of the rates and of `G`.
     pub jacobians: u64,
-    /// Factorisations of the transposed equations of a step, each with one solution, whatever the number of parameters.
+    /// Number of factorisations of the transposed equations of a step, each with one solution, whatever the number of
+    /// parameters.
     pub factorisations: u64,
-    /// Central differences at breakpoints of time and where hidden constraints determine the time of a switch, one for each
-    /// state and parameter: this work grows with the number of parameters.
+    /// Central differences at breakpoints in time and where hidden constraints determine the time of a switch, one
+    /// for each state and parameter: the number of differences grows with the number of parameters.
     pub differences: u64,
     /// The largest memory of the stored steps, in bytes.
     pub stored_bytes: u64,
 }
 
-/// A gradient with its evidence.
+/// A gradient, with the evidence for its accuracy.
 #[derive(Clone, Debug)]
 pub struct Gradient {
     value: f64,
     slopes: Vec<f64>,
     compared: Compared,
-    /// What the objective is known to.
+    /// The accuracy of the objective and its derivatives.
     resolution: Resolution,
     work: AdjointWork,
 }
 
-/// What the objective and its derivatives are known to.
+/// The accuracy of the objective and of its derivatives.
 #[derive(Clone, Debug)]
 pub(crate) struct Resolution {
-    /// The absolute tolerances of the states, each times the derivative of the objective with respect to that state.
+    /// The sum over the states of their absolute tolerances times the derivatives of the objective with respect to
+    /// them.
     tolerated: f64,
-    /// What the derivative in the direction that was followed was made of before terms cancelled, in absolute values.
+    /// The sum of the absolute values of all terms of the directional derivative, before terms cancel.
     made_of: f64,
-    /// How fast each parameter and initial value moves in that direction.
+    /// The rate of change of each parameter and initial value along the direction of differentiation.
     speeds: Vec<f64>,
 }
 
 impl Resolution {
-    /// What a difference of the objective along a direction is known to.
+    /// Returns the accuracy of a finite difference of the objective along a direction.
     pub fn along(&self, direction: &[f64]) -> f64 {
         let parts = direction.iter().zip(&self.speeds).filter(|(_, speed)| **speed != 0.0);
         let farthest = parts.map(|(way, speed)| (way / speed).abs()).fold(0.0, f64::max);
@@ -88,22 +91,24 @@ impl Resolution {
     }
 }
 
-/// A gradient in the direction that was followed with the run.
+/// The gradient and the propagated derivative in the direction in which all parameters and initial values move
+/// together.
 #[derive(Clone, Copy, Debug)]
 struct Compared {
-    /// The derivative in that direction by the gradient.
+    /// The derivative in that direction computed from the gradient.
     swept: f64,
-    /// The derivative that was followed.
+    /// The derivative in that direction that was propagated along the run.
     followed: f64,
-    /// The largest term of the derivative by the gradient.
+    /// The largest term of the scalar product of gradient and direction, in absolute value.
     terms: f64,
-    /// What the derivative was made of before terms cancelled, in absolute values.
+    /// The sum of the absolute values of all terms of the derivative, before terms cancel.
     made_of: f64,
 }
 
 impl Compared {
-    /// The difference as a part of what may be left: of the derivative and its terms what central differences leave, and of
-    /// all that cancelled on the way its rounding.
+    /// Returns the difference of the two derivatives relative to the permitted one: the errors of central
+    /// differences, relative to the derivative and its terms, and rounding errors, relative to all terms that
+    /// cancelled.
     fn off(self) -> f64 {
         let Self { swept, followed, terms, made_of } = self;
         let distance = (swept - followed).abs();
@@ -113,7 +118,7 @@ impl Compared {
 }
 
 impl Gradient {
-    /// Writes the gradient into an answer.
+    /// Writes the gradient and its check into an answer.
     pub(crate) fn put(self, plan: &Plan, ended: &mut Ended) {
         let Some(asked) = &plan.sensitivities else { return };
         let solution = &mut ended.solution;
@@ -132,12 +137,12 @@ impl Gradient {
     }
 }
 
-/// The objective of a run, and the direction that is followed with it.
+/// The objective of a run, and the direction along which derivatives are propagated beside the run.
 pub(super) struct SweptBack {
     objective: ObjectiveSlopes,
-    /// How fast each parameter and initial value moves in the direction that is followed with the run.
+    /// The rate of change of each parameter and initial value along the direction of differentiation.
     pub direction: Vec<f64>,
-    /// The time of the user at time zero of the steps.
+    /// The user's time at which the time of the steps is zero.
     ahead: f64,
     /// The absolute tolerance of each state.
     atol: Vec<f64>,
@@ -145,7 +150,7 @@ pub(super) struct SweptBack {
     largest: usize,
 }
 
-/// Directions in which everything moves together, each parameter and initial value at its own speed.
+/// Returns a single direction, along which each parameter and initial value moves at its own speed.
 pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Directions, String> {
     let Directions { initial, mut rows, mass, bounds, .. } = unshifted(model, by)?;
     let speeds_of_all = DVector::from_column_slice(speeds);
@@ -159,7 +164,7 @@ pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Di
     };
     let moves = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter)).map_or(0.0, |k| speeds[k]);
     let is_parametric = by.iter().any(|by| matches!(by, By::Parameter(_)));
-    // By how much each parameter moves is a part of its size already.
+    // The speed of each parameter already contains the scale of the parameter.
     let shifted = is_parametric.then(|| shifted_by(model, CENTRAL_DIFFERENCE, moves)).transpose()?;
     Ok(Directions {
         initial: &initial * DMatrix::from_column_slice(speeds.len(), 1, speeds),
@@ -171,7 +176,7 @@ pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Di
 }
 
 impl SweptBack {
-    /// The objective `asked` for, of a run with these values of its parameters.
+    /// Prepares the requested objective of a run with the parameter values `values`.
     pub fn new(
         plan: &Plan,
         (asked, objective): (&Sensitivities, &Objective),
@@ -182,7 +187,7 @@ impl SweptBack {
         let size = |by: &By| match *by {
             By::Parameter(k) if values[k] == 0.0 => MOVED_ALONE,
             By::Parameter(k) => values[k].abs(),
-            // A state that begins at zero moves by what its tolerance resolves.
+            // A state that is zero at the start moves by an amount that its tolerance resolves.
             By::Initial(state) => plan.initial[state].abs().max(atol[state] / rtol),
         };
         let direction = asked.by.iter().zip(generic_parts()).map(|(by, part)| part * size(by)).collect();
@@ -190,14 +195,14 @@ impl SweptBack {
         Self { objective, direction, ahead, atol: atol.to_vec(), largest: 0 }
     }
 
-    /// Notes the memory of the steps stored so far.
+    /// Updates the largest memory of the steps stored so far.
     pub fn watch(&mut self, bytes: usize) {
         self.largest = self.largest.max(bytes);
     }
 
-    /// The gradient of the objective, after the last step, whose end is given by the clock of the user; `back` carries
-    /// derivatives with respect to the states and the directions back to the start. The derivative of the objective in
-    /// the direction that was followed is `along`.
+    /// Computes the gradient of the objective after the last step, where `t` is the end of the run in the user's time
+    /// and `x` are the states. `back` propagates derivatives with respect to the states and the directions back to
+    /// the start; `along` is the derivative of the objective that was propagated forwards.
     pub fn sweep(
         &mut self,
         (t, x): (f64, &[f64]),
@@ -209,7 +214,8 @@ impl SweptBack {
             |slopes: &[f64]| slopes.iter().zip(&*atol).map(|(slope, atol)| slope.abs() * atol).sum::<f64>();
         let mut by_states = vec![0.0; x.len()];
         let mut by_directions = vec![0.0; direction.len()];
-        // Of the directions themselves.
+        // The value of the objective, the sum of its terms that depend directly on the directions, and the effect of
+        // the tolerances.
         let (mut value, mut direct, mut tolerated) = (0.0, 0.0, 0.0);
         if !objective.is_integral {
             value = objective.at(t, x, &mut by_states, &mut by_directions);
@@ -245,7 +251,7 @@ impl SweptBack {
     }
 }
 
-/// The weights of the integral that the objective is, over a step; `None` if it is none.
+/// Returns the quadrature weights of the objective over a step if the objective is an integral, and `None` otherwise.
 pub(super) type IntegralOver<'a> = &'a mut dyn FnMut(&mut StoredStep) -> Option<IntegralWeights>;
 
 impl From<radau::AdjointWork> for AdjointWork {
@@ -255,21 +261,22 @@ impl From<radau::AdjointWork> for AdjointWork {
     }
 }
 
-/// The objective over a step, if it is an integral.
+/// The contribution of one step to an objective that is an integral.
 struct OverStep {
     gained: f64,
-    /// The integrals of the absolute values of the derivatives directly with respect to the directions.
+    /// The integrals of the absolute values of the partial derivatives of the integrand with respect to the
+    /// directions.
     direct: Vec<f64>,
     weights: IntegralWeights,
 }
 
-/// The objective, or the integrand of it, with its derivatives.
+/// The objective, or its integrand if the objective is an integral, with its partial derivatives.
 struct ObjectiveSlopes {
     is_integral: bool,
     program: Tape,
     slopes: Tape,
     pattern: Vec<Argument>,
-    /// The direction of each parameter that has one.
+    /// Pairs of the index of a parameter and the index of the direction along which it moves.
     directions: Vec<(usize, usize)>,
     count: usize,
     outputs: Vec<f64>,
@@ -292,8 +299,8 @@ impl ObjectiveSlopes {
         }
     }
 
-    /// Returns the value at a time and states, and writes the derivatives with respect to the states and directly to
-    /// the directions.
+    /// Returns the value of the objective at a time and states, and writes the partial derivatives with respect to
+    /// the states and to the directions.
     fn at(&mut self, t: f64, x: &[f64], by_states: &mut [f64], by_directions: &mut [f64]) -> f64 {
         let mut value = [0.0];
         self.outputs[..x.len()].copy_from_slice(x);
@@ -314,7 +321,8 @@ impl ObjectiveSlopes {
         value[0]
     }
 
-    /// The integral over a step, by a clock that is `ahead` of that of the step, and its derivatives.
+    /// Integrates the objective and its derivatives over a step; `ahead` is added to the time of the step to obtain
+    /// the user's time.
     fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> OverStep {
         let (n, s, p) = (states, step.step().tableau.stages(), self.count);
         let (mut x, mut by_states, mut by_directions) = (vec![0.0; n], vec![0.0; n], vec![0.0; p]);
@@ -352,19 +360,20 @@ mod tests {
 
     #[test]
     fn rounding_of_what_cancels_is_permitted_and_a_wrong_gradient_is_not() {
-        // Terms of size one cancel to rounding.
+        // Terms of size one cancel up to rounding.
         let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
         assert!(rest.off() < 1e-6, "{}", rest.off());
-        // What is a millionth of the terms is no rounding.
+        // A difference of a millionth of the terms exceeds rounding errors.
         assert!(Compared { swept: 1e-6, ..rest }.off() > 1.0);
-        // Against a derivative that does not cancel, a hundred thousandth is wrong, and the sign.
+        // If the derivative does not cancel, a relative error of 5e-5 and a wrong sign are both detected.
         let whole = Compared { swept: 2.0, followed: 2.0, terms: 2.0, made_of: 2.0 };
         assert_eq!(whole.off(), 0.0);
         assert!(Compared { swept: 2.0001, ..whole }.off() > 1.0);
         assert!(Compared { swept: -2.0, ..whole }.off() > 1e4);
-        // Derivatives that were a million times as large on the way do not hide that.
+        // A wrong sign is detected although the terms of the derivative were a million times larger before they
+        // cancelled.
         assert!(Compared { swept: -2.0, made_of: 2e6, ..whole }.off() > 1.0);
-        // Where there is nothing, nothing may be left.
+        // A difference from a derivative without any terms is an error, however small.
         assert!(Compared { swept: 1e-300, followed: 0.0, terms: 0.0, made_of: 0.0 }.off() > 1.0);
         assert!(Compared { swept: f64::NAN, ..whole }.off().is_nan());
     }

@@ -1,4 +1,4 @@
-//! The derivatives of a motion with located impacts, on the way of a run.
+//! Derivatives of a motion with located impacts, propagated along a run.
 
 use super::adjoint::{Gradient, MOST_STORED, SweptBack};
 use super::observed::{Jump, ObservedSlopes};
@@ -11,42 +11,44 @@ use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{EventKind, Mechanical};
 
-/// The most events of a run whose times are differentiated in the answer.
+/// Largest number of events in the answer whose times are differentiated.
 const MOST_EVENTS: usize = 10_000;
 
-/// Derivatives on the way of a run.
+/// Derivatives that are propagated along a motion with located impacts.
 pub(crate) struct FollowedMotion<'p> {
     tangents: Tangents,
     observed: Option<ObservedSlopes>,
     asked: &'p Sensitivities,
     outputs: usize,
     start: f64,
-    /// The names of what the run is differentiated by.
+    /// The names of the parameters and initial values with respect to which the run is differentiated.
     by: Vec<String>,
     names: &'p [String],
     pub events: Vec<EventSlope>,
-    /// Events beyond the most.
+    /// Number of events beyond the largest number that the answer contains.
     pub left_out: u64,
-    /// The stored steps, in adjoint mode; the only direction is then one in which everything is moved together.
+    /// The stored steps and the objective, in adjoint mode; derivatives are then propagated in a single direction, in
+    /// which all parameters and initial values move together.
     swept: Option<Swept>,
 }
 
-/// The stored steps of a motion.
+/// The stored steps of a motion in adjoint mode, and its objective.
 struct Swept {
     adjoint: Adjoint,
     back: SweptBack,
-    /// The objective along a basis of the states and the directions: what an integral gains at jumps.
+    /// The derivatives of an objective that is an integral with respect to all states and directions, for its changes
+    /// at jumps.
     jumps: ObservedSlopes,
 }
 
 impl Jump {
-    /// A jump by the clock of the user.
+    /// Converts a jump to the user's time.
     fn of(start: f64, passed: Jumped) -> Self {
         Self { t: start + passed.t, before: passed.before, after: passed.after, times: passed.times }
     }
 }
 
-/// The states of a phase at a time within its last step.
+/// Returns the states of a smooth phase at a time within its last step.
 fn states(phase: &mut SmoothPhase<'_, '_>, t: f64) -> Vec<f64> {
     let mut x = vec![0.0; 2 * phase.located.state.q.len()];
     phase.states_at(t, &mut x);
@@ -54,10 +56,10 @@ fn states(phase: &mut SmoothPhase<'_, '_>, t: f64) -> Vec<f64> {
 }
 
 impl<'p> FollowedMotion<'p> {
-    /// Begins at the start of a run.
+    /// Prepares the propagation of derivatives at the start of a run.
     ///
     /// # Errors
-    /// Why there are no derivatives.
+    /// The reason why there are no derivatives.
     pub fn new(
         model: &'p MechanicalModel,
         plan: &'p Plan,
@@ -110,7 +112,7 @@ impl<'p> FollowedMotion<'p> {
         })
     }
 
-    /// Takes up a smooth phase that begins.
+    /// Continues the propagation of derivatives into a smooth phase that begins.
     pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.tangents.begin(phase);
         if let Some(Swept { adjoint, .. }) = &mut self.swept {
@@ -118,10 +120,10 @@ impl<'p> FollowedMotion<'p> {
         }
     }
 
-    /// Follows the last step of a phase.
+    /// Propagates the derivatives over the last step of a smooth phase.
     ///
     /// # Errors
-    /// Why there is no derivative from its end on.
+    /// The reason why there is no derivative after this step.
     pub fn step(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<(), NoDerivative> {
         let begin = phase.located.last.t;
         let passed = self.tangents.follow(phase)?;
@@ -165,7 +167,7 @@ impl<'p> FollowedMotion<'p> {
         Ok(())
     }
 
-    /// The gradient of the objective, in adjoint mode, after the last step.
+    /// Returns the gradient of the objective after the last step, in adjoint mode.
     pub fn gradient(&mut self, located: &EventDriven<'_>) -> Option<Result<Gradient, String>> {
         let Self { tangents, observed: Some(observed), start, swept: Some(swept), .. } = self else { return None };
         let Swept { adjoint, back, .. } = swept;
@@ -177,7 +179,7 @@ impl<'p> FollowedMotion<'p> {
         }))
     }
 
-    /// Writes the columns at a time within the last step, by the clock of the user.
+    /// Writes the columns of derivatives at the user's time `t`, within the last step.
     pub fn write(&mut self, phase: &mut SmoothPhase<'_, '_>, t: f64, out: &mut [f64]) {
         if self.swept.is_some() {
             return;
@@ -198,7 +200,7 @@ impl<'p> FollowedMotion<'p> {
     }
 }
 
-/// Directions in which everything moves together, each parameter and initial value at its own speed.
+/// Returns a single direction, along which each parameter and initial value moves at its own speed.
 fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> Result<Directions, String> {
     let Directions { initial, mut terms, mu, restitution, .. } = unshifted(model, by, start)?;
     let speeds = DMatrix::from_column_slice(speeds.len(), 1, speeds);
@@ -222,13 +224,13 @@ fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> R
         terms: Box::new(along),
         mu: of_mu,
         restitution: of_restitution,
-        // By how much each parameter moves is a part of its size already.
+        // The speed of each parameter already contains the scale of the parameter.
         sizes: vec![1.0],
         shifted: vec![shifted],
     })
 }
 
-/// A motion with its parameters above and below their values, by so much times the speed of each.
+/// Returns the motion with its parameters above and below their values; parameter `k` changes by `by * speed(k)`.
 fn shifted_by(
     model: &MechanicalModel,
     by: f64,
@@ -244,7 +246,8 @@ fn shifted_by(
     Ok(ShiftedMotion { by, systems: [system(by)?, system(-by)?] })
 }
 
-/// The directions of parameters and initial values, of a motion in the time since its start.
+/// Returns the directions of differentiation of parameters and initial values, for a motion in the time since its
+/// start.
 pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let mut directions = unshifted(model, by, start)?;
     if model.parameters.is_none() || !model.structure().depends_on_time {
@@ -259,7 +262,8 @@ pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Resu
     Ok(directions)
 }
 
-/// The directions of parameters and initial values without the systems that are shifted along them.
+/// Returns the directions of differentiation of parameters and initial values, without the systems that are shifted
+/// along them.
 fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, contacts, count) = (2 * structure.coordinates, structure.contacts.len(), by.len());
@@ -285,10 +289,10 @@ fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Direction
     let (Some(mut slopes), Some((_, coefficients))) = (slopes, &model.parameters) else {
         return Ok(directions);
     };
-    // The direction of a parameter; each is named once.
+    // The index of the direction of differentiation that belongs to a parameter; each parameter occurs at most once.
     let column = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter));
     for (state, parameter, value) in slopes.initial() {
-        // An initial value that is a direction of its own does not follow parameters.
+        // An initial value with respect to which the run is differentiated does not follow the parameters.
         if let Some(direction) = column(parameter).filter(|_| !by.contains(&By::Initial(state))) {
             directions.initial[(state, direction)] += value;
         }

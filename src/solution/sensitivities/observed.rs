@@ -1,6 +1,6 @@
-//! The derivatives of what a user defines: of a definition `D(t, x, p)` they are `D_x dx/dp + D_p`, and of an integral the
-//! integrals of these. Where a state jumps at a time that moves, the integrand jumps there, and the integral changes by
-//! `(D(x-) - D(x+)) dtau` more.
+//! Derivatives of the user's definitions and integrals: `D_x dx/dp + D_p` for a definition `D(t, x, p)`, and the
+//! integral of this expression for an integral. If a state jumps at a time `tau` that depends on `p`, the integrand
+//! jumps too, and the derivative of the integral changes by `(D(x-) - D(x+)) dtau`.
 
 use super::By;
 use crate::observables::{Argument, ObservableSlopes, Observables};
@@ -8,25 +8,28 @@ use crate::quadrature::{self, Integrals};
 use expression::Tape;
 use nalgebra::{DMatrix, DVector};
 
-/// The derivatives of definitions and integrals along a run.
+/// The derivatives of the user's definitions and integrals along a run.
 pub(super) struct ObservedSlopes {
     of: ObservableSlopes,
-    /// Definitions, integrands and monitors, with room for all outputs of the problem and for all values.
+    /// The program of definitions, integrands and monitors, with buffers for the outputs of the problem and for the
+    /// values.
     program: Tape,
     outputs: Vec<f64>,
     values: Vec<f64>,
     definitions: usize,
     integrals: usize,
-    /// The direction of each parameter that has one, and how fast the parameter moves along it.
+    /// The index of each parameter with respect to which derivatives are requested, its direction, and its speed
+    /// along the direction.
     directions: Vec<(usize, usize, f64)>,
     count: usize,
-    /// The derivatives of the integrals at the beginning and the end of the last step, one per row.
+    /// The derivatives of the integrals at the beginning and at the end of the last step, one row per integral.
     begun: DMatrix<f64>,
     ended: DMatrix<f64>,
     step: (f64, f64),
 }
 
-/// A jump of the states, at a time that moves: the states before and after, and the derivatives of the time for each state.
+/// A jump of the states at a time that depends on the parameters: the states before and after the jump, and the
+/// derivatives of the time of the jump of each state.
 pub(super) struct Jump {
     pub t: f64,
     pub before: Vec<f64>,
@@ -35,7 +38,8 @@ pub(super) struct Jump {
 }
 
 impl ObservedSlopes {
-    /// Begins at the start of a run of a problem with so many outputs.
+    /// Prepares the derivatives at the start of a run of a problem with `outputs` outputs, with respect to all of
+    /// `by`.
     pub fn new(observables: &Observables, outputs: usize, by: &[By], start: f64) -> Self {
         let parameter = |(direction, by): (usize, &By)| match *by {
             By::Parameter(parameter) => Some((parameter, direction, 1.0)),
@@ -45,7 +49,8 @@ impl ObservedSlopes {
         Self::along(observables, outputs, (directions, by.len()), start)
     }
 
-    /// Begins at the start of a run with one direction, in which everything moves together, each at its own speed.
+    /// Prepares the derivatives at the start of a run along a single direction, in which each parameter moves at its
+    /// own speed.
     pub fn together(observables: &Observables, outputs: usize, (by, speeds): (&[By], &[f64]), start: f64) -> Self {
         let parameter = |(by, speed): (&By, &f64)| match *by {
             By::Parameter(parameter) => Some((parameter, 0, *speed)),
@@ -55,7 +60,7 @@ impl ObservedSlopes {
         Self::along(observables, outputs, (directions, 1), start)
     }
 
-    /// Begins at the start of a run of a problem in so many directions that no parameter moves in.
+    /// Prepares the derivatives at the start of a run along `count` directions in which no parameter changes.
     pub fn of_states(observables: &Observables, outputs: usize, count: usize, start: f64) -> Self {
         Self::along(observables, outputs, (Vec::new(), count), start)
     }
@@ -82,7 +87,7 @@ impl ObservedSlopes {
         }
     }
 
-    /// The derivatives of definitions and integrands where the states `x` have the derivatives `slopes`.
+    /// Returns the derivatives of definitions and integrands at states `x` with the derivatives `slopes`.
     fn at(&mut self, t: f64, x: &[f64], slopes: &DMatrix<f64>) -> DMatrix<f64> {
         let mut values = vec![0.0; self.of.pattern.len()];
         self.of.program.evaluate(t, x, &mut values);
@@ -102,7 +107,7 @@ impl ObservedSlopes {
         out
     }
 
-    /// The integrals of the derivatives of integrands between two times.
+    /// Integrates the derivatives of the integrands between two times.
     fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (first, integrals, count) = (self.definitions, self.integrals, self.count);
         let mut sums = Integrals::new(integrals * count);
@@ -113,7 +118,8 @@ impl ObservedSlopes {
         DMatrix::from_column_slice(integrals, count, &sums.values)
     }
 
-    /// Follows the integrals over a step between two times; `along` gives states and their derivatives within it.
+    /// Adds a step between two times to the integrals; `along` returns the states and their derivatives at a time
+    /// within the step.
     pub fn step(
         &mut self,
         (from, to): (f64, f64),
@@ -134,7 +140,8 @@ impl ObservedSlopes {
         }
     }
 
-    /// What the only integral changes by where its integrand jumps, one per direction; `None` if there is none.
+    /// Returns the change of the derivatives of the only integral at a jump, one per direction; `None` if there is no
+    /// integral.
     pub fn gained(&mut self, jump: &Jump) -> Option<DVector<f64>> {
         if self.integrals == 0 {
             return None;
@@ -144,7 +151,7 @@ impl ObservedSlopes {
         Some(self.ended.row(0).transpose())
     }
 
-    /// Adds what the integrals change by where integrands jump.
+    /// Adds the changes of the derivatives of the integrals at a jump of the integrands.
     fn pass(&mut self, jump: &Jump) {
         let Jump { t, before, after, times } = jump;
         let Self { program, outputs, values, definitions, integrals, .. } = self;
@@ -154,7 +161,8 @@ impl ObservedSlopes {
             program.evaluate(*t, outputs, values);
             values[integrands.clone()].to_vec()
         };
-        // Islands may jump at times that move apart: one after the other.
+        // States of independent parts of a motion may jump at times with different derivatives: their jumps are
+        // applied one after the other.
         let mut x = before.clone();
         let mut last = integrands(&x);
         let mut open: Vec<usize> = (0..x.len()).collect();
@@ -171,7 +179,7 @@ impl ObservedSlopes {
         }
     }
 
-    /// The derivatives of definitions and integrals at a time within the last step.
+    /// Returns the derivatives of definitions and integrals at a time within the last step.
     pub fn write(&mut self, t: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (x, slopes) = along(t);
         let mut out = self.at(t, &x, &slopes);

@@ -1,4 +1,4 @@
-//! The answer that a table of members is: its totals, its verdict and its summary.
+//! The answer of a sweep from its table: totals, verdict and summary.
 
 use super::{Table, Values};
 use crate::columnar::Members;
@@ -6,40 +6,40 @@ use crate::summary::summary;
 use crate::{CheckCode, Failure, Solution, Status};
 use std::io;
 
-/// Why a table has fewer rows than members were asked for.
+/// The reason why a table has fewer rows than members were requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Incomplete<'a> {
-    /// A word for programs.
+    /// A code of the reason, for programs.
     pub code: &'static str,
-    /// The same for people.
+    /// The reason why rows are missing, in words.
     pub why: &'a str,
 }
 
 impl Incomplete<'static> {
-    /// The wall time ended.
+    /// The sweep reached its wall-clock limit.
     pub const WALL_TIME: Self = Self { code: "wall_time", why: "the wall time allowed ended" };
-    /// The sweep was cancelled.
+    /// The user cancelled the sweep.
     pub const CANCELLED: Self = Self { code: "cancelled", why: "the sweep was cancelled" };
-    /// Too many members took their workers down.
+    /// Too many members made their worker processes crash.
     pub const MEMBERS_LOST: Self = Self { code: "members_lost", why: "too many members took their workers down" };
     /// Parts of the sweep are missing.
     pub const MEMBERS_MISSING: Self = Self { code: "members_missing", why: "parts are missing" };
 }
 
 impl Table {
-    /// The answer to a sweep of which `asked` members were asked for; `incomplete` says why there are fewer rows, where
-    /// there are.
+    /// Returns the answer to a sweep of which `asked` members were requested; `incomplete` is the reason if there are
+    /// fewer rows.
     pub fn into_answer(self, asked: usize, incomplete: Incomplete<'_>) -> Solution {
-        // A table in memory can be read.
+        // Reading a table in memory cannot fail.
         let answer = answer(&self, asked, incomplete).unwrap_or_default();
         Solution { table: Some(self), ..answer }
     }
 }
 
-/// The answer that has a table, wherever that is; its own `table` has no rows.
+/// Returns the answer that belongs to a table, in memory or on disk; the `table` of the answer has no rows.
 ///
 /// # Errors
-/// Those of reading the table.
+/// Errors of reading the table.
 pub fn answer(members: &dyn Members, asked: usize, incomplete: Incomplete<'_>) -> io::Result<Solution> {
     let (mut solution, mut rows) = (Solution::default(), 0);
     members.visit("member", |values| rows += values.len())?;
@@ -70,7 +70,7 @@ pub fn answer(members: &dyn Members, asked: usize, incomplete: Incomplete<'_>) -
     Ok(solution)
 }
 
-/// Records how many members are not to be relied upon.
+/// Records the number of members that are not trusted, and of those that failed.
 fn judge(members: &dyn Members, rows: usize, solution: &mut Solution) -> io::Result<()> {
     let checks = &mut solution.diagnostics.checks;
     let untrusted = untrusted(members)?;
@@ -85,7 +85,7 @@ fn judge(members: &dyn Members, rows: usize, solution: &mut Solution) -> io::Res
     Ok(())
 }
 
-/// Members that reached their end and are not trusted.
+/// Returns the number of members that reached their end and are not trusted.
 fn untrusted(members: &dyn Members) -> io::Result<u64> {
     let place = |name: &str| members.head().columns.iter().position(|column| column.name == name);
     let (Some(trusted), Some(status)) = (place("trusted"), place("status")) else { return Ok(0) };

@@ -1,20 +1,21 @@
-//! Counts in as few bytes as they take: a million rows have to fit beside other things. Members one after the other, or a count
-//! that is the same in all rows, take none; the others one, two or four bytes each, as the largest needs.
+//! Columns of counts in few bytes, so that a million rows fit into memory. An arithmetic sequence with step 0 or 1,
+//! such as the numbers of successive members or a constant count, takes no memory per row; other columns take one,
+//! two or four bytes per row, depending on the largest count.
 
-/// A count that is missing.
+/// The value of a missing count.
 pub const MISSING: u32 = u32::MAX;
 
-/// Counts, one a row; [`u32::MAX`] where there is none.
+/// A column of counts, one per row; [`u32::MAX`] if missing.
 #[derive(Clone, Debug)]
 pub struct Counts {
     kept: Kept,
-    /// Rows for which there is to be room.
+    /// Number of rows for which space is reserved.
     room: usize,
 }
 
 #[derive(Clone, Debug)]
 enum Kept {
-    /// `first`, `first + step`, and so on.
+    /// The sequence `first`, `first + step`, and so on.
     Run {
         first: u32,
         step: u32,
@@ -46,7 +47,7 @@ impl PartialEq for Counts {
 }
 
 impl Counts {
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         match &self.kept {
             Kept::Run { len, .. } => *len,
@@ -56,12 +57,12 @@ impl Counts {
         }
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The count in a row; nothing behind the last one.
+    /// Returns the count in a row; `None` after the last row.
     pub fn get(&self, row: usize) -> Option<u32> {
         match &self.kept {
             Kept::Run { first, step, len } => (row < *len).then(|| first + step * row as u32),
@@ -75,12 +76,12 @@ impl Counts {
         }
     }
 
-    /// The counts of all rows.
+    /// Returns the counts of all rows in order.
     pub fn iter(&self) -> impl Iterator<Item = u32> {
         (0..self.len()).filter_map(|row| self.get(row))
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         self.room = self.len() + rows;
         match &mut self.kept {
@@ -91,13 +92,13 @@ impl Counts {
         }
     }
 
-    /// Adds a count.
+    /// Appends a count.
     pub fn push(&mut self, value: u32) {
         if let Kept::Run { first, step, len } = &mut self.kept {
             match *len {
                 0 => (*first, *step) = (value, 0),
                 1 if value.checked_sub(*first).is_some_and(|step| step <= 1) => *step = value - *first,
-                // Below what is missing, which is no number of a run.
+                // The value of a missing count does not occur in a sequence with step 1.
                 _ if first.checked_add(step.saturating_mul(*len as u32)) == Some(value)
                     && (*step == 0 || value < MISSING) => {}
                 _ => return self.widen(value),
@@ -119,7 +120,7 @@ impl Counts {
         }
     }
 
-    /// Adds a count that does not fit in what the others are kept in.
+    /// Appends a count that does not fit into the current representation, by a change to a wider one.
     fn widen(&mut self, value: u32) {
         let room = self.room.max(self.len() + 1);
         let is_of = |fits: &dyn Fn(u32) -> bool| self.iter().chain([value]).all(fits);
@@ -140,12 +141,12 @@ impl Counts {
     }
 }
 
-/// The value in a byte, if it fits.
+/// Returns the count in one byte, if it fits.
 fn byte(value: u32) -> Option<u8> {
     if value == MISSING { Some(u8::MAX) } else { u8::try_from(value).ok().filter(|value| *value < u8::MAX) }
 }
 
-/// The value in two bytes, if it fits.
+/// Returns the count in two bytes, if it fits.
 fn short(value: u32) -> Option<u16> {
     if value == MISSING { Some(u16::MAX) } else { u16::try_from(value).ok().filter(|value| *value < u16::MAX) }
 }

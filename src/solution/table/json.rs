@@ -1,4 +1,4 @@
-//! Columns as JSON: an object of lists by name, with null for missing values.
+//! Columns of a table as JSON: an object of lists by name, with null for missing values.
 
 use super::{Column, Counts, Lists, MISSING, Values, Words};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
@@ -62,10 +62,10 @@ impl<'de> Visitor<'de> for ColumnsVisitor {
 }
 
 impl Values {
-    /// Writes the value in a row, null where there is none.
+    /// Writes the value in a row, or null if it is missing.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     pub fn write_json(&self, row: usize, out: &mut dyn Write) -> io::Result<()> {
         match self {
             Self::Flags(values) => serde_json::to_writer(out, &values.get(row))?,
@@ -118,7 +118,7 @@ impl<'de> Deserialize<'de> for Values {
     }
 }
 
-/// The numbers of a list.
+/// The numbers of a list, with null for missing ones.
 #[derive(Serialize)]
 #[serde(transparent)]
 struct List(Vec<Option<f64>>);
@@ -131,7 +131,7 @@ impl List {
 
 struct ValuesVisitor;
 
-/// One value as written: a whole number without a decimal point is a count.
+/// One value in JSON: an integer without a decimal point is read as a count.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Value {

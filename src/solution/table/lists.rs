@@ -1,7 +1,7 @@
-//! Lists of numbers, one a row, all of one length: the trajectories of members at the same times. A number that is missing, as
-//! behind the time at which a run failed, is NaN here and null wherever it is written.
+//! Lists of numbers of equal length, one list per row: the trajectories of members of a sweep at the same times. A
+//! missing number, such as one after the time at which a run failed, is NaN in memory and null in every written form.
 
-/// Lists of one length.
+/// A column of lists of equal length.
 #[derive(Clone, Debug, Default)]
 pub struct Lists {
     length: usize,
@@ -17,27 +17,27 @@ impl PartialEq for Lists {
 }
 
 impl Lists {
-    /// No rows, of lists of this length.
+    /// Creates a column without rows, for lists of the given length.
     pub fn new(length: usize) -> Self {
         Self { length, ..Self::default() }
     }
 
-    /// The length of each list.
+    /// Returns the length of each list.
     pub fn length(&self) -> usize {
         self.length
     }
 
-    /// The number of rows.
+    /// Returns the number of rows.
     pub fn len(&self) -> usize {
         self.rows
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.rows == 0
     }
 
-    /// The list in a row.
+    /// Returns the list in a row.
     pub fn get(&self, row: usize) -> Option<&[f64]> {
         if row >= self.rows {
             return None;
@@ -45,32 +45,32 @@ impl Lists {
         self.values.get(row * self.length..(row + 1) * self.length)
     }
 
-    /// The numbers of the list in a row; those that are missing are none.
+    /// Returns the numbers of the list in a row, `None` for missing ones; returns `None` if all are missing.
     pub fn numbers(&self, row: usize) -> Option<impl Iterator<Item = Option<f64>>> {
         let list = self.get(row).filter(|list| list.iter().any(|value| value.is_finite()))?;
         Some(list.iter().map(|value| Some(*value).filter(|value| value.is_finite())))
     }
 
-    /// Adds a list: what it is too short by is missing, and what it is too long by is left out.
+    /// Appends a list: missing numbers are added if it is too short, and excess numbers are dropped.
     pub fn push(&mut self, list: &[f64]) {
         let given = list.iter().copied().chain(std::iter::repeat(f64::NAN));
         self.values.extend(given.take(self.length));
         self.rows += 1;
     }
 
-    /// Takes the length of others, as long as there are no rows.
+    /// Sets the length of the lists to that of `other`, if there are no rows yet.
     pub fn take_length(&mut self, other: &Self) {
         if self.rows == 0 {
             self.length = other.length;
         }
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         self.values.reserve_exact(rows.saturating_mul(self.length));
     }
 
-    /// All numbers, list after list.
+    /// Returns all numbers, one list after the other.
     pub fn values(&self) -> &[f64] {
         &self.values
     }

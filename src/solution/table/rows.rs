@@ -1,4 +1,4 @@
-//! Rows of a table as bytes, for a worker to send and a store to keep:
+//! The rows of a table as bytes, for a worker to send and a store to keep:
 //!
 //! ```text
 //! head       the bytes of the head (4), the head as JSON: a table without rows
@@ -9,12 +9,12 @@
 //!            lists: their length (4), then their numbers
 //! ```
 //!
-//! Unlike JSON, a column whose values are all missing keeps its kind.
+//! Unlike in JSON, a column whose values are all missing keeps its type.
 
 use super::{Lists, MISSING, Table, Values, Words};
 use std::io;
 
-/// The kinds of columns.
+/// The codes of the column types in the byte format.
 const NUMBERS: u8 = 0;
 const COUNTS: u8 = 1;
 const FLAGS: u8 = 2;
@@ -22,10 +22,10 @@ const WORDS: u8 = 3;
 const LISTS: u8 = 4;
 
 impl Table {
-    /// The table as bytes.
+    /// Returns the table as bytes.
     ///
     /// # Errors
-    /// The table has more rows, or longer words, than four bytes count.
+    /// The table has more rows, or longer texts, than four bytes can count.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         put_text(&serde_json::to_vec(&self.head())?, &mut bytes)?;
@@ -37,7 +37,7 @@ impl Table {
     /// Reads a table that [`Table::to_bytes`] wrote.
     ///
     /// # Errors
-    /// [`io::ErrorKind::InvalidData`] if the bytes are not such a table.
+    /// [`io::ErrorKind::InvalidData`] if the bytes do not represent a table.
     pub fn of_bytes(bytes: &[u8]) -> io::Result<Self> {
         let mut rest = Rest(bytes);
         let length = rest.count()?;
@@ -49,17 +49,17 @@ impl Table {
         if rest.0.is_empty() { Ok(table) } else { Err(cut_off()) }
     }
 
-    /// The table without its rows, and with the number of those that failed.
+    /// Returns the table without rows, but with the number of failed members.
     pub fn head(&self) -> Self {
         Self { failed: self.failed, ..self.emptied() }
     }
 }
 
 impl Values {
-    /// Appends the values as bytes.
+    /// Appends the values as bytes, preceded by the code of their type.
     ///
     /// # Errors
-    /// There are more words, or longer ones, than four bytes count.
+    /// There are more texts, or longer ones, than four bytes can count.
     pub fn put(&self, bytes: &mut Vec<u8>) -> io::Result<()> {
         match self {
             Self::Numbers(values) => {
@@ -89,10 +89,10 @@ impl Values {
         Ok(())
     }
 
-    /// The values of so many rows that [`Values::put`] wrote.
+    /// Reads the values of `rows` rows that [`Values::put`] wrote.
     ///
     /// # Errors
-    /// [`io::ErrorKind::InvalidData`] if the bytes are others.
+    /// [`io::ErrorKind::InvalidData`] if the bytes do not represent a column of `rows` rows.
     pub fn of_bytes(bytes: &[u8], rows: usize) -> io::Result<Self> {
         let mut rest = Rest(bytes);
         let values = rest.values(rows)?;
@@ -116,7 +116,7 @@ fn cut_off() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "these are no rows of a table")
 }
 
-/// What has not been read yet.
+/// The bytes that have not been read yet.
 struct Rest<'b>(&'b [u8]);
 
 impl<'b> Rest<'b> {
@@ -126,7 +126,7 @@ impl<'b> Rest<'b> {
         Ok(taken)
     }
 
-    /// Numbers of `N` bytes each.
+    /// Reads `count` numbers of `N` bytes each.
     fn numbers<const N: usize>(&mut self, count: usize) -> io::Result<&'b [[u8; N]]> {
         Ok(self.take(count.checked_mul(N).ok_or_else(cut_off)?)?.as_chunks().0)
     }
@@ -145,7 +145,7 @@ impl<'b> Rest<'b> {
             [LISTS] => {
                 let length = self.count()?;
                 let mut lists = Lists::new(length);
-                // Lists of nothing take no bytes, however many there are.
+                // Empty lists take no bytes, so that the number of rows is limited separately.
                 let count = if length == 0 { rows.min(self.0.len()) } else { rows };
                 let numbers = self.numbers(count.checked_mul(length).ok_or_else(cut_off)?)?;
                 let numbers: Vec<f64> = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
@@ -161,7 +161,7 @@ impl<'b> Rest<'b> {
 
     fn words(&mut self, rows: usize) -> io::Result<Words> {
         let count = self.count()?;
-        // Each takes four bytes at least.
+        // Each text takes at least four bytes.
         let mut known = Vec::with_capacity(count.min(self.0.len() / 4));
         for _ in 0..count {
             let length = self.count()?;
@@ -226,7 +226,7 @@ mod tests {
             assert!(Table::of_bytes(&bytes[..length]).is_err(), "{length}");
         }
         assert!(Table::of_bytes(&[&bytes[..], &[0]].concat()).is_err());
-        // Any byte may be another: what is read has columns of one length, or is refused.
+        // Any single byte is changed: the table that is read has columns of equal length, or is rejected.
         for place in 0..bytes.len() {
             let mut other = bytes.clone();
             other[place] ^= 0x55;

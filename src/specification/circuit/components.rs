@@ -9,21 +9,21 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Component {
-    /// `v = R i`.
+    /// A resistor: voltage `v = R i`, with the current `i`.
     Resistor(Resistor),
-    /// `i = C v'`.
+    /// A capacitor: current `i = C v'`, with the voltage `v`.
     Capacitor(Capacitor),
-    /// `v = L i'`.
+    /// An inductor: voltage `v = L i'`, with the current `i`.
     Inductor(Inductor),
-    /// Prescribed voltage `v`.
+    /// A source with prescribed voltage `v`.
     VoltageSource(VoltageSource),
-    /// Prescribed current `i`.
+    /// A source with prescribed current `i`.
     CurrentSource(CurrentSource),
     /// An ideal diode from anode to cathode: `i >= 0`, `v <= forward_volts`, and at least one holds with equality.
     Diode(Diode),
     /// An ideal diode that also conducts in reverse, at `v = -breakdown_volts`.
     Zener(Zener),
-    /// An ideal switch: `v = 0` while it is closed, `i = 0` while it is open.
+    /// An ideal switch: voltage `v = 0` while it is closed, current `i = 0` while it is open.
     Switch(Switch),
     /// An ideal operational amplifier: zero voltage between the inputs, or the output at a limit.
     OpAmp(OpAmp),
@@ -33,53 +33,55 @@ pub enum Component {
     Transformer(Transformer),
 }
 
-/// A resistor.
+/// A resistor between two nodes.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Resistor {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The two nodes that it connects.
+    /// The two nodes that the component connects.
     pub nodes: (String, String),
-    /// Resistance, above 0.
+    /// Resistance in ohms, above 0.
     pub ohms: Expression,
 }
 
-/// A capacitor.
+/// A capacitor between two nodes.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Capacitor {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The two nodes that it connects.
+    /// The two nodes that the component connects.
     pub nodes: (String, String),
-    /// Capacitance, above 0.
+    /// Capacitance in farads, above 0.
     pub farads: Expression,
-    /// Initial voltage. Default 0; in a loop of capacitors and voltage sources, the value that the others imply.
+    /// Initial voltage. Default 0; in a loop of capacitors and voltage sources, the voltage that the rest of the loop
+    /// implies.
     pub volts: Option<Expression>,
 }
 
-/// An inductor.
+/// An inductor between two nodes.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Inductor {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The two nodes that it connects.
+    /// The two nodes that the component connects.
     pub nodes: (String, String),
-    /// Inductance, above 0.
+    /// Inductance in henries, above 0.
     pub henries: Expression,
-    /// Initial current. Default 0; in a cut set of inductors and current sources, the value that the others imply.
+    /// Initial current. Default 0; in a cut set of inductors and current sources, the current that the rest of the
+    /// set implies.
     pub amperes: Option<Expression>,
 }
 
-/// A voltage source.
+/// A voltage source, prescribed or controlled, with optional saturation.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VoltageSource {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// Positive node, then negative node.
+    /// The positive node of the source, then the negative node.
     pub nodes: (String, String),
     /// Voltage, as an expression in `t`, and for a controlled source also in voltages `v(node)`, `v(component)` and
     /// currents `i(component)`.
@@ -88,11 +90,11 @@ pub struct VoltageSource {
     pub limits: Option<(Expression, Expression)>,
 }
 
-/// A current source.
+/// A current source, prescribed or controlled, with optional saturation.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentSource {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
     /// The node that the current is drawn from, then the node that it is delivered to.
     pub nodes: (String, String),
@@ -103,39 +105,39 @@ pub struct CurrentSource {
     pub limits: Option<(Expression, Expression)>,
 }
 
-/// A diode.
+/// An ideal diode with an optional forward voltage.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Diode {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// Anode and cathode.
+    /// Nodes of the anode and of the cathode.
     pub nodes: (String, String),
-    /// Forward voltage while it conducts, not negative. Default 0.
+    /// Forward voltage of the conducting diode, not negative. Default 0.
     pub forward_volts: Option<Expression>,
 }
 
-/// A zener diode.
+/// An ideal zener diode, which conducts in reverse at its breakdown voltage.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Zener {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// Anode and cathode.
+    /// Nodes of the anode and of the cathode.
     pub nodes: (String, String),
-    /// Forward voltage while it conducts forwards, not negative. Default 0.
+    /// Forward voltage of the diode that conducts forwards, not negative. Default 0.
     pub forward_volts: Option<Expression>,
-    /// Breakdown voltage, from cathode to anode, at which it conducts in reverse; above 0.
+    /// Breakdown voltage, from cathode to anode, at which the diode conducts in reverse; above 0.
     pub breakdown_volts: Expression,
 }
 
-/// A switch.
+/// An ideal switch, controlled by time or by voltages and currents.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Switch {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The two nodes that it connects.
+    /// The two nodes that the component connects.
     pub nodes: (String, String),
     /// The switch is closed while this expression is not negative: an expression in `t`, as in `sin(2*pi*f*t)`, or also
     /// in voltages `v(node)`, `v(component)` and currents `i(component)`, as in `v(control) - sawtooth(t, period)`.
@@ -144,37 +146,37 @@ pub struct Switch {
     /// the current of an inductor. Required where `closed` depends on `t` alone; not allowed otherwise, since a switch
     /// controlled by voltages and currents withstands any voltage.
     pub withstand_volts: Option<Expression>,
-    /// Hysteresis of a switch controlled by voltages and currents: it closes when `closed` rises to this value, and
-    /// opens when it falls to minus this value. Not negative. Default 0.
+    /// Hysteresis of a switch controlled by voltages and currents: the switch closes when `closed` rises to this
+    /// value, and opens when `closed` falls to minus this value. Not negative. Default 0.
     pub hysteresis: Option<Expression>,
-    /// Whether it is closed at the start, if hysteresis leaves that undetermined. Default false.
+    /// Whether the switch is closed at the start, if hysteresis leaves that undetermined. Default false.
     #[serde(default)]
     pub initially: bool,
 }
 
-/// An operational amplifier.
+/// An ideal operational amplifier with optional limits of the output voltage.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OpAmp {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The inputs, `+` and `-`, which draw no current.
+    /// The input nodes, `+` and `-`, which draw no current.
     pub inputs: (String, String),
-    /// The output node, and the node that its voltage is measured against.
+    /// The output node, and the node that the output voltage is measured against.
     pub nodes: (String, String),
     /// Minimum and maximum output voltage. Default: unlimited.
     pub limits: Option<(Expression, Expression)>,
 }
 
-/// A comparator.
+/// An ideal comparator with optional hysteresis.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Comparator {
-    /// Name, different from that of every other component and node.
+    /// Name of the component, different from the names of all other components and nodes.
     pub name: String,
-    /// The inputs, `+` and `-`, which draw no current.
+    /// The input nodes, `+` and `-`, which draw no current.
     pub inputs: (String, String),
-    /// The output node, and the node that its voltage is measured against.
+    /// The output node, and the node that the output voltage is measured against.
     pub nodes: (String, String),
     /// Output voltage while the first input is below the second. Default 0.
     pub low: Option<Expression>,
@@ -188,12 +190,12 @@ pub struct Comparator {
     pub initially: bool,
 }
 
-/// A transformer.
+/// An ideal transformer with two windings.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Transformer {
-    /// Name, different from that of every other component and node. The winding currents are `i(name.primary)` and
-    /// `i(name.secondary)`.
+    /// Name of the transformer, different from the names of all other components and nodes. The winding currents are
+    /// `i(name.primary)` and `i(name.secondary)`.
     pub name: String,
     /// The nodes of the primary winding, the dotted end first.
     pub primary: (String, String),
@@ -204,7 +206,7 @@ pub struct Transformer {
 }
 
 impl Component {
-    /// The key of the component in the document.
+    /// Returns the key of the kind of component in a specification, such as `resistor`.
     pub(super) fn key(&self) -> &'static str {
         match self {
             Self::Resistor(_) => "resistor",
@@ -221,7 +223,7 @@ impl Component {
         }
     }
 
-    /// The name of the component.
+    /// Returns the name that the user gave to the component.
     pub(super) fn name(&self) -> &str {
         match self {
             Self::Resistor(Resistor { name, .. })
@@ -238,7 +240,7 @@ impl Component {
         }
     }
 
-    /// The pairs of nodes that the component connects, one pair per element.
+    /// Returns the pairs of nodes that the component connects, one pair per circuit element.
     pub(super) fn nodes(&self) -> Vec<&(String, String)> {
         match self {
             Self::Resistor(Resistor { nodes, .. })
@@ -255,7 +257,7 @@ impl Component {
         }
     }
 
-    /// The input nodes, whose voltage is sensed without drawing current.
+    /// Returns the input nodes, whose voltage is sensed without drawing current.
     pub(super) fn inputs(&self) -> Option<&(String, String)> {
         match self {
             Self::OpAmp(OpAmp { inputs, .. }) | Self::Comparator(Comparator { inputs, .. }) => Some(inputs),

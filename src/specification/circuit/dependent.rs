@@ -13,7 +13,7 @@ use models::circuit::{Dependent, DependentLaw, Element, Equations, Law, System};
 /// The controlling quantity of an element, as the user writes it.
 #[derive(Clone, Debug)]
 pub(super) enum Drive<'a> {
-    /// An expression under this key of the component.
+    /// An expression under the key `key` of the component.
     Expression { key: &'static str, expression: &'a Expression, bounds: [Option<Node>; 2] },
     /// The sign of a voltage or an expression, for a switch or a comparator.
     Comparison { of: Compared<'a>, hysteresis: Option<Node>, begins: bool, limits: [Node; 2] },
@@ -25,16 +25,17 @@ pub(super) enum Drive<'a> {
     WindingCurrent { other: usize, factor: Node },
 }
 
-/// The quantity whose sign is taken.
+/// The quantity whose sign controls a switch or a comparator.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Compared<'a> {
-    /// The expression `closed` of a switch.
+    /// The expression `closed` of a switch, whose sign decides whether the switch is closed.
     Closed(&'a Expression),
     /// The voltage between the inputs of a comparator.
     Between((usize, usize)),
 }
 
-/// Lowers the laws of all controlled elements; each drive comes with the index of its element.
+/// Lowers the laws of all controlled elements; each controlling quantity (`drives`) comes with the index of its
+/// element.
 pub(super) fn laws(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],
@@ -123,8 +124,8 @@ pub(super) fn check_names(
     }
 }
 
-/// A resistance scale for the circuit: the mean of its resistors; without resistors, `sqrt(L/C)` of its mean inductance
-/// and capacitance; without those, 1 ohm.
+/// Returns a resistance scale for the circuit: the mean of its resistors; without resistors, `sqrt(L/C)` of its mean
+/// inductance and capacitance; without those, 1 ohm.
 fn scale(elements: &[Element]) -> f64 {
     let mean = |size: &dyn Fn(&Law) -> Option<f64>| {
         let sizes: Vec<f64> = elements.iter().filter_map(|element| size(&element.law)).collect();

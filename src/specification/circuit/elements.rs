@@ -1,4 +1,5 @@
-//! From a component to its elements: their numbers, and the drives of those that are not controlled by time alone.
+//! From a component to its elements, and to the controlling quantities of those elements that are not controlled by
+//! time alone.
 
 use super::components::*;
 use super::dependent::{Compared, Drive};
@@ -12,7 +13,8 @@ use models::circuit::{Element, Law, Quantity, Terms};
 use std::collections::HashMap;
 
 impl<'a> Circuit<'a> {
-    /// Appends the elements of a component, and the drives of those that are not controlled by time alone.
+    /// Appends the elements of a component, and the controlling quantities (`drives`) of those elements that are not
+    /// controlled by time alone.
     pub(super) fn elements(
         &self,
         (component, swapped): (usize, bool),
@@ -22,7 +24,7 @@ impl<'a> Circuit<'a> {
         lowering: &mut Lowering,
     ) {
         let k = elements.len();
-        // An unknown node has been reported already.
+        // A node with an unknown name has been reported already, and is replaced by ground.
         let of = |(a, b): &(String, String)| [a, b].map(|name| nodes.get(name.as_str()).copied().unwrap_or(0)).into();
         let place = |law: Law, at: &(String, String)| Element { nodes: of(at), law };
         let (above, any) = (Some((0.0, false)), None);
@@ -114,7 +116,8 @@ impl<'a> Circuit<'a> {
                     );
                 }
                 let (primary_law, secondary_law) = match swapped {
-                    // `swapped`: v_1 = n v_2 and i_2 = -n i_1; otherwise v_2 = v_1/n and i_1 = -i_2/n.
+                    // The laws of the windings with the ratio n are v_1 = n v_2 and i_2 = -n i_1 if `swapped`, else
+                    // v_2 = v_1/n and i_1 = -i_2/n.
                     true => {
                         drives.push((k, Drive::WindingVoltage { other: of(secondary), factor: ratio }));
                         drives.push((k + 1, Drive::WindingCurrent { other: k, factor: ratio }));
@@ -156,7 +159,7 @@ impl<'a> Circuit<'a> {
         Law::Switch { closed, withstand: value }
     }
 
-    /// A constant as a graph node; `otherwise` is its default.
+    /// Returns a constant of element `k` as a graph node; `otherwise` is its default.
     fn constant(
         &self,
         k: usize,
@@ -177,7 +180,7 @@ impl<'a> Circuit<'a> {
         Some(node.unwrap_or_else(|| lowering.graph.constant(value)))
     }
 
-    /// The lower and the upper limit of a source.
+    /// Returns the lower and the upper limit of a source as graph nodes.
     fn limits(&self, k: usize, given: Option<&(Expression, Expression)>, lowering: &mut Lowering) -> [Option<Node>; 2] {
         let Some((low, high)) = given else { return [None; 2] };
         let limits = [low, high].map(|limit| self.constant(k, "limits", Some(limit), 0.0, lowering));
@@ -193,7 +196,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// A constant above the lower bound `least.0`, or equal to it if `least.1` is true.
+    /// Returns a constant, which must be above the lower bound `least.0`, or may equal it if `least.1` is true.
     fn value(
         &self,
         k: usize,
@@ -225,7 +228,7 @@ impl<'a> Circuit<'a> {
     }
 }
 
-/// The quantity of an element that a key of its component sets.
+/// Returns the quantity of an element that a key of its component sets.
 fn quantity(key: &str) -> Quantity {
     match key {
         "volts" | "amperes" => Quantity::Start,

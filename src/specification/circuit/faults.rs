@@ -6,17 +6,17 @@ use models::circuit::Fault;
 
 /// The names in a circuit, and the pointers to its components.
 pub(super) struct Names<'a> {
-    /// The name of each element.
+    /// The name of each circuit element.
     pub components: Vec<String>,
     pub nodes: Vec<&'a str>,
-    /// The JSON pointer to an element's component.
+    /// Returns the JSON pointer to the component of an element.
     pub pointer: &'a dyn Fn(usize) -> String,
-    /// The JSON pointer to the whole list or netlist.
+    /// The JSON pointer to the whole list of components, or to the netlist.
     pub whole: String,
 }
 
 impl Names<'_> {
-    /// Describes a fault as a specification error.
+    /// Describes a fault of a circuit as a specification error.
     pub fn error(&self, fault: &Fault) -> SpecificationError {
         let first = |elements: &[usize]| elements.first().map_or_else(|| self.whole.clone(), |&k| (self.pointer)(k));
         match fault {
@@ -107,7 +107,7 @@ impl Names<'_> {
     }
 }
 
-/// Joins quoted names, showing at most `SHOWN` of them.
+/// Joins names in quotes, of which at most `SHOWN` are shown.
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const SHOWN: usize = 12;
     let mut names = names.map(|name| format!("`{}`", abridged(name)));

@@ -1,4 +1,4 @@
-//! From named components to the elements of a circuit.
+//! Lowering of named components to the elements of a circuit.
 
 use super::components::{Component, Transformer};
 use super::dependent;
@@ -17,7 +17,7 @@ use models::circuit::Terms;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// The name of the ground node.
+/// The name of the ground node of a circuit.
 pub(super) const GROUND: &str = "0";
 
 impl Written for CircuitProblem {
@@ -66,13 +66,13 @@ impl Written for CircuitProblem {
     }
 }
 
-/// The components, with their places in the document.
+/// The components of a circuit, with their places in the document.
 pub(super) struct Circuit<'a> {
     pub(super) components: &'a [Component],
-    /// The component index of each element.
+    /// For each circuit element, the index of the component that it belongs to.
     pub(super) owners: Vec<usize>,
     place: Pointer<'a>,
-    /// The line of each component, if they come from a netlist.
+    /// The line of each component in the netlist, if the circuit is given as a netlist.
     pub(super) lines: Option<&'a [usize]>,
 }
 
@@ -83,7 +83,7 @@ impl<'a> Circuit<'a> {
         Self { components, owners, place, lines }
     }
 
-    /// Builds the model; `remarks` are warnings about how the netlist was read.
+    /// Builds the model of the circuit; `remarks` are warnings about how the netlist was read.
     fn model(
         &self,
         (definitions, remarks): (&Ordered<Expression>, &[String]),
@@ -131,7 +131,7 @@ impl<'a> Circuit<'a> {
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.member(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
             let left: Vec<usize> = (0..count).filter(is_transformer).filter(|&k| !swapped[k]).collect();
-            // Those that the fault names; all others where it names none.
+            // The transformers that the errors name; all that are left, if the errors name none.
             let named: Vec<usize> = left.iter().copied().filter(|&k| is_named(k)).collect();
             let turned = if named.is_empty() { left } else { named };
             let errors = first.get_or_insert(errors);
@@ -152,13 +152,13 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// The pointer of a component in a list, by which faults name it; the components of a netlist have it as well, until
-    /// [`Self::placed`].
+    /// Returns the pointer of a component in a list of components, by which errors name the component; errors of a
+    /// netlist have such pointers until [`Self::placed`] replaces them.
     fn member(&self, k: usize) -> String {
         self.place.index(k).key(self.components[k].key()).to_string()
     }
 
-    /// An error of a component, at its line if it is from a netlist.
+    /// Returns an error of a component, moved to its line if the circuit is given as a netlist.
     fn placed(&self, error: SpecificationError) -> SpecificationError {
         let Some(lines) = self.lines else { return error };
         match (0..self.components.len()).find(|&k| error.pointer == self.member(k)) {
@@ -230,7 +230,7 @@ impl<'a> Circuit<'a> {
         node
     }
 
-    /// Calls back with the pointer to a member of an element's component. All components of a netlist share one
+    /// Calls `call` with the pointer to a member of an element's component. All components of a netlist share one
     /// pointer.
     pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Pointer<'_>) -> T) -> T {
         match self.lines {
@@ -239,7 +239,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// The component of element `k`.
+    /// Returns the component that element `k` belongs to.
     pub(super) fn owner(&self, k: usize) -> &Component {
         &self.components[self.owners[k]]
     }
@@ -257,7 +257,7 @@ impl<'a> Circuit<'a> {
     }
 }
 
-/// The longest name, in characters.
+/// Largest length of the name of a component or a node, in characters.
 const LONGEST_NAME: usize = 60;
 
 fn is_name(text: &str) -> bool {

@@ -20,7 +20,7 @@ use super::tables::TableOfPoints;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// Most components of a circuit.
+/// Largest number of components of a circuit.
 const MOST_COMPONENTS: usize = 10_000;
 
 /// Components between nodes, as `components` or as a `netlist`; the node `0` is ground.
@@ -51,7 +51,7 @@ pub struct CircuitProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// At most 10000 components.
+    /// The components of the circuit, at most 10000.
     pub components: Option<Vec<Component>>,
     /// A netlist in SPICE syntax, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal), switches `S` and `W`
     /// with a `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for coupled inductors, `X`

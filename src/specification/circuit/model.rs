@@ -113,8 +113,8 @@ pub(super) fn model(
     Ok(Arc::new(model))
 }
 
-/// Outputs: node voltages, currents, and the voltages of diodes and switches, except those that are states or variables
-/// already.
+/// Returns the outputs of a circuit: node voltages, currents, and the voltages of diodes and switches, except those
+/// that are states or variables already.
 fn outputs(
     elements: &[Element],
     forms: &Forms,

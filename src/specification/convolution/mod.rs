@@ -50,39 +50,40 @@ pub struct ConvolutionProblem {
     /// The variables `z` by name, at least one. Their order is that of the rows and columns of the kernel.
     #[schema(value_type = std::collections::BTreeMap<String, ConvolutionVariable>)]
     pub variables: Ordered<ConvolutionVariable>,
-    /// The kernel `m`.
+    /// The kernel `m` of the convolution.
     pub kernel: KernelOfTime,
     /// The set `K` as a product of blocks, each variable in exactly one; bounds may vary with `t`.
     pub set: Option<Vec<Block>>,
 }
 
-/// A variable `z_i`.
+/// A variable `z_i` of a problem with memory.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ConvolutionVariable {
-    /// The forcing `q_i`, an expression in `t`.
+    /// The forcing `q_i` of the inequality of the variable, an expression in `t`.
     pub q: Expression,
 }
 
-/// A kernel: either `fractional` or `entries`.
+/// The kernel of a problem with memory: either `fractional` or `entries`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct KernelOfTime {
-    /// A power of time and a matrix.
+    /// A kernel that is a power of time, times a constant matrix.
     pub fractional: Option<FractionalKernel>,
-    /// A matrix of expressions in `t`, the time between cause and effect; each is smooth from `t = 0` on.
+    /// A kernel as a matrix of expressions in `t`, the time between cause and effect; each expression is smooth from
+    /// `t = 0` on.
     pub entries: Option<Matrix>,
     /// The exponent `a`, above 0 and at most 2: the kernel is `t^(a-1)` times `entries`. Default 1.
     pub exponent: Option<Expression>,
 }
 
-/// The kernel `t^(a-1) / Gamma(a) M`.
+/// The fractional kernel `m(t) = t^(a-1) / Gamma(a) M`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FractionalKernel {
     /// The exponent `a`, above 0 and at most 2, which is the index of the problem.
     pub exponent: Expression,
-    /// The constant matrix `M`. Default: the identity.
+    /// The constant matrix `M` of the kernel. Default: the identity.
     pub matrix: Option<Matrix>,
 }
 
@@ -110,7 +111,7 @@ impl Written for ConvolutionProblem {
             lowering.errors.push(error.expected("at least one variable"));
             return (lowering, None);
         }
-        // Lowered before the variables are bound: neither `q` nor the kernel may depend on them.
+        // `q` and the kernel are lowered before the variables are bound, since neither may depend on variables.
         let mut inequality = Vec::with_capacity(m);
         for (name, variable) in self.variables.iter() {
             inequality.push(lowering.node_or_zero(&variable.q, &variables.key(name).key("q")));

@@ -1,5 +1,5 @@
-//! From a checked problem with memory to the settings of its run. The whole history is kept, so memory limits the
-//! number of steps.
+//! Settings of a run from a checked problem with memory. The whole history is kept, so memory limits the number of
+//! steps.
 
 use crate::checked::Specification;
 use crate::document::Time;
@@ -11,17 +11,17 @@ use convolution::{SegmentSettings, Segments, Settings};
 use models::ConvolutionModel;
 use solution::{ConvolutionPlan, Mesh};
 
-/// Most numbers that a run may keep: 512 MiB.
+/// Largest number of values that a run may store: 512 MiB.
 const MOST_NUMBERS: usize = 1 << 26;
-/// Most unknowns of a step, whose matrix is dense.
+/// Largest number of unknowns of a step, whose matrix is dense.
 const MOST_UNKNOWNS: usize = 2_000;
-/// Default number of steps of the first run, and of the last run of a sequence of halvings.
+/// Default number of steps of the first run, and of the last run of a sequence of halved step sizes.
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
-/// Default number of polynomials per element.
+/// Default number of polynomials per element of the mesh.
 const POLYNOMIALS: usize = 5;
 
-/// Settings of a run of a problem with memory.
+/// Returns the settings of a run of a problem with memory.
 pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> ConvolutionPlan {
     let (method, time) = (specification.method(), specification.time());
     let within = |step: Option<f64>| step.map(|step| steps_of(time, step));
@@ -44,8 +44,8 @@ pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> Convo
     ConvolutionPlan { settings, mesh, segments, most }
 }
 
-/// Settings for integration in segments between located switches; `None` if the user gives a step or a least step, if
-/// the set does not suit, or if the variables are unbounded at the start.
+/// Returns settings for integration in segments between located switches; `None` if the user gives a step or a
+/// minimum step, if the set does not suit, or if the variables are unbounded at the start.
 fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Option<SegmentSettings> {
     let (method, time) = (specification.method(), specification.time());
     let stages = match method.stages {
@@ -67,7 +67,7 @@ fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Optio
     })
 }
 
-/// The number of values that the first run stores.
+/// Number of values that the first run of a problem with memory stores.
 pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize {
     let steps = match plan_of(model, specification).mesh {
         Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
@@ -76,7 +76,7 @@ pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize
     steps.saturating_mul(numbers_a_step(model, specification.method().stages)).saturating_add(adapted)
 }
 
-/// Numbers per variable for the meshes and singular functions of an adaptive run, measured.
+/// Measured number of values per variable for the meshes and singular functions of an adaptive run.
 const OF_MESHES: usize = 4000;
 
 /// Refuses a run that would not fit into memory.
@@ -99,7 +99,7 @@ fn stages(stages: Stages) -> usize {
     }
 }
 
-/// Most steps that fit into memory; zero if even one step is too large.
+/// Largest number of steps that fit into memory; zero if even one step is too large.
 fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     if stages(chosen) * model.variables() > MOST_UNKNOWNS {
         return 0;
@@ -107,7 +107,8 @@ fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     MOST_NUMBERS / numbers_a_step(model, chosen)
 }
 
-/// Numbers kept per step: two per stage and variable, and the weights and their transforms per kernel term.
+/// Number of values stored per step: two per stage and variable, and the weights and their transforms per kernel
+/// term.
 fn numbers_a_step(model: &ConvolutionModel, chosen: Stages) -> usize {
     let (s, m) = (stages(chosen), model.variables());
     (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)

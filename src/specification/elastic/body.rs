@@ -20,45 +20,45 @@ pub enum ElasticBody {
     String(StringBody),
     /// A bar, with axial displacements.
     Bar(BarBody),
-    /// A rectangle in its plane.
+    /// A rectangle with displacements in its plane, in plane strain or plane stress.
     Rectangle(RectangleBody),
-    /// A box.
+    /// A box, with displacements in three directions.
     Box(BoxBody),
 }
 
-/// A string.
+/// An elastic string under tension, along `x`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StringBody {
-    /// Start and end coordinate.
+    /// Coordinates of the two ends of the string.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
 }
 
-/// A bar.
+/// An elastic bar along `x`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BarBody {
-    /// Start and end coordinate.
+    /// Coordinates of the two ends of the bar.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
 }
 
-/// A rectangle.
+/// An elastic rectangle in the plane of `x` and `y`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RectangleBody {
-    /// Start and end coordinate along `x`.
+    /// Start and end coordinate of the rectangle along `x`.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
-    /// Start and end coordinate along `y`.
+    /// Start and end coordinate of the rectangle along `y`.
     #[schema(value_type = [Expression; 2])]
     pub y: [Expression; 2],
-    /// Assumption across the plane.
+    /// Assumption on strain and stress across the plane of the rectangle.
     pub plane: PlaneLaw,
 }
 
-/// Assumption across the plane of a rectangle.
+/// Assumption on strain and stress across the plane of a rectangle.
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PlaneLaw {
@@ -68,22 +68,22 @@ pub enum PlaneLaw {
     Stress,
 }
 
-/// A box.
+/// An elastic box with sides along `x`, `y` and `z`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxBody {
-    /// Start and end coordinate along `x`.
+    /// Start and end coordinate of the box along `x`.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
-    /// Start and end coordinate along `y`.
+    /// Start and end coordinate of the box along `y`.
     #[schema(value_type = [Expression; 2])]
     pub y: [Expression; 2],
-    /// Start and end coordinate along `z`.
+    /// Start and end coordinate of the box along `z`.
     #[schema(value_type = [Expression; 2])]
     pub z: [Expression; 2],
 }
 
-/// The grid of a body, and its degrees of freedom per node.
+/// The grid of an elastic body, and the degrees of freedom per node.
 pub(super) struct Geometry {
     pub grid: Grid,
     /// Number of displacement components per node.
@@ -91,7 +91,7 @@ pub(super) struct Geometry {
     pub is_string: bool,
 }
 
-/// Material law of a body.
+/// Material parameters of an elastic body: density, moduli, and relaxation time of the viscous stress.
 pub(super) struct Law {
     pub density: f64,
     pub lame: Lame,
@@ -99,7 +99,7 @@ pub(super) struct Law {
 }
 
 impl ElasticBody {
-    /// Number of space dimensions.
+    /// Number of space dimensions of the body.
     pub(super) fn dimension(&self) -> usize {
         self.extents().1.len()
     }
@@ -115,7 +115,7 @@ impl ElasticBody {
 }
 
 impl ElasticProblem {
-    /// Builds the grid, if its description is valid.
+    /// Builds the grid of the body, if its description is valid.
     pub(super) fn geometry(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Geometry> {
         let (shape, extents) = self.body.extents();
         let at = place.key("elements");
@@ -148,7 +148,7 @@ impl ElasticProblem {
         Some(Geometry { components: axes.len(), grid: Grid::new(axes), is_string })
     }
 
-    /// Reads the material, if it is valid.
+    /// Reads the material parameters of the body, if they are valid.
     pub(super) fn law(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Law> {
         let density = positive(&self.density, "density", &place.key("density"), lowering);
         let dimension = geometry.grid.dimension();

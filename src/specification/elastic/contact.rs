@@ -1,4 +1,4 @@
-//! Obstacles, and the nodes that may come into contact with them.
+//! Obstacles of an elastic body, and the nodes that may come into contact with them.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -15,7 +15,7 @@ use serde::Deserialize;
 use std::collections::HashSet;
 use utoipa::ToSchema;
 
-/// An obstacle.
+/// An obstacle that an elastic body may touch.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticContact {
@@ -40,7 +40,7 @@ struct Meeting {
 const STRING_SIDES: [&str; 2] = ["below", "above"];
 
 impl ElasticProblem {
-    /// Collects all potential contact nodes, and the names of the sides.
+    /// Collects all potential contact nodes, and the names of the sides that face an obstacle.
     pub(super) fn contacts(
         &self,
         geometry: &Geometry,
@@ -187,14 +187,14 @@ impl ElasticProblem {
 }
 
 impl Geometry {
-    /// The other displacement components of the same node.
+    /// Returns the other displacement components at the node of a displacement.
     fn others_of(&self, displacement: usize) -> impl Iterator<Item = usize> {
         let first = displacement - displacement % self.components;
         (first..first + self.components).filter(move |&other| other != displacement)
     }
 }
 
-/// Reads the coefficient of friction.
+/// Reads the coefficient of friction with an obstacle.
 fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     let Some(friction) = &contact.friction else { return 0.0 };
     let place = place.key("friction");

@@ -12,7 +12,7 @@ use models::finite_elements::Grid;
 /// reported.
 pub(super) struct Field<'a> {
     node: Option<Node>,
-    /// Number of points evaluated so far.
+    /// Number of points at which the expression has been evaluated so far.
     points: usize,
     dimension: usize,
     place: &'a Pointer<'a>,
@@ -40,7 +40,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The value at a point, for an expression that must not depend on time.
+    /// Returns the value at a point, for an expression that must not depend on time.
     pub(super) fn value(&mut self, point: [f64; 3], lowering: &mut Lowering) -> f64 {
         let node = self.at(point, lowering);
         lowering.graph.value(node).unwrap_or_else(|| {
@@ -49,7 +49,7 @@ impl<'a> Field<'a> {
         })
     }
 
-    /// Reports an error and evaluates to zero from then on, so that it is reported once.
+    /// Reports an error of the expression, which evaluates to zero from then on, so that the error is reported once.
     fn fail(&mut self, code: &'static str, detail: String, expected: &str, lowering: &mut Lowering) -> Node {
         let error = SpecificationError::new(self.place.to_string(), code, detail);
         lowering.errors.push(error.expected(expected));

@@ -1,4 +1,4 @@
-//! Loads on the body, and its initial state.
+//! Loads on an elastic body, and its initial state.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -12,13 +12,14 @@ use models::finite_elements::{Element, Quadrature};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// Initial displacement and velocity; members left out are zero.
+/// Initial displacement and velocity of an elastic body; members left out are zero.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticStart {
-    /// Displacement as expressions in the coordinates, one component per direction. Clamped sides keep it.
+    /// Initial displacement as expressions in the coordinates, one component per direction. Clamped sides keep it.
     pub displacement: Option<Vec<Expression>>,
-    /// Velocity as expressions in the coordinates, one component per direction. It is ignored on clamped sides.
+    /// Initial velocity as expressions in the coordinates, one component per direction. It is ignored on clamped
+    /// sides.
     pub velocity: Option<Vec<Expression>>,
 }
 
@@ -47,7 +48,7 @@ impl ElasticStart {
 }
 
 impl Geometry {
-    /// Returns the components if their number is right, else none.
+    /// Returns the given components of a vector if their number is right, and no components otherwise.
     pub(super) fn components_of<'e>(
         &self,
         given: Option<&'e [Expression]>,
@@ -100,7 +101,7 @@ impl ElasticProblem {
     }
 }
 
-/// Adds a density to the loads; `shares` is the volume or area of each node.
+/// Adds a force density to the loads; `shares` is the volume or area that belongs to each node.
 fn add(
     density: &[Expression],
     shares: &[f64],

@@ -57,7 +57,7 @@ pub struct ElasticProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The shape of the body.
+    /// The shape of the elastic body.
     pub body: ElasticBody,
     /// The number of equal elements in each direction: one number for all directions, or `{"x": .., "y": ..}`.
     pub elements: Elements,
@@ -67,10 +67,11 @@ pub struct ElasticProblem {
     pub young: Option<Expression>,
     /// Poisson's ratio, from 0 up to but not including 0.5; for rectangles and boxes. Default 0.
     pub poisson: Option<Expression>,
-    /// Tension, above 0; for strings.
+    /// Tension of the string, above 0; for strings only.
     pub tension: Option<Expression>,
     /// Modulus of the viscous stress, in the unit of `young` or `tension` times that of time: the stress of a bar is
-    /// `young*e + viscosity*e_t`. In more dimensions it has the same Poisson's ratio. Default 0, elastic.
+    /// `young*e + viscosity*e_t`. In more dimensions the viscous stress has the same Poisson's ratio as the elastic
+    /// stress. Default 0, elastic.
     pub viscosity: Option<Expression>,
     /// Body force per volume, as expressions in `t` and the coordinates, one component per direction; for a string, the
     /// transverse force per length.
@@ -97,7 +98,7 @@ pub struct ElasticProblem {
     pub probes: Ordered<Vec<Expression>>,
 }
 
-/// Most nodal displacements.
+/// Largest number of nodal displacements.
 const MOST_DISPLACEMENTS: usize = 100_000;
 
 impl ElasticProblem {
@@ -108,7 +109,7 @@ impl ElasticProblem {
     }
 }
 
-/// Time to check one displacement, in nanoseconds, measured.
+/// Measured time to check a specification, in nanoseconds per unknown.
 const A_DISPLACEMENT: usize = 20_000;
 
 impl Written for ElasticProblem {

@@ -1,4 +1,4 @@
-//! Names of unknowns, and further outputs: probes, contact forces, energies.
+//! Names of the unknowns of an elastic body, and further outputs: probes, contact forces, energies.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -10,7 +10,7 @@ use expression::Node;
 use models::Outputs;
 use models::elastic::{ContactNode, Continuum, DisplacementIndex as Unknown, Frictional, Semidiscrete, Slip};
 
-/// The names of states and variables.
+/// The names of the states and variables of an elastic body.
 pub(super) struct Names {
     pub states: Vec<String>,
     pub variables: Vec<String>,
@@ -22,7 +22,7 @@ pub(super) struct Probe {
     weights: Vec<(usize, f64)>,
 }
 
-/// Names every unknown by its node.
+/// Returns the names of the states and variables, which contain the indices of their nodes.
 pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidiscrete, sides: &[String]) -> Names {
     let rows = &lowered.rows;
     let mut names = vec![String::new(); rows.state_forcing.len() + rows.inequality_forcing.len()];
@@ -66,7 +66,7 @@ pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidi
     Names { states: names, variables }
 }
 
-/// Lowers the outputs other than unknowns.
+/// Lowers the outputs of an elastic body other than unknowns.
 pub(super) fn lower(
     probes: &[Probe],
     continuum: &Continuum,

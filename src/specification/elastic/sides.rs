@@ -1,4 +1,4 @@
-//! Sides of a body by name.
+//! Sides of an elastic body by name.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -21,7 +21,7 @@ impl Geometry {
     }
 }
 
-/// Reports an unknown side.
+/// Reports an unknown name of a side.
 pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowering: &mut Lowering) {
     let detail = format!("`{}` is not a side of this body", abridged(name));
     let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
@@ -30,7 +30,7 @@ pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowerin
 }
 
 impl ElasticProblem {
-    /// Whether each displacement is clamped.
+    /// Returns whether each displacement is clamped.
     pub(super) fn clamped(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<bool> {
         let place = place.key("clamped");
         let components = geometry.components;

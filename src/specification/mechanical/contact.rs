@@ -16,14 +16,14 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {
-    /// Unique name. The outputs are `NAME_gap`, `NAME_impulse` (the normal impulse accumulated since the start) and,
-    /// with friction, `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
+    /// Unique name of the contact. The outputs are `NAME_gap`, `NAME_impulse` (the normal impulse accumulated since
+    /// the start) and, with friction, `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
     pub name: String,
     /// The gap, an expression in `t` and the coordinates; it must not become negative. The normal velocity is its rate.
     pub gap: Expression,
-    /// The coefficient of restitution, from 0 to 1. Default 0.
+    /// The coefficient of restitution of the contact, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
-    /// Coulomb friction. Default: none.
+    /// Coulomb friction at the contact. Default: none.
     pub friction: Option<Friction>,
 }
 
@@ -31,11 +31,12 @@ pub struct Contact {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// The coefficient, not negative. It may vary: an expression in `t`, coordinates, velocities, and `slip_speed`, the
-    /// speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`.
+    /// The coefficient of friction, not negative. It may vary: an expression in `t`, coordinates, velocities, and
+    /// `slip_speed`, the speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`.
     pub coefficient: Expression,
-    /// The coefficient for motion in the direction of the second slip, divided by `coefficient`, which then is that in the
-    /// direction of the first: friction forces form an ellipse. Positive. Default 1, a disk.
+    /// The coefficient in the direction of the second slip velocity, divided by `coefficient`, which then is the
+    /// coefficient in the direction of the first; the set of friction forces is an ellipse. Positive. Default 1, a
+    /// disk.
     pub ratio: Option<Expression>,
     /// Slip velocities: one for motion in a plane, two at right angles in space; linear in the velocities, plus the
     /// given velocity of the opposite surface.
@@ -59,17 +60,17 @@ pub enum ConeName {
     Polyhedral,
 }
 
-/// A bilateral constraint.
+/// A bilateral constraint of a mechanical system.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Joint {
-    /// Unique name.
+    /// Unique name of the joint.
     pub name: String,
     /// The constraint function, zero at all times; an expression in `t` and the coordinates.
     pub constraint: Expression,
 }
 
-/// Contacts and joints as graph nodes.
+/// Contacts and joints of a mechanical system as graph nodes.
 #[derive(Debug, Default)]
 pub(super) struct LoweredContacts {
     pub names: Vec<String>,
@@ -77,13 +78,13 @@ pub(super) struct LoweredContacts {
     pub slips: Vec<Node>,
     pub data: Vec<ContactData>,
     pub joints: Vec<Node>,
-    /// The nodes of coefficients that depend on parameters.
+    /// Nodes of the coefficients of friction and restitution that depend on parameters.
     pub terms: Vec<(ContactCoefficient, Node)>,
-    /// The coefficients of friction that vary, by contact.
+    /// Node of the coefficient of friction of each contact, if the coefficient varies with time or state.
     pub coefficients: Vec<Option<Node>>,
 }
 
-/// The name of the speed of the slip in a coefficient of friction.
+/// Name of the slip speed in the expression of a coefficient of friction.
 const SLIP_SPEED: &str = "slip_speed";
 
 const FACETS: u64 = 8;
@@ -153,16 +154,17 @@ pub(super) fn lower(
     lowered
 }
 
-/// A coefficient of friction that is no number.
+/// Node of a coefficient of friction that is not a number.
 enum Term {
-    /// It follows parameters.
+    /// The coefficient depends on parameters alone.
     Parametric(Node),
-    /// It follows time or the state.
+    /// The coefficient depends on time or on the state.
     Varying(Node),
 }
 
 impl Friction {
-    /// The coefficient as a node, if it depends on time, on the state or on the speed of the slip.
+    /// Returns the coefficient of friction as a node, `Some(None)` if it depends on neither time nor state nor slip
+    /// speed, and `None` if it is faulty.
     fn varying(&self, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Option<Node>> {
         if matches!(self.coefficient, Expression::Number(_)) {
             return Some(None);
@@ -172,7 +174,7 @@ impl Friction {
         Some((!lowering.graph.inputs(node).is_empty()).then_some(node))
     }
 
-    /// The ratio of both coefficients.
+    /// Returns the ratio of the coefficients of friction in the second and the first slip direction.
     fn ratio(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
         let Some(ratio) = &self.ratio else { return Some(1.0) };
         let place = place.key("ratio");
@@ -188,7 +190,8 @@ impl Friction {
         None
     }
 
-    /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters.
+    /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters, time or
+    /// state.
     fn lower(
         &self,
         n: usize,
@@ -250,7 +253,7 @@ impl Friction {
             slips.extend(nodes);
             return Some(Term::Varying(node));
         }
-        // Without a valid coefficient no friction is built.
+        // A contact whose coefficient of friction is faulty gets no friction.
         let Constant { value: mu, node } = mu?;
         if let Some(node) = node {
             lowering.graph.assume(node, Assumption::Vanishing);
@@ -264,7 +267,7 @@ impl Friction {
     }
 }
 
-/// A warning of a coefficient of friction with a kink at states where no event is located.
+/// Returns a warning if a coefficient of friction has a kink in the state, where no event is located.
 pub(super) fn kink(contact: &str, coefficient: Node, states: &[String], graph: &Graph) -> Option<Warning> {
     let (function, inputs) = graph.kinks(coefficient).into_iter().find(|(_, inputs)| inputs.iter().any(|i| *i > 0))?;
     let of: Vec<&str> = inputs
@@ -285,7 +288,7 @@ pub(super) fn kink(contact: &str, coefficient: Node, states: &[String], graph: &
     })
 }
 
-/// Lowers an expression that must depend on coordinates, and not on velocities.
+/// Lowers an expression that must depend on coordinates and may not depend on velocities.
 fn holonomic(expression: &Expression, what: &str, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Node {
     let Some(node) = lowering.node(expression, place) else { return lowering.graph.constant(1.0) };
     let inputs = lowering.graph.inputs(node);
@@ -319,7 +322,7 @@ fn in_range(
     None
 }
 
-/// The error of a force on an unknown coordinate.
+/// Returns the error for a force on an unknown coordinate.
 pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || coordinates.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a coordinate", abridged(name)))

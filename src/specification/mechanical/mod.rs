@@ -66,37 +66,37 @@ pub struct MechanicalProblem {
     /// The potential contacts, where bodies can touch.
     #[serde(default)]
     pub contacts: Vec<Contact>,
-    /// Bilateral constraints.
+    /// The bilateral constraints of the system.
     #[serde(default)]
     pub joints: Vec<Joint>,
-    /// What to do if a gap is negative at the start, or a joint is violated there. Default `refuse`.
+    /// What to do if a gap is negative or a joint is violated at the start. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
 }
 
-/// A coordinate.
+/// The initial value and velocity of a generalised coordinate.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Coordinate {
-    /// Initial value, an expression in the parameters.
+    /// Initial value of the coordinate, an expression in the parameters.
     pub initial: Expression,
-    /// Initial velocity. Default 0.
+    /// Initial velocity of the coordinate. Default 0.
     pub velocity: Option<Expression>,
 }
 
-/// What to do if a gap is negative at the start, or a joint is violated there.
+/// What to do if a gap is negative or a joint is violated at the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Interpenetration {
-    /// Report an error with the amount.
+    /// Report an error with the amount of the violation.
     #[default]
     Refuse,
-    /// Move the coordinates, and the velocities of joints, to the nearest admissible ones in the metric of the mass
+    /// Move the coordinates, and the velocities of joints, to the nearest admissible values in the metric of the mass
     /// matrix.
     Resolve,
 }
 
-/// Limits of size: all matrices are dense, and their derivatives are expressions.
+/// Largest numbers of coordinates and constraints: all matrices are dense, and their derivatives are expressions.
 const MOST_COORDINATES: usize = 200;
 const MOST_CONSTRAINTS: usize = 400;
 
@@ -212,7 +212,8 @@ impl Written for MechanicalProblem {
     }
 }
 
-/// Reports errors of the start at time `t` after other parameters have been bound; the initial state is not moved.
+/// Reports errors of the initial state at time `t` after new parameter values have been bound; the initial state is
+/// not moved.
 pub(super) fn check_start(model: &MechanicalModel, t: f64, problem: &Pointer<'_>, errors: &mut Errors) {
     start::settle(&mut model.clone(), t, Interpenetration::Refuse, problem, errors);
 }

@@ -12,10 +12,10 @@ use problem::{Constraints, Control};
 /// Tolerance for gaps and joints, in units of the coordinates: a smaller violation is rounding of the user's numbers.
 const ROUNDING: f64 = 1e-9;
 
-/// Most iterations that resolve an overlap.
+/// Largest number of iterations to resolve an overlap.
 const ROUNDS: usize = 40;
 
-/// Checks the initial state; if asked to, moves it to an admissible one.
+/// Checks the initial state; if `interpenetration` asks to resolve violations, moves it to an admissible state.
 pub(super) fn settle(
     model: &mut MechanicalModel,
     t: f64,

@@ -16,7 +16,7 @@ use solution::{BranchOf, Diagnostics, Plan, Solution};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Most stages of a run with adaptive order, for the estimate of memory.
+/// Largest number of stages of a run with adaptive order, for the estimate of memory.
 const MOST_STAGES: usize = 7;
 
 impl Model for DviModel {
@@ -166,7 +166,7 @@ fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
             let error = SpecificationError::new("/problem", "index_too_high", detail);
             errors.push(error.expected(expected));
         }
-        // With varying matrices, those at the start do not decide whether the states jump at a bound.
+        // Only constant matrices decide at the start whether the states jump at a bound.
         Some(2.0)
             if model.structure().has_impulses()
                 && model.structure().constant_jacobian

@@ -17,8 +17,8 @@ use std::sync::Arc;
 /// Default relative residual of the contact law, small enough that bodies at rest do not creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
 
-/// Numbers per coordinate in a run with located impacts, measured: stages and interpolants of smooth arcs, including
-/// contact forces, and the events found.
+/// Measured number of values per coordinate in a run with located impacts: stages and interpolants of smooth arcs,
+/// including contact forces, and the events found.
 const OF_ARCS: usize = 5000;
 
 impl Model for MechanicalModel {
@@ -95,7 +95,8 @@ impl Model for MechanicalModel {
         let located = specification.method().impacts() == Impacts::Locate;
         // A member of a sweep keeps neither arcs nor events.
         let of_arcs = if located && specification.sweep().is_none() { OF_ARCS.saturating_mul(n) } else { 0 };
-        // Mass matrix, implicit matrix and two Jacobians; responses to impulses.
+        // Values of the mass matrix, the matrix of an implicit step and two Jacobians, and of the responses to
+        // impulses.
         let matrices = n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows));
         matrices.saturating_add(of_arcs)
     }
@@ -163,7 +164,7 @@ fn check_friction(model: &MechanicalModel, errors: &mut Errors) {
     }
 }
 
-/// Refuses methods without impacts.
+/// Refuses methods that cannot treat impacts.
 pub(super) fn refuse_other_methods(method: &Method, errors: &mut Errors) {
     let why = match method.name {
         MethodName::Radau => ("Radau IIA alone does not treat impacts", "`auto` or `contact`"),

@@ -47,10 +47,10 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Warnings to report before the solve.
     fn warnings(&self) -> &[Warning];
 
-    /// The size of the problem.
+    /// Numbers of states and variables, and structure of the Jacobian.
     fn sizes(&self) -> Sizes;
 
-    /// The set of the variables, if the user gives one.
+    /// The convex set `K` of the variables of the variational inequality, if the user gives one.
     fn set(&self) -> Option<&ConvexSet> {
         None
     }
@@ -65,8 +65,9 @@ pub trait Model: Any + Debug + Send + Sync {
         None
     }
 
-    /// The bindable parameters. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them; `rigid_bodies`,
-    /// `elastic`, `obstacle` and `convolution` fold parameters into constants, and are lowered anew for other values.
+    /// Parameters that can be bound to new values. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them;
+    /// `rigid_bodies`, `elastic`, `obstacle` and `convolution` fold parameters into constants, and are lowered anew
+    /// for new values.
     fn parameters(&self) -> Option<&Parameters> {
         None
     }
@@ -79,7 +80,8 @@ pub trait Model: Any + Debug + Send + Sync {
         Err(Unbindable::Folded)
     }
 
-    /// Reports errors of the start at time `t` at the pointer of the problem, after other parameters have been bound.
+    /// Checks the initial values at time `t` after new parameter values have been bound; reports errors at the JSON
+    /// pointer `problem`.
     fn check_start(&self, _t: f64, _problem: &Pointer<'_>, _errors: &mut Errors) {}
 
     /// Structural analysis (index, uniqueness) at time `t` and the initial states.
@@ -93,7 +95,7 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Refuses problems that no method solves as posed, and methods unsuitable for the problem type.
     fn check_method(&self, asked: &Request<'_>, errors: &mut Errors);
 
-    /// The reason why no event may end a run early; `None` if events may.
+    /// The reason why user-defined events may not end a run early; `None` if they may.
     fn no_stop(&self) -> Option<&'static str> {
         None
     }
@@ -106,12 +108,12 @@ pub trait Model: Any + Debug + Send + Sync {
         Load::default()
     }
 
-    /// The number of runs side by side: two where one with longer steps shows the error of the other.
+    /// Number of runs solved side by side: two if a second run with longer steps estimates the error of the first.
     fn runs(&self, _specification: &Specification) -> usize {
         1
     }
 
-    /// The count of `f64` numbers in the matrices and the history of a run, as far as it is known in advance.
+    /// Number of `f64` values in the matrices and the history of a run, as far as it is known in advance.
     fn numbers(&self, specification: &Specification) -> usize;
 
     /// Describes the solvers and structures that a run would use.
@@ -123,11 +125,11 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Short name of the method with the given choice of stages, for a table.
     fn method_name(&self, stages: Stages) -> String;
 
-    /// The quantities that a study may vary.
+    /// Returns the quantities that a study of the problem may vary.
     fn varied(&self) -> Varied;
 }
 
-/// The size of a problem.
+/// Numbers of states and variables of a problem, and structure of its Jacobian.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {
     /// The number of states.
@@ -142,12 +144,12 @@ pub struct Sizes {
     pub constant_jacobian: bool,
 }
 
-/// The quantity that a study refines.
+/// The accuracy setting that a study refines from run to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// The relative tolerance.
+    /// Refinement of the relative tolerance.
     Tolerance,
-    /// The fixed step size.
+    /// Refinement of the fixed step size.
     Step,
 }
 
@@ -158,37 +160,38 @@ pub struct Varied {
     pub tolerance: bool,
     /// The runs in which the number of Radau IIA stages can be chosen.
     pub stages: WithStages,
-    /// The reference for runs with fixed steps: a run by tolerance, or one with a smaller step.
+    /// Accuracy setting of the reference solution for runs with fixed steps: a tight tolerance, or a smaller step
+    /// size.
     pub reference: By,
-    /// The families of runs in the report.
+    /// The families of runs of the problem type in the work-precision report.
     pub ladders: &'static [Ladder],
-    /// The controls of the runs whose energy balance is compared.
+    /// Accuracy settings of the runs whose energy balances are compared.
     pub balances: &'static [By],
 }
 
 /// The runs in which the number of stages can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WithStages {
-    /// In every run.
+    /// The number of stages can be chosen in every run.
     Always,
-    /// In runs with located impacts.
+    /// The number of stages can be chosen in runs that locate impacts.
     Located,
-    /// In no run.
+    /// The number of stages can be chosen in no run.
     Never,
 }
 
 /// A family of increasingly accurate runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Ladder {
-    /// The refined quantity.
+    /// The accuracy setting that is refined from run to run.
     pub by: By,
-    /// Suffix to the name of the method.
+    /// Suffix to the name of the method in the name of the family of runs.
     pub name: &'static str,
-    /// The numbers of stages to compare; if empty, those of the method.
+    /// Numbers of Radau IIA stages to compare; if empty, the stages of the specified method.
     pub stages: &'static [Stages],
 }
 
-/// A request for a solve, for the checks of the method.
+/// Analysis, method and time horizon of a requested solve, for the checks of the method.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     pub analysis: &'a Analysis,
@@ -196,10 +199,10 @@ pub struct Request<'a> {
     pub time: Time,
 }
 
-/// Suffix of a method's name for a ladder of fixed steps.
+/// Suffix of a method's name for a family of runs with fixed steps.
 const FIXED: &str = " at fixed steps";
 
-/// Reports a conflict at a key of the method.
+/// Reports a conflict at a key of `method` in the specification.
 fn refuse(key: &str, detail: &str, expected: &str, errors: &mut Errors) {
     let error = SpecificationError::new(Pointer::Root.key("method").key(key).to_string(), "conflict", detail);
     errors.push(error.expected(expected));
@@ -214,7 +217,7 @@ fn refuse_impacts(method: &Method, errors: &mut Errors) {
     }
 }
 
-/// Name of a number of stages; `chosen` names an automatic choice.
+/// Returns the name of a number of Radau IIA stages; `chosen` names an automatic choice.
 fn name_of_stages(stages: Stages, chosen: &str) -> String {
     match stages {
         Stages::Auto => chosen.to_owned(),

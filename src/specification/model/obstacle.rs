@@ -10,8 +10,8 @@ use models::obstacle::Obstacle;
 use problem::{Control, Warning};
 use solution::{Diagnostics, Plan, Solution};
 
-/// Numbers per node of a grid, and per neighbour of a node, in the matrices, their factors and the coarser grids,
-/// measured.
+/// Measured number of stored values per node of a grid, and per neighbour of a node, in the matrices, their factors
+/// and the coarser grids.
 const NUMBERS_A_NODE: usize = 60;
 const NUMBERS_A_NEIGHBOUR: usize = 6;
 

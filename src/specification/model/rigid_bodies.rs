@@ -13,13 +13,14 @@ use solution::{Diagnostics, Plan, Solution};
 
 /// Default relative residual of the contact law: many redundant contacts do not allow more digits.
 const TOLERANCE: f64 = 1e-10;
-/// Stop counting contacts at this multiple of the memory limit: the solve cannot fit any more.
+/// Multiple of the memory limit at which the count of contacts stops: the solve cannot fit any more.
 const FAR_BEYOND: usize = 1000;
-/// Stop counting contacts at this number of bytes, the size of the address space.
+/// Number of bytes at which the count of contacts stops, the size of the address space.
 const ENOUGH: usize = 1 << 47;
-/// Numbers in the state of a body: position, quaternion, velocity, angular velocity.
+/// Number of values in the state of a body: position, quaternion, velocity, angular velocity.
 const NUMBERS_A_BODY: usize = 13;
-/// Numbers of an output that is compared with a run with longer steps: its sums, and its values in the steps that are compared.
+/// Number of values stored for an output that is compared with a run with longer steps: its sums, and its values in
+/// the compared steps.
 const NUMBERS_COMPARED: usize = 50;
 
 impl Model for MultibodySystem {
@@ -95,7 +96,8 @@ impl Model for MultibodySystem {
     }
 
     fn numbers(&self, specification: &Specification) -> usize {
-        // Two states, and their changes; and of each output what is compared with longer steps.
+        // Two states and their changes, and for each output the values that are compared with a run with longer
+        // steps.
         let outputs = if self.runs(specification) > 1 { self.output_names().len() } else { 0 };
         let compared = NUMBERS_COMPARED * outputs;
         4 * NUMBERS_A_BODY * self.bodies.len() + compared
@@ -127,12 +129,12 @@ impl Model for MultibodySystem {
     }
 }
 
-/// The bodies that move by forces.
+/// Returns the bodies that move by forces.
 fn moving(scene: &MultibodySystem) -> impl Iterator<Item = &Body> {
     scene.bodies.iter().filter(|body| !body.fixed)
 }
 
-/// Why impacts of a multibody system cannot be located, if so.
+/// Returns the reason why impacts of a multibody system cannot be located, if there is one.
 fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
     let reasons = [
         (!scene.joints.is_empty(), "there are joints or springs"),
@@ -142,11 +144,11 @@ fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
     reasons.into_iter().find(|(applies, _)| *applies).map(|(_, reason)| reason)
 }
 
-/// The number of moving bodies up to which impacts are located where nothing else is asked for: each arc moves all bodies, so
-/// that the cost of a time grows with the square of their number.
+/// Largest number of moving bodies for which impacts are located by default: each arc moves all bodies, so that the
+/// cost of a run grows with the square of their number.
 const LOCATED: usize = 100;
 
-/// How the steps treat impacts.
+/// Returns how the steps treat impacts, and why.
 fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
     let reason = not_located(scene);
     let can_be_located = reason.is_none();

@@ -12,7 +12,7 @@ use problem::{Control, ConvexSet, Warning};
 use solution::{Diagnostics, Plan, Solution, StaticPlan};
 use std::sync::Arc;
 
-/// Numbers per entry of a sparse Jacobian including its factors, at the fill of a grid problem.
+/// Number of stored values per entry of a sparse Jacobian including its factors, at the fill of a grid problem.
 const OF_AN_ENTRY: usize = 40;
 /// Largest number of variables for which dense tableaus are allocated.
 const TABLEAU: usize = 300;

@@ -1,4 +1,4 @@
-//! A coefficient that may differ between directions.
+//! A coefficient of an obstacle problem that may differ between the directions of space.
 
 use super::field;
 use crate::directions::{missing, surplus};
@@ -15,16 +15,16 @@ use utoipa::openapi::schema::{OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// One expression for all directions, or one for each.
+/// A coefficient as one expression for all directions of space, or as one expression for each.
 #[derive(Clone, Debug)]
 pub enum PerDirection {
-    /// One expression for all directions.
+    /// One expression for the coefficient in all directions of space.
     Same(Expression),
     /// One expression for each direction of the domain.
     Each(Box<Directions>),
 }
 
-/// An expression for each direction.
+/// A coefficient as an expression for each direction of space.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Directions {

@@ -1,4 +1,4 @@
-//! The domain, and its division into elements.
+//! The domain of an obstacle problem, and its division into finite elements.
 
 use crate::directions::DIRECTIONS;
 use crate::elements::Elements;
@@ -14,19 +14,19 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Domain {
-    /// Extent along `x`.
+    /// Extent of the domain along `x`.
     pub x: [Expression; 2],
-    /// Extent along `y`, for a rectangle or a box.
+    /// Extent of the domain along `y`, for a rectangle or a box.
     pub y: Option<[Expression; 2]>,
-    /// Extent along `z`, for a box.
+    /// Extent of the domain along `z`, for a box.
     pub z: Option<[Expression; 2]>,
 }
 
-/// Least number of elements in a direction: with `u` given on two opposite sides, an inner node remains.
+/// Smallest number of elements in a direction: with `u` given on two opposite sides, an inner node remains.
 const FEWEST: u64 = 2;
 
 impl Domain {
-    /// Number of directions; `grid` reports a `z` without a `y`.
+    /// Number of directions of the domain; `grid` reports a `z` without a `y`.
     pub(super) fn dimension(&self) -> usize {
         match (&self.y, &self.z) {
             (None, _) => 1,
@@ -35,7 +35,7 @@ impl Domain {
         }
     }
 
-    /// Builds the grid, if its description is valid.
+    /// Builds the grid of the domain, if its description is valid.
     pub(super) fn grid(&self, given: &Elements, problem: &Pointer<'_>, lowering: &mut Lowering) -> Option<Grid> {
         let (place, place_of_elements) = (problem.key("domain"), problem.key("elements"));
         let dimension = self.dimension();

@@ -51,7 +51,7 @@ pub struct ObstacleProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// An interval, a rectangle or a box.
+    /// The domain of the solution `u`: an interval, a rectangle or a box.
     pub domain: Domain,
     /// The number of equal elements in each direction: one number for all directions, or `{"x": .., "y": ..}`.
     pub elements: Elements,
@@ -59,15 +59,15 @@ pub struct ObstacleProblem {
     pub diffusion: PerDirection,
     /// The advection `b`: an expression on an interval, one for each direction elsewhere. Default: none.
     pub advection: Option<PerDirection>,
-    /// The reaction `c`. Default: none.
+    /// The reaction coefficient `c`. Default: none.
     pub reaction: Option<Expression>,
-    /// The source `f`. Default: none.
+    /// The source term `f`. Default: none.
     pub source: Option<Expression>,
     /// The lower obstacle `phi`. Default: none.
     pub obstacle: Option<Expression>,
     /// The upper obstacle `psi`. Default: none.
     pub upper_obstacle: Option<Expression>,
-    /// The initial `u`, between the obstacles.
+    /// The initial values of the solution `u`, between the obstacles.
     pub initial: Expression,
     /// The boundary conditions by side. Default: no flux.
     #[serde(default)]
@@ -90,13 +90,13 @@ choices! {
 }
 
 impl ObstacleProblem {
-    /// The number of nodes, as far as `elements` determines it.
+    /// Number of nodes of the grid, as far as `elements` determines it.
     pub(super) fn nodes(&self) -> usize {
         self.elements.nodes(self.domain.dimension())
     }
 }
 
-/// Time to check one node, in nanoseconds, measured.
+/// Measured time to check a specification, in nanoseconds per node of the grid.
 const A_NODE: usize = 1_000;
 
 impl Written for ObstacleProblem {
@@ -212,7 +212,7 @@ impl ObstacleProblem {
         probes
     }
 
-    /// Names of the outputs other than probes.
+    /// Names of the outputs of an obstacle problem other than probes.
     fn output_names(&self) -> &'static [&'static str] {
         Obstacle::scalar_names(self.obstacle.is_some() || self.upper_obstacle.is_some(), self.domain.dimension())
     }
@@ -224,7 +224,7 @@ fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) 
     Field::new(&mut lowering.graph, node)
 }
 
-/// The warning about a grid that is too coarse for the layers of the solution.
+/// Returns the warning about a grid that is too coarse for the layers of the solution.
 fn unresolved(peclet: f64) -> Warning {
     let message = format!(
         "the Peclet number of the grid, of advection to diffusion over half an element, is {peclet:.3e}: \

@@ -9,21 +9,21 @@ use models::obstacle::{Condition, Field};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// The boundary condition on each side. Default: no flux.
+/// The boundary condition on each side of the domain. Default: no flux.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Boundary {
-    /// Condition at the least `x`.
+    /// Condition on the side at the smallest `x`.
     pub x_min: Option<BoundaryCondition>,
-    /// Condition at the largest `x`.
+    /// Condition on the side at the largest `x`.
     pub x_max: Option<BoundaryCondition>,
-    /// Condition at the least `y`.
+    /// Condition on the side at the smallest `y`.
     pub y_min: Option<BoundaryCondition>,
-    /// Condition at the largest `y`.
+    /// Condition on the side at the largest `y`.
     pub y_max: Option<BoundaryCondition>,
-    /// Condition at the least `z`.
+    /// Condition on the side at the smallest `z`.
     pub z_min: Option<BoundaryCondition>,
-    /// Condition at the largest `z`.
+    /// Condition on the side at the largest `z`.
     pub z_max: Option<BoundaryCondition>,
 }
 
@@ -31,10 +31,10 @@ pub struct Boundary {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoundaryCondition {
-    /// The value of `u`, between the obstacles. It also applies on the edges of the side; where two such sides meet,
-    /// the later in the order `x_min`, `x_max`, `y_min`, .. takes precedence.
+    /// The value of `u`, between the obstacles. It also applies on the edges of the side; where two sides with
+    /// prescribed values meet, the later in the order `x_min`, `x_max`, `y_min`, .. takes precedence.
     Dirichlet(Expression),
-    /// The flux `a du/dn` with the outward normal: the inflow.
+    /// The flux `a du/dn` into the domain, with the derivative along the outward normal.
     Neumann(Expression),
 }
 

@@ -18,15 +18,16 @@ use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
 
-/// A rigid body.
+/// A rigid body: shape, mass, initial state, material and motion.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBody {
-    /// Name. The outputs are `name.x`, `name.qw`, `name.vx`, `name.wx` and so on. Default `body1`, `body2`, ...
+    /// Name of the body. The outputs are `name.x`, `name.qw`, `name.vx`, `name.wx` and so on. Default `body1`,
+    /// `body2`, ...
     pub name: Option<String>,
-    /// Shape, in the frame of the body.
+    /// Shape of the body, in its own frame.
     pub shape: RigidShape,
-    /// Mass in kilograms, above 0. A moving body has either this or `density`.
+    /// Mass in kilograms, above 0. A moving body has either `mass` or `density`.
     pub mass: Option<Expression>,
     /// Density in kilograms per cubic metre, above 0.
     pub density: Option<Expression>,
@@ -36,18 +37,18 @@ pub struct RigidBody {
     /// Inertia about the centre of mass, along the axes x, y and z of the body's frame: three moments, or a symmetric
     /// matrix of three rows. Default: that of a homogeneous body.
     pub inertia: Option<Inertia>,
-    /// Initial position of the origin of its frame. Default `[0, 0, 0]`.
+    /// Initial position of the origin of the body's frame. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// Initial orientation, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
+    /// Initial orientation of the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
     pub orientation: Option<[Expression; 4]>,
-    /// Initial velocity of the origin of its frame. Default `[0, 0, 0]`.
+    /// Initial velocity of the origin of the body's frame. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub velocity: Option<Vector>,
-    /// Initial angular velocity in the world frame, in radians per second. Default `[0, 0, 0]`.
+    /// Initial angular velocity of the body in the world frame, in radians per second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
-    /// One of `materials`. Default: a material with the friction and restitution of `contacts`.
+    /// Material of the body, one of `materials`. Default: a material with the friction and restitution of `contacts`.
     pub material: Option<String>,
     /// Prescribed motion, which no force changes; the body needs no mass. Default: motion by the equations of motion.
     pub motion: Option<BodyMotion>,
@@ -63,21 +64,22 @@ pub struct RigidBody {
     pub fixed: bool,
 }
 
-/// A prescribed motion, as expressions in `t` and parameters.
+/// A prescribed motion of a body, as expressions in `t` and parameters.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyMotion {
-    /// Position of the origin of its frame. Default: the integral of `velocity`.
+    /// Position of the origin of the body's frame. Default: the integral of `velocity`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// Velocity of the origin of its frame, as an alternative to `position`. Default `[0, 0, 0]`.
+    /// Velocity of the origin of the body's frame, as an alternative to `position`. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub velocity: Option<Vector>,
-    /// Angular velocity in the world frame, in radians per second. Default `[0, 0, 0]`.
+    /// Angular velocity of the body in the world frame, in radians per second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
-    /// How it has turned from its `orientation`, in the place of `angular_velocity`: a vector along the axis in the world, as long
-    /// as the angle in radians. `[0, 0, "0.3*sin(t)"]` swings about the z axis. Default `[0, 0, 0]`.
+    /// Rotation of the body from its `orientation`, as an alternative to `angular_velocity`: a vector along the axis
+    /// of rotation in the world frame, whose length is the angle in radians. `[0, 0, "0.3*sin(t)"]` swings about the
+    /// z axis. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub rotation: Option<Vector>,
 }
@@ -150,12 +152,12 @@ impl BodyMotion {
 }
 
 impl RigidBody {
-    /// Whether it moves by the equations of motion.
+    /// Whether the body moves by the equations of motion.
     pub(super) fn is_free(&self) -> bool {
         !self.fixed && self.motion.is_none()
     }
 
-    /// The name given to the body with index `k`, or its default name.
+    /// Returns the user's name of the body with index `k`, or its default name.
     pub(super) fn name(&self, k: usize) -> String {
         self.name.clone().unwrap_or_else(|| format!("body{}", k + 1))
     }
@@ -210,7 +212,7 @@ impl RigidBody {
         })
     }
 
-    /// The index of its material; bodies without one have the last.
+    /// Returns the index of the body's material; bodies without a material have the last index.
     fn material(&self, materials: &Ordered<Material>, place: &Pointer<'_>, lowering: &mut Lowering) -> usize {
         let Some(name) = &self.material else { return materials.len() };
         materials.names().position(|known| known == name).unwrap_or_else(|| {
@@ -230,7 +232,7 @@ impl RigidBody {
         }
     }
 
-    /// Mass, centre of mass, and inertia about it.
+    /// Returns the mass, the centre of mass, and the inertia about the centre of mass.
     fn inertial(
         &self,
         parts: &[(Shape, Isometry3<f64>)],
@@ -279,7 +281,7 @@ impl RigidBody {
     }
 }
 
-/// A shape relative to the centre of mass.
+/// Returns a shape of a body with its pose relative to the centre of mass.
 fn shifted((mut shape, at): (Shape, Isometry3<f64>), centre: &Vector3<f64>) -> (Shape, Isometry3<f64>) {
     if at == Isometry3::identity()
         && let Shape::Polyhedron(polyhedron) = &mut shape

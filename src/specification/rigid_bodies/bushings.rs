@@ -1,4 +1,4 @@
-//! Bushings: springs and dampers along and about three axes between two bodies, or of one and the world.
+//! Bushings: springs and dampers along and about three axes between two bodies, or between a body and the world.
 
 use super::joints::pair;
 use super::vectors::{self, Vector};
@@ -13,40 +13,42 @@ use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// A soft mount: springs and dampers along three axes that are fixed in the second body or the world, and about them. Along an
-/// axis the force is `-stiffness*x - damping*dx/dt`, with the displacement `x` of the first body's point. About an axis it acts
-/// on the sine `s` of the angle, with the potential `rotational_stiffness*s^2/2`: a rotation by `a` about one axis meets the
-/// torque `rotational_stiffness*sin(a)*cos(a)`, so that it is for angles well below a right angle. It has no force where the
-/// bodies are at the start; its energy is part of `potential_energy`, and its bodies may touch.
+/// A soft mount: springs and dampers along and about three axes that are fixed in the second body or the world. Along
+/// an axis the force is `-stiffness*x - damping*dx/dt`, with the displacement `x` of the first body's point. About an
+/// axis the torque acts on the sine `s` of the angle, with the potential `rotational_stiffness*s^2/2`: a rotation by
+/// `a` about one axis meets the torque `rotational_stiffness*sin(a)*cos(a)`, so that bushings are for angles well
+/// below a right angle. A bushing has no force in the initial configuration; its energy is part of
+/// `potential_energy`, and its bodies may touch.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Bushing {
-    /// Its outputs are `name.x y z`, the displacement along its axes, `name.fx fy fz`, the force on the first of its bodies that
-    /// moves along them, `name.rx ry rz`, the sines of the angles about them, and `name.tx ty tz`, the torques, in the mean of a
-    /// step: of those axes that have stiffness or damping. Default no outputs.
+    /// Name of the bushing. The outputs are `name.x y z`, the displacement along its axes, `name.fx fy fz`, the force
+    /// along the axes on the first of its moving bodies, `name.rx ry rz`, the sines of the angles about the axes, and
+    /// `name.tx ty tz`, the torques, averaged over a step: all for those axes that have stiffness or damping.
+    /// Default: no outputs.
     pub name: Option<String>,
-    /// The names of two bodies, or of one that is mounted on the world.
+    /// The names of two bodies, or of one body that is mounted on the world.
     pub bodies: Vec<String>,
-    /// Its point, in the world at the start.
+    /// The point of the bushing, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub at: Vector,
-    /// The orientation of its axes at the start, a unit quaternion `[w, x, y, z]`. Default the axes of the world.
+    /// The initial orientation of the axes, a unit quaternion `[w, x, y, z]`. Default: the axes of the world.
     pub orientation: Option<[Expression; 4]>,
-    /// Along its axes, in newtons a metre, not below 0. Default `[0, 0, 0]`.
+    /// Stiffness along the axes, in newtons per metre, not negative. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub stiffness: Option<Vector>,
-    /// Along its axes, in newton seconds a metre, not below 0. Default `[0, 0, 0]`.
+    /// Damping along the axes, in newton seconds per metre, not negative. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub damping: Option<Vector>,
-    /// About its axes, in newton metres a radian, not below 0. Default `[0, 0, 0]`.
+    /// Stiffness about the axes, in newton metres per radian, not negative. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub rotational_stiffness: Option<Vector>,
-    /// About its axes, in newton metre seconds a radian, not below 0. Default `[0, 0, 0]`.
+    /// Damping about the axes, in newton metre seconds per radian, not negative. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub rotational_damping: Option<Vector>,
 }
 
-/// The springs and dampers of bushings of which everything is known.
+/// Lowers the bushings whose description is valid.
 pub(super) fn lower(
     bushings: &[Bushing],
     bodies: &[Body],

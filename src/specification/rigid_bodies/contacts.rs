@@ -25,33 +25,36 @@ pub struct BodyContacts {
     /// vary: an expression in `t`, the place of the contact `contact_x`, `contact_y`, `contact_z` in world coordinates, in
     /// metres, and `slip_speed`, the speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`. Default 0.
     pub friction: Option<Expression>,
-    /// The coefficient for motion across `along`, divided by `friction`, which then is that for motion along it: friction
-    /// forces form an ellipse. Positive; for all pairs of materials with none of their own. Default 1, a disk.
+    /// The coefficient of friction for motion across the direction `along`, divided by `friction`, which then is the
+    /// coefficient for motion along it; the set of friction forces is an ellipse. Positive; for all pairs of
+    /// materials without a ratio of their own. Default 1, a disk.
     pub ratio: Option<Expression>,
-    /// The direction of `friction` where there is a `ratio`, projected onto the contact plane. Default `[1, 0, 0]`.
+    /// The direction of motion to which `friction` applies if there is a `ratio`, projected onto the contact plane.
+    /// Default `[1, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub along: Option<Vector>,
-    /// The axes of `along`: those of the world, or of the body that stands first in the scene. Default `world`.
+    /// The axes in which `along` is given: those of the world, or of the body in contact that comes first in the
+    /// scene. Default `world`.
     pub axes: Option<AxesOfForce>,
-    /// The radius in metres of the patch on which bodies touch at a point: a disc with uniform pressure, on which sliding and
-    /// drilling about the normal share friction (Contensou's law). For all pairs of materials with none of their own.
-    /// Default 0, a point that resists no drilling.
+    /// The radius in metres of the patch on which bodies touch at a point: a disc with uniform pressure, on which
+    /// sliding and drilling about the normal share friction (Contensou's law). For all pairs of materials without a
+    /// patch of their own. Default 0, a point that resists no drilling.
     pub patch: Option<Expression>,
-    /// The coefficient of rolling friction in metres: the largest torque against rolling, divided by the normal force. For all
-    /// pairs of materials with none of their own. Default 0.
+    /// The coefficient of rolling friction in metres: the largest torque against rolling, divided by the normal
+    /// force. For all pairs of materials without such a coefficient of their own. Default 0.
     pub rolling: Option<Expression>,
     /// The default coefficient of restitution, from 0 to 1, for bodies without a material or whose material has none.
     /// Default 0.
     pub restitution: Option<Expression>,
-    /// The set of friction forces. Default `quadratic`.
+    /// The shape of the set of friction forces, a disk or a polygon. Default `quadratic`.
     #[serde(default)]
     pub cone: ConeName,
     /// Number of corners of a polyhedral cone, from 4 to 64, the first along the x axis projected onto the contact
     /// plane. Default 8.
     #[schema(minimum = 4, maximum = 64)]
     pub facets: Option<u64>,
-    /// Pairs of materials with coefficients of their own. For other pairs, the friction is the geometric mean of the
-    /// two, and the restitution the smaller one.
+    /// Pairs of materials with coefficients of their own. For other pairs, the coefficient of friction is the
+    /// geometric mean of those of the two materials, and the coefficient of restitution is the smaller one.
     #[serde(default)]
     pub pairs: Vec<MaterialPair>,
     /// Pairs of groups, possibly equal, whose bodies have no contact with each other. Default: none.
@@ -59,13 +62,14 @@ pub struct BodyContacts {
     pub exclude: Vec<[String; 2]>,
 }
 
-/// A material.
+/// Coefficients of friction and restitution of a material.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Material {
-    /// The coefficient of friction, not negative; it may vary as that of `contacts`. Default: that of `contacts`.
+    /// The coefficient of friction of the material, not negative; it may vary as `friction` of `contacts` does, which
+    /// is the default.
     pub friction: Option<Expression>,
-    /// The coefficient of restitution, from 0 to 1. Default: that of `contacts`.
+    /// The coefficient of restitution of the material, from 0 to 1. Default: `restitution` of `contacts`.
     pub restitution: Option<Expression>,
 }
 
@@ -75,26 +79,28 @@ pub struct Material {
 pub struct MaterialPair {
     /// The names of the two materials.
     pub materials: [String; 2],
-    /// The coefficient of friction, not negative; it may vary as that of `contacts`.
+    /// The coefficient of friction of the pair, not negative; it may vary as `friction` of `contacts` does.
     pub friction: Option<Expression>,
-    /// The coefficient of restitution, from 0 to 1.
+    /// The coefficient of restitution of the pair, from 0 to 1.
     pub restitution: Option<Expression>,
-    /// The coefficient for motion across `along`, divided by `friction`, which then is that for motion along it. Positive.
-    /// Default: that of `contacts`.
+    /// The coefficient of friction for motion across the direction `along`, divided by `friction`, which then is the
+    /// coefficient for motion along it. Positive. Default: the `ratio` of `contacts`.
     pub ratio: Option<Expression>,
-    /// The direction of `friction` where there is a `ratio`, projected onto the contact plane. Default `[1, 0, 0]`.
+    /// The direction of motion to which `friction` applies if there is a `ratio`, projected onto the contact plane.
+    /// Default `[1, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub along: Option<Vector>,
-    /// The axes of `along`: those of the world, or of the body with the first of the two materials. Default `world`.
+    /// The axes in which `along` is given: those of the world, or of the body with the first of the two materials.
+    /// Default `world`.
     pub axes: Option<AxesOfForce>,
-    /// The radius of the patch in metres, as that of `contacts`. Default: that of `contacts`.
+    /// The radius of the contact patch in metres, as `patch` of `contacts`, which is the default.
     pub patch: Option<Expression>,
-    /// The coefficient of rolling friction in metres. Default: that of `contacts`.
+    /// The coefficient of rolling friction of the pair in metres. Default: `rolling` of `contacts`.
     pub rolling: Option<Expression>,
 }
 
 impl BodyContacts {
-    /// Reads the set of friction forces.
+    /// Returns the set of friction forces, a quadratic or a polyhedral cone; reports a wrong number of corners.
     pub(super) fn cone(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Cone {
         let facets = self.facets.unwrap_or(FACETS);
         if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
@@ -109,7 +115,7 @@ impl BodyContacts {
     }
 }
 
-/// The indices of the groups by name, and the pairs of groups without contact.
+/// Returns the indices of the groups of bodies by name, and the pairs of groups without contact.
 pub(super) fn groups<'a>(
     contacts: &'a BodyContacts,
     known: &HashSet<&str>,
@@ -141,14 +147,15 @@ pub(super) fn groups<'a>(
 /// Default number of corners of a polyhedral cone.
 const FACETS: u64 = 8;
 
-/// Friction between two materials: a number, or the geometric mean of two terms that vary, possibly equal.
+/// Coefficient of friction between two materials: a number, or the geometric mean of two varying expressions, which
+/// may be equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Friction {
     Constant(f64),
     Varying(Node, Node),
 }
 
-/// The coefficients of a material, or of a pair of them.
+/// Friction, restitution and contact patch of a material, or of a pair of materials.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Coefficients {
     friction: Friction,
@@ -156,16 +163,16 @@ struct Coefficients {
     patch: Patch,
 }
 
-/// The names of the inputs of a coefficient of friction, after the time.
+/// Names of the inputs of a coefficient of friction, after the time `t`.
 const NAMES: [&str; 4] = ["contact_x", "contact_y", "contact_z", "slip_speed"];
 
-/// What a coefficient of friction may depend on.
+/// Quantities that a coefficient of friction may depend on, for error messages.
 const DEPENDS: &str = "an expression in `t`, `contact_x`, `contact_y`, `contact_z`, `slip_speed` and parameters";
 
-/// Reads coefficients, and combines them.
+/// Reads the coefficients of contact laws, and combines those of two materials.
 struct Reading<'l, 'c> {
     lowering: &'l mut Lowering<'c>,
-    /// The first input of [`NAMES`] in the graph.
+    /// Index in the graph of the first input of [`NAMES`].
     first: usize,
     coefficients: Vec<Coefficient>,
     known: HashMap<(Node, Node), u32>,
@@ -213,7 +220,8 @@ impl Reading<'_, '_> {
         }
     }
 
-    /// The patch, by its radius and its coefficient of rolling friction.
+    /// Returns the contact patch with the given radius and coefficient of rolling friction, each taken from `default`
+    /// if missing.
     fn patch(&mut self, given: [Option<&Expression>; 2], default: Patch, cone: ConeName, place: &Pointer<'_>) -> Patch {
         let mut read = |value: Option<&Expression>, key: &str, default: f64| {
             let Some(value) = value else { return default };
@@ -229,7 +237,7 @@ impl Reading<'_, '_> {
         Patch { radius: read(given[0], "patch", default.radius), rolling: read(given[1], "rolling", default.rolling) }
     }
 
-    /// The friction of two materials: the geometric mean.
+    /// Returns the coefficient of friction between two materials, the geometric mean of their coefficients.
     fn mean(&mut self, a: Friction, b: Friction) -> Friction {
         let mut node = |mu| self.lowering.graph.constant(mu);
         match (a, b) {
@@ -258,7 +266,7 @@ impl Reading<'_, '_> {
         }
     }
 
-    /// The index of a coefficient that varies, compiled once.
+    /// Returns the index of the varying coefficient of friction with the terms `a` and `b`, which is compiled once.
     fn coefficient(&mut self, a: Node, b: Node) -> u32 {
         if let Some(&known) = self.known.get(&(a, b)) {
             return known;
@@ -273,7 +281,8 @@ impl Reading<'_, '_> {
         index
     }
 
-    /// The index of directions of friction; `None` without a ratio. `first` are the axes of the body meant by `body`.
+    /// Returns the index of the directions of anisotropic friction; `None` without a ratio. `first` are the axes that
+    /// the choice `body` stands for.
     fn grain(
         &mut self,
         given: &Directions<'_>,
@@ -306,8 +315,8 @@ impl Reading<'_, '_> {
         Some(self.grains.len() as u32 - 1)
     }
 
-    /// Refuses directions of friction on a patch with a radius, whose law is that of a disc without directions; `key` is the
-    /// one that is at fault where the error is reported.
+    /// Reports anisotropic friction on a patch with a radius as an error at `key`: the friction law of such a patch
+    /// is isotropic.
     fn refuse_grain_on(&mut self, patch: Patch, grain: Option<u32>, key: &str, place: &Pointer<'_>) {
         let directed = grain.is_some_and(|grain| self.grains[grain as usize].ratio != 1.0);
         if patch.radius > 0.0 && directed {
@@ -318,15 +327,15 @@ impl Reading<'_, '_> {
     }
 }
 
-/// Directions of friction as they are given.
+/// Ratio, direction and axes of anisotropic friction, as the user gives them.
 struct Directions<'a> {
     ratio: Option<&'a Expression>,
     along: Option<&'a Vector>,
     axes: Option<AxesOfForce>,
 }
 
-/// The contact law of every pair of materials; the last material is that of bodies without one. `inputs` is the number of
-/// inputs of expressions before those of a coefficient of friction.
+/// Returns the contact law of every pair of materials; the last material is that of bodies without one. `inputs` is
+/// the number of inputs of expressions before those of a coefficient of friction.
 pub(super) fn lower(
     contacts: &BodyContacts,
     materials: &Ordered<Material>,
@@ -361,8 +370,8 @@ pub(super) fn lower(
         .collect();
     single.push(default);
     let n = single.len();
-    // Friction is the geometric mean, so that contacts with a frictionless material are frictionless; restitution the
-    // smaller one, because the softer material deforms.
+    // Friction is the geometric mean, so that contacts with a frictionless material are frictionless; restitution is
+    // the smaller coefficient, because the softer material deforms.
     let mut of_pairs = Vec::with_capacity(n * n);
     for a in &single {
         for b in &single {
@@ -394,7 +403,7 @@ pub(super) fn lower(
         let directions = Directions { ratio: pair.ratio.as_ref(), along: pair.along.as_ref(), axes: pair.axes };
         let own = reading.grain(&directions, AxesOfGrain::Material(a), contacts.cone, &place);
         let law = (coefficients, own.or(of_pairs[a * n + b].1));
-        // What a pair takes over from `contacts` is judged there.
+        // A patch and directions that a pair inherits from `contacts` have been checked with `contacts`.
         if pair.patch.is_some() || own.is_some() {
             let key = if pair.patch.is_some() { "patch" } else { "ratio" };
             reading.refuse_grain_on(coefficients.patch, law.1, key, &place);

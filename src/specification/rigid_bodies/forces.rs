@@ -34,7 +34,7 @@ pub struct BodyForce {
     pub axes: AxesOfForce,
 }
 
-/// The frame of the components of a force.
+/// The frame of the components of a force and a torque.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AxesOfForce {
@@ -45,7 +45,7 @@ pub enum AxesOfForce {
     Body,
 }
 
-/// Names of the outputs of moving bodies, in the order of their graph inputs, which follow `t`.
+/// Returns the names of the outputs of moving bodies, in the order of their graph inputs, which follow `t`.
 pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
     let moving = bodies.iter().enumerate().filter(|(_, body)| body.is_free());
     moving
@@ -120,7 +120,7 @@ fn find(
     Some(body)
 }
 
-/// Compiles the components of a force and torque, with the list of bodies that they depend on.
+/// Compiles the components of a force and a torque, with the list of bodies that they depend on.
 fn action(
     own: usize,
     nodes: &[Node],
@@ -157,7 +157,7 @@ fn action(
     Some(action)
 }
 
-/// The values, followed by their derivatives.
+/// Returns the values, followed by their derivatives with respect to the inputs `DERIVED` of the first body.
 fn outputs(graph: &mut Graph, values: &[Node]) -> Result<Vec<Node>, ::expression::ExpressionError> {
     let zero = graph.constant(0.0);
     let mut outputs = values.to_vec();

@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(untagged, expecting = "three moments of inertia, or a symmetric matrix of three rows")]
 pub enum Inertia {
-    /// Moments about the axes of the body, as principal axes.
+    /// Principal moments of inertia, about the axes of the body.
     Moments([Expression; 3]),
     /// The inertia tensor, row by row.
     Matrix([[Expression; 3]; 3]),

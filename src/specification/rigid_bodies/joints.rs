@@ -20,11 +20,11 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BodyJoint {
-    /// A common point: three rotational degrees of freedom.
+    /// A joint with a common point: three rotational degrees of freedom.
     Ball(PointJoint),
-    /// A common point and axis: one rotational degree of freedom.
+    /// A joint with a common point and axis: one rotational degree of freedom.
     Hinge(AxialJoint),
-    /// A common axis: one translational degree of freedom, along it.
+    /// A joint with a common axis: one translational degree of freedom, along the axis.
     Slider(AxialJoint),
     /// A rigid connection: no degree of freedom.
     Fixed(FixedJoint),
@@ -39,8 +39,9 @@ pub struct PointJoint {
     /// The common point, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub at: Vector,
-    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
-    /// torque on it about the point, in the world frame and averaged over a step. Default: no outputs.
+    /// Name of the joint. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and
+    /// `name.tx ty tz`, the torque on that body about the point, in the world frame and averaged over a step.
+    /// Default: no outputs.
     pub name: Option<String>,
 }
 
@@ -56,15 +57,16 @@ pub struct AxialJoint {
     /// The direction of the axis, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub axis: Vector,
-    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
-    /// torque on it about the point, in the world frame and averaged over a step; with a motor, a spring or limits also
-    /// `name.coordinate` and `name.effort`, the force or torque along the coordinate. Default: no outputs.
+    /// Name of the joint. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and
+    /// `name.tx ty tz`, the torque on that body about the point, in the world frame and averaged over a step; with a
+    /// motor, a spring or limits also `name.coordinate` and `name.effort`, the force or torque along the coordinate.
+    /// Default: no outputs.
     pub name: Option<String>,
-    /// Motor. Default: none.
+    /// Motor along the coordinate of the joint. Default: none.
     pub motor: Option<Motor>,
-    /// Spring and damper. Default: none.
+    /// Spring and damper along the coordinate of the joint. Default: none.
     pub spring: Option<JointSpring>,
-    /// Stops. Default: none.
+    /// Stops at limits of the coordinate of the joint. Default: none.
     pub limits: Option<JointLimits>,
 }
 
@@ -74,8 +76,9 @@ pub struct AxialJoint {
 pub struct FixedJoint {
     /// The names of two bodies, or of one body that is joined to the world.
     pub bodies: Vec<String>,
-    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
-    /// torque on it about its initial centre of mass, in the world frame and averaged over a step. Default: no outputs.
+    /// Name of the joint. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and
+    /// `name.tx ty tz`, the torque on that body about its initial centre of mass, in the world frame and averaged
+    /// over a step. Default: no outputs.
     pub name: Option<String>,
 }
 
@@ -85,7 +88,7 @@ impl BodyJoint {
         matches!(self, Self::Hinge(axial) | Self::Slider(axial) if axial.motor.is_some())
     }
 
-    /// The key of the joint in the document.
+    /// Returns the key of the kind of joint in the document, such as `hinge`.
     fn key(&self) -> &'static str {
         match self {
             Self::Ball(_) => "ball",
@@ -190,7 +193,8 @@ pub(super) fn lower(
     lowered
 }
 
-/// The bodies of a joint, a moving one first, and whether that reverses the order in which they are named.
+/// Returns the bodies of a joint, a moving one first (`None` is the world), and whether that reverses the order in
+/// which the user names them.
 pub(super) fn pair(
     given: &[String],
     bodies: &[Body],

@@ -4,7 +4,9 @@
 //! M (v+ - v) = h f + J^T r,    u = J v,    r_k in the friction cone of contact k, by Coulomb's law;    q+ = q (+) h v+
 //! ```
 //!
-//! Joints are bilateral constraints: `c(q) = 0` and `G v = 0` at the end of every step.
+//! The velocities are `v` before and `v+` after a step of size `h`; `M` is the mass matrix, `J` the Jacobian of the
+//! contacts, `f` are forces, `r` contact impulses, `u` contact velocities and `q` positions. Joints are bilateral
+//! constraints: `c(q) = 0` and `G v = 0`, with the Jacobian `G` of `c`, at the end of every step.
 
 mod bodies;
 mod bushings;
@@ -48,7 +50,7 @@ use std::sync::Arc;
 use utoipa::ToSchema;
 use vectors::Vector;
 
-/// Most bodies of one problem.
+/// Largest number of bodies of one problem.
 pub(super) const MOST_BODIES: usize = 100_000;
 
 /// Rigid bodies with contact, friction, impacts and joints. SI units; the z axis of a shape is its axis of symmetry.
@@ -72,14 +74,14 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// Gravitational acceleration. Default `[0, 0, 0]`.
+    /// Gravitational acceleration in metres per second squared. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub gravity: Option<Vector>,
     /// Materials by name.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Material>)]
     pub materials: Ordered<Material>,
-    /// A robot as URDF or MJCF describe it, whose bodies and joints stand before those of `bodies` and `joints`.
+    /// A robot described in URDF or MJCF, whose bodies and joints come before those of `bodies` and `joints`.
     pub robot: Option<Box<RobotDescription>>,
     /// The bodies, at least one of them moving; at most 100,000.
     #[serde(default)]
@@ -104,7 +106,7 @@ pub struct RigidBodiesProblem {
     pub interpenetration: Interpenetration,
 }
 
-/// Time to check a pair of bodies, in nanoseconds, measured.
+/// Measured time to check a pair of bodies, in nanoseconds.
 const A_PAIR_OF_BODIES: usize = 5_000;
 
 impl Written for RigidBodiesProblem {

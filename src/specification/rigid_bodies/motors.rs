@@ -18,9 +18,9 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Motor {
-    /// Prescribed coordinate, enforced by whatever effort is needed; zero at the start.
+    /// Prescribed coordinate of the joint, enforced by whatever effort is needed; zero at the start.
     Position(Expression),
-    /// Prescribed rate of the coordinate, enforced by whatever effort is needed.
+    /// Prescribed rate of the joint coordinate, enforced by whatever effort is needed.
     Velocity(Expression),
     /// Prescribed effort: a torque in newton metres, or a force along the axis in newtons.
     Effort(Expression),
@@ -32,13 +32,13 @@ pub enum Motor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServoMotor {
-    /// The target of the coordinate.
+    /// The target of the joint coordinate.
     pub target: Expression,
-    /// Stiffness in newton metres per radian, or newtons per metre, not negative. Default 0.
+    /// Stiffness of the servo in newton metres per radian, or newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Damping in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
+    /// Damping of the servo in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
-    /// The largest torque or force, above 0. Default: unlimited.
+    /// The largest torque or force of the servo, above 0. Default: unlimited.
     pub largest_effort: Option<Expression>,
 }
 
@@ -46,9 +46,9 @@ pub struct ServoMotor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointSpring {
-    /// Stiffness in newton metres per radian, or newtons per metre, not negative. Default 0.
+    /// Stiffness of the spring in newton metres per radian, or newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Damping in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
+    /// Damping coefficient in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
     /// The coordinate (see `motor`) at which the spring is relaxed. Default 0.
     pub rest: Option<Expression>,
@@ -58,9 +58,9 @@ pub struct JointSpring {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointLimits {
-    /// Lower limit, not above 0. Default: none.
+    /// Lower limit of the joint coordinate, not above 0. Default: none.
     pub lower: Option<Expression>,
-    /// Upper limit, not below 0. Default: none.
+    /// Upper limit of the joint coordinate, not below 0. Default: none.
     pub upper: Option<Expression>,
     /// The coefficient of restitution of the stops, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
@@ -94,14 +94,15 @@ impl JointLimits {
     }
 }
 
-/// The functions of time of a problem, collected while it is lowered.
+/// The functions of time of a rigid-body problem, collected while the problem is lowered.
 #[derive(Debug, Default)]
 pub(super) struct Functions {
     nodes: Vec<Node>,
 }
 
 impl Functions {
-    /// Adds a function and its rate and returns its index; `None` if it does not depend on time alone.
+    /// Adds a function of time and its rate and returns its index; `None` if the function is faulty or depends on
+    /// more than time.
     pub fn add(&mut self, given: &Expression, place: &Pointer<'_>, lowering: &mut Lowering<'_>) -> Option<usize> {
         let node = lowering.node(given, place)?;
         if lowering.graph.inputs(node).iter().any(|&input| input > 0) {
@@ -125,18 +126,18 @@ impl Functions {
         Some(self.nodes.len() / 2 - 1)
     }
 
-    /// Compiles all functions.
+    /// Compiles all functions of time and their rates.
     pub fn signals(&self, lowering: &Lowering<'_>) -> Signals {
         Signals { program: Tape::compile(&lowering.graph, &self.nodes), count: self.nodes.len() / 2 }
     }
 
-    /// Rounding error of the value of a function at the start.
+    /// Returns the rounding error of the value of a function of time at the start.
     fn rounding_at_start(&self, function: usize, lowering: &Lowering<'_>) -> f64 {
         let program = Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]);
         lowering.start.map_or(0.0, |t| Signals { program, count: 1 }.rounding(t))
     }
 
-    /// Value and rate of a function at the start, if the start time is known.
+    /// Returns value and rate of a function of time at the start, if the start time is known.
     pub fn at_start(&self, function: usize, lowering: &Lowering<'_>) -> Option<[f64; 2]> {
         let mut values = [0.0; 2];
         Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]).evaluate(
@@ -148,7 +149,7 @@ impl Functions {
     }
 }
 
-/// The drive law of a joint, if it has a motor, a spring or limits.
+/// Returns the drive law and the limits of a joint, if it has a motor, a spring or limits.
 pub(super) fn lower(
     joint: &AxialJoint,
     place: &Pointer<'_>,
@@ -200,7 +201,7 @@ pub(super) fn lower(
     Some((DriveLaw::Force(law), limits.unwrap_or(Limits::NONE)))
 }
 
-/// Adds a function that must be finite at the start, and returns its index.
+/// Adds a function of time that must be finite at the start, and returns its index.
 pub(super) fn finite(
     given: &Expression,
     place: &Pointer<'_>,

@@ -10,7 +10,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Reports overlapping bodies, until `control` asks to stop.
 pub(super) fn refuse(scene: &MultibodySystem, bodies: &Pointer<'_>, control: &Control, errors: &mut Errors) {
-    // One more than can be listed, so that the list is marked as cut.
+    // Ask for one overlap more than can be listed, so that the list of errors is marked as cut.
     for overlap in scene.overlaps(ROUNDING, MOST + 1, control).unwrap_or_default() {
         let [a, b] = overlap.bodies.map(|k| scene.bodies[k].name.as_str());
         let detail = format!("`{a}` and `{b}` overlap by {:e} at the start", overlap.depth);

@@ -37,13 +37,13 @@ pub enum RigidShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompoundPart {
-    /// The shape; not a compound itself.
+    /// The shape of the part; not a compound itself.
     #[schema(no_recursion)]
     pub shape: RigidShape,
-    /// Origin of its frame, in the frame of the body. Default `[0, 0, 0]`.
+    /// Origin of the frame of the part, in the frame of the body. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// Orientation relative to the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
+    /// Orientation of the part relative to the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
     pub orientation: Option<[Expression; 4]>,
 }
 
@@ -51,7 +51,7 @@ pub struct CompoundPart {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SphereShape {
-    /// Radius in metres, above 0.
+    /// Radius of the sphere in metres, above 0.
     pub radius: Expression,
 }
 
@@ -59,7 +59,7 @@ pub struct SphereShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxShape {
-    /// Lengths of its sides along x, y and z, in metres, above 0.
+    /// Lengths of the sides of the box along x, y and z, in metres, above 0.
     #[schema(value_type = [Expression; 3])]
     pub size: Vector,
 }
@@ -68,7 +68,7 @@ pub struct BoxShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CapsuleShape {
-    /// Radius in metres, above 0.
+    /// Radius of the capsule in metres, above 0.
     pub radius: Expression,
     /// Length of the cylindrical part in metres, above 0; the total length is greater by twice the radius.
     pub length: Expression,
@@ -78,17 +78,17 @@ pub struct CapsuleShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CylinderShape {
-    /// Radius in metres, above 0.
+    /// Radius of the cylinder in metres, above 0.
     pub radius: Expression,
-    /// Length in metres, above 0.
+    /// Length of the cylinder in metres, above 0.
     pub length: Expression,
 }
 
-/// The convex hull of points. The origin of their frame need not be the centre of mass.
+/// The convex hull of points. The origin of the frame of the points need not be the centre of mass.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HullShape {
-    /// The points, at least four, not in one plane; at most 1,000.
+    /// The points of the hull, at least four, not in one plane; at most 1,000.
     #[schema(value_type = Vec<[Expression; 3]>)]
     pub points: Vec<Vector>,
 }
@@ -97,7 +97,7 @@ pub struct HullShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HalfSpaceShape {
-    /// The outward normal.
+    /// The outward normal of the boundary plane of the half space.
     #[schema(value_type = [Expression; 3])]
     pub normal: Vector,
 }
@@ -106,21 +106,21 @@ pub struct HalfSpaceShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshShape {
-    /// The vertices.
+    /// The vertices of the surface.
     #[schema(value_type = Vec<[Expression; 3]>)]
     pub vertices: Vec<Vector>,
     /// Three vertex indices per triangle, counted from 0, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Most parts of a compound: each is tested against each part of another body.
+/// Largest number of parts of a compound: each part is tested against each part of another body.
 const MOST_PARTS: usize = 1_000;
 
-/// Most points of a hull: each costs time at every contact.
+/// Largest number of points of a convex hull: each costs time at every contact.
 const MOST_POINTS: usize = 1_000;
 
 impl RigidShape {
-    /// The shapes of the body, with their placements in its frame.
+    /// Returns the single shapes of the body with their poses in its frame; `None` if one is faulty.
     pub(super) fn parts(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
         let Self::Compound(parts) = self else {
             return Some(vec![(self.lower(place, lowering)?, Isometry3::identity())]);

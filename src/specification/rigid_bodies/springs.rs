@@ -18,17 +18,17 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodySpring {
-    /// Name. The outputs are `name.length` and `name.force`, positive in compression and averaged over a step. Default:
-    /// no outputs.
+    /// Name of the spring. The outputs are `name.length` and `name.force`, positive in compression and averaged over
+    /// a step. Default: no outputs.
     pub name: Option<String>,
     /// The names of two bodies, or of one body that is attached to the world.
     pub bodies: Vec<String>,
-    /// A point of the first body, and one of the second or of the world, in the initial configuration.
+    /// A point of the first body, and a point of the second body or of the world, in the initial configuration.
     #[schema(value_type = [[Expression; 3]; 2])]
     pub at: [Vector; 2],
-    /// Stiffness in newtons per metre, not negative. Default 0.
+    /// Stiffness of the spring in newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Damping in newton seconds per metre, not negative. Default 0.
+    /// Damping coefficient of the damper in newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
     /// The distance at which the spring is relaxed, in metres, above 0. Default: the initial distance.
     pub rest_length: Option<Expression>,

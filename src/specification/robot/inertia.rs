@@ -1,22 +1,22 @@
-//! Mass, centre and inertia of bodies, and of solids that are filled evenly.
+//! Mass, centre of mass and inertia of bodies, and of homogeneous solids.
 
 use super::scene::Shape;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::f64::consts::PI;
 
-/// How a body resists.
+/// Mass, centre of mass and inertia of a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Inertial {
-    /// Kilograms.
+    /// Mass in kilograms.
     pub mass: f64,
     /// The centre of mass, in the frame of the body.
     pub centre: Vector3<f64>,
-    /// The inertia about the centre, along the axes of the frame of the body.
+    /// The inertia about the centre of mass, along the axes of the body's frame.
     pub inertia: Matrix3<f64>,
 }
 
 impl Inertial {
-    /// The same in another frame, in which this one stands at `at`.
+    /// Returns the mass properties in another frame, in which the body's frame has the pose `at`.
     pub fn placed(self, at: &Isometry3<f64>) -> Self {
         let turn = at.rotation.to_rotation_matrix().into_inner();
         Self {
@@ -26,7 +26,7 @@ impl Inertial {
         }
     }
 
-    /// Both as one (Huygens and Steiner).
+    /// Returns the mass properties of two parts together (theorem of Huygens and Steiner).
     pub fn with(self, other: Self) -> Self {
         let mass = self.mass + other.mass;
         if mass <= 0.0 {
@@ -40,14 +40,15 @@ impl Inertial {
         Self { mass, centre, inertia: about(&self) + about(&other) }
     }
 
-    /// With so many times its mass.
+    /// Returns the mass properties with mass and inertia multiplied by `factor`.
     pub fn scaled(self, factor: f64) -> Self {
         Self { mass: self.mass * factor, inertia: self.inertia * factor, ..self }
     }
 }
 
 impl Shape {
-    /// Its volume, and the moments of inertia of a unit of mass that fills it, along its axes.
+    /// Returns the volume of a shape, and the moments of inertia per unit of mass of the homogeneous solid, along the
+    /// axes of the shape; `None` for a half space.
     pub fn solid(&self) -> Option<(f64, Vector3<f64>)> {
         let round = |across: f64, along: f64| Vector3::new(across, across, along);
         Some(match *self {
@@ -67,7 +68,8 @@ impl Shape {
                 let (tube, ball) = (PI * r * r * l, 4.0 / 3.0 * PI * r.powi(3));
                 let volume = tube + ball;
                 let along = (tube * 0.5 + ball * 0.4) * r * r;
-                // Half balls about their own centres, 3 r/8 from their bases, which are l/2 away.
+                // The centres of mass of the half balls are 3 r/8 from their bases, which are l/2 from the centre of
+                // the capsule.
                 let of_balls = ball * (0.4 * r * r + 0.25 * l * l + 0.375 * l * r);
                 let across = tube * (3.0 * r * r + l * l) / 12.0 + of_balls;
                 (volume, round(across, along) / volume)
@@ -83,7 +85,7 @@ mod tests {
 
     #[test]
     fn a_capsule_is_a_tube_and_two_halves_of_a_ball() {
-        // By the middle of thin slices across its axis.
+        // Integration by the midpoints of thin slices across the axis.
         let (r, l) = (0.3, 1.1);
         let (slices, half) = (200_000, 0.5 * l + r);
         let (mut volume, mut along, mut across) = (0.0, 0.0, 0.0);

@@ -1,5 +1,6 @@
-//! Descriptions of robots as other programs have them, [URDF](urdf) and [MJCF](mjcf), written out as bodies and joints of a scene
-//! before its document is read, as vectors are. Errors behind that are told at the element of the description.
+//! Robot descriptions in the formats [URDF](urdf) and [MJCF](mjcf). A description is replaced by bodies and joints of
+//! a scene before the document is read, at the stage at which vectors are expanded. Errors found later in these
+//! bodies and joints are reported at the element of the description.
 
 mod inertia;
 mod mjcf;
@@ -23,17 +24,17 @@ use scene::{Names, Robot, Start, Written};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use xml::{At, DescriptionError, Element, Place, Reader};
 
-/// The longest description, in bytes, and the most elements and texts in it.
+/// Largest length of a description in bytes, and largest number of XML nodes in it.
 const LONGEST: usize = 4 << 20;
 const MOST_NODES: u32 = 1 << 20;
 
-/// The formats, by their keys, with the names of their roots.
+/// Formats of robot descriptions by key, with the tag of the XML root element.
 const FORMATS: [(&str, &str); 2] = [("urdf", "robot"), ("mjcf", "mujoco")];
 
-/// Where a description stands in a scene.
+/// Key of the robot description in a scene.
 const ROBOT: &str = "robot";
 
-/// What a description says, and the lines of what was left out of it.
+/// Content of a robot description, with remarks on parts that were left out, and errors.
 struct Description {
     robot: Robot,
     names: Names,
@@ -54,7 +55,8 @@ fn read(format: &str, text: &str, pose: Option<&Json>) -> Description {
             Err(error) => {
                 let at = error.pos();
                 let place = Place { line: at.row as usize, column: at.col as usize };
-                // The library names the place behind its words.
+                // The XML library appends the position of the error to its message, from which the position is
+                // removed.
                 let words = error.to_string();
                 let detail = words.rsplit_once(" at ").map_or(words.as_str(), |(words, _)| words).to_owned();
                 let expected =
@@ -82,7 +84,7 @@ fn read(format: &str, text: &str, pose: Option<&Json>) -> Description {
     let known: Vec<&str> = robot.poses.iter().map(|(name, _)| name.as_str()).collect();
     let is_whole = errors.is_empty();
     poses.finish(&known, &mut errors);
-    // Names that are lost with what could not be read are not unknown.
+    // After other errors, a name may be unknown only because its element could not be read.
     errors.retain(|error| is_whole || !matches!(&error.at, At::Keys(_) if error.code == "unknown_name"));
     let names = Names::of(&robot);
     let renamed = names.changed.iter().map(|(given, name)| format!("`{given}` is called `{name}` here"));
@@ -105,19 +107,20 @@ fn of_document(format: &str, root: Element<'_, '_>, poses: &Poses<'_>, reader: &
     }
 }
 
-/// Where a description, and what stands beside it, has what it was written out to; and what was left out.
+/// Maps members of a scene that were generated from a robot description back to their origins in the document.
 #[derive(Debug, Default)]
 pub(super) struct Origins {
-    /// By pointers of what was written: a pointer of the document, and a place in the text there.
+    /// By JSON pointer of a generated or moved member: the pointer of its origin, and the position in the text of the
+    /// description, if it is from there.
     places: HashMap<String, (String, Option<String>)>,
-    /// What was left out, in sentences.
+    /// Remarks on parts of the description that were left out, as sentences.
     pub remarks: Vec<String>,
-    /// Whether the description has errors, so that names of its bodies are not known.
+    /// Whether the description has errors, so that the names of its bodies are unknown.
     is_broken: bool,
 }
 
 impl Origins {
-    /// Errors where the document has what they are of. Those that a broken description explains are left out.
+    /// Moves errors in generated members to their origins. Errors that follow from a broken description are dropped.
     pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
         let is_explained = |error: &SpecificationError| {
             let is_of_robot = error.pointer.starts_with("/problem/rigid_bodies/robot");
@@ -148,7 +151,8 @@ impl Origins {
     }
 }
 
-/// Writes out the description of a scene, if it has one; what is wrong with it is reported, and its bodies are left out.
+/// Replaces the robot description of a scene, if there is one, by bodies and joints; if the description has errors,
+/// these are reported and its bodies are left out.
 pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Origins {
     let mut origins = Origins::default();
     let path = [Step::Key("problem".to_owned()), Step::Key("rigid_bodies".to_owned())];
@@ -197,7 +201,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Origins {
     origins
 }
 
-/// A document without the description that was written out in it.
+/// Removes the robot description from a document in which it has been replaced by bodies and joints.
 pub(super) fn forget(json: &mut Json) {
     let path = [Step::Key("problem".to_owned()), Step::Key("rigid_bodies".to_owned())];
     if let Some(Json::Object(members)) = json.at_mut(&path) {
@@ -212,7 +216,7 @@ fn group_of(body: &Json) -> Option<&str> {
     }
 }
 
-/// An error at its line, or at its key.
+/// Converts an error in a description to a specification error, located by line of the text or by JSON key.
 fn at_place(error: &DescriptionError, robot: &Pointer<'_>, format: &str) -> SpecificationError {
     let (pointer, detail) = match &error.at {
         At::Text(place) => (robot.key(format).to_string(), format!("{}: {}", shown(*place), error.detail)),
@@ -230,12 +234,12 @@ fn shown(place: Place) -> String {
     format!("line {}, column {}", place.line, place.column)
 }
 
-/// The members of a scene, into which a robot is written.
+/// The members of a scene to which the bodies and joints of a robot are added.
 struct Scene<'a> {
     members: &'a mut Vec<(String, Json)>,
     origins: &'a mut Origins,
     errors: &'a mut Errors,
-    /// The pointers of the scene and of the description, and its format.
+    /// JSON pointers of the scene and of the robot, and the format of the description.
     names: (String, String, &'static str),
 }
 
@@ -268,14 +272,14 @@ impl Scene<'_> {
                 append_to(contacts, "pairs", written.pairs);
             }
         }
-        // Its starts alone stay: a sweep has names in the place of their numbers.
+        // Of the description only `pose` stays, since a sweep names the numbers in it.
         let is_start = |(key, _): &(String, Json)| key == "pose";
         if let Some((_, Json::Object(given))) = self.members.iter_mut().find(|(key, _)| key == ROBOT) {
             given.retain(is_start);
         }
     }
 
-    /// A motor in the place of the one that makes the coordinate an output.
+    /// Sets the motor of the joint `name`, in place of the zero motor that makes its coordinate an output.
     fn drive(&mut self, name: &str, motor: &Json, description: &Description, joints: &mut [Json]) {
         let (scene, robot, _) = &self.names;
         let pointer = format!("{robot}/motors/{}", name.replace('~', "~0").replace('/', "~1"));
@@ -294,8 +298,9 @@ impl Scene<'_> {
         self.origins.places.insert(format!("{scene}/joints/{k}/{kind}/motor"), (pointer, None));
     }
 
-    /// Puts items before those of a list of the scene, which is made where there is none; one value stands for a list of it. What is
-    /// wrong with an item is told at its place in the text, and with the others where they stood before.
+    /// Inserts items at the beginning of the list `key` of the scene, which is created if missing; a single object
+    /// counts as a list of one. Errors in an inserted item are reported at its position in the description, errors in
+    /// other items at their original index.
     fn put_first(&mut self, key: &str, items: Vec<Json>, places: impl Iterator<Item = Place>) {
         let (scene, robot, format) = &self.names;
         for (k, place) in places.enumerate() {
@@ -304,7 +309,8 @@ impl Scene<'_> {
         }
         let count = items.len();
         if !self.members.iter().any(|(known, _)| known == key) {
-            // Of the list itself: that nothing in it moves, say.
+            // Errors of the list as a whole, such as a scene in which nothing moves, are reported at the beginning of
+            // the description.
             let origin = (format!("{robot}/{format}"), Some(shown(Place { line: 1, column: 1 })));
             self.origins.places.insert(format!("{scene}/{key}"), origin);
         }
@@ -337,7 +343,8 @@ impl Scene<'_> {
         }
     }
 
-    /// The members of an object of the scene, which is made where there is none; none where something else stands there.
+    /// Returns the members of the object `key` of the scene, which is created if missing; `None` if the value is not
+    /// an object.
     fn object(&mut self, key: &str) -> Option<&mut Vec<(String, Json)>> {
         if !self.members.iter().any(|(known, _)| known == key) {
             self.members.push((key.to_owned(), Json::Object(Vec::new())));
@@ -349,18 +356,18 @@ impl Scene<'_> {
     }
 }
 
-/// Appends to a list among members, which is made where there is none.
+/// Appends to the list `key` among members, which is created if missing.
 fn append_to(members: &mut Vec<(String, Json)>, key: &str, items: Vec<Json>) {
     match members.iter_mut().find(|(known, _)| known == key) {
         None => members.push((key.to_owned(), Json::List(items))),
         Some((_, Json::List(all))) => all.extend(items),
-        // Of another type, which is told where the document is read.
+        // A value of another type is reported when the document is read.
         Some(_) => {}
     }
 }
 
-/// The document that a description is, by itself: the name of the robot is the label, the horizon a second, and each joint and each
-/// free body begins as it stands there.
+/// Returns a document for a robot description alone: the label is the name of the robot, the horizon one second, and
+/// `pose` contains the initial position of each joint and each free body.
 pub(super) fn document(text: &str) -> Option<Json> {
     let format = format_of(text)?;
     let Description { robot, .. } = read(format, text, None);
@@ -380,7 +387,7 @@ pub(super) fn document(text: &str) -> Option<Json> {
         };
         (name, start)
     });
-    // A name that stands twice is refused where the description is read.
+    // Duplicate names are reported when the description is read.
     let mut seen = HashSet::new();
     let mut described = vec![(format, scene::text(text))];
     let pose: Vec<(String, Json)> = pose.filter(|(name, _)| seen.insert(name.clone())).collect();
@@ -393,13 +400,13 @@ pub(super) fn document(text: &str) -> Option<Json> {
     Some(scene::object(members))
 }
 
-/// The format of a text, by the root of its XML.
+/// Returns the format of a text, by its XML root element.
 pub(super) fn format_of(text: &str) -> Option<&'static str> {
     let text = text.trim_start();
     if !text.starts_with('<') {
         return None;
     }
-    // The root may stand behind a declaration and comments, of any length.
+    // Declarations and comments of any length may precede the root element.
     let first = FORMATS.iter().filter_map(|(format, tag)| Some((text.find(&format!("<{tag}"))?, *format)));
     first.min().map(|(_, format)| format)
 }

@@ -1,19 +1,19 @@
-//! Where bodies are at the start, and how they move there, along a chain of joints.
+//! Positions and velocities of bodies at the start, along a chain of joints.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// A frame that moves.
+/// A moving frame: its pose and velocity at the start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
-    /// Where it is in the world.
+    /// Pose of the frame in the world.
     pub frame: Isometry3<f64>,
-    /// Its angular velocity, in the world.
+    /// Angular velocity of the frame, in the world.
     pub angular: Vector3<f64>,
-    /// The velocity of what is carried along with it at the origin of the world.
+    /// Velocity at the origin of the world of a rigid body that moves with the frame.
     linear: Vector3<f64>,
 }
 
-/// A joint with one freedom, in the frame of the body that it carries.
+/// The axis of a joint with one degree of freedom, in the frame of the body that the joint carries.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
     pub at: Vector3<f64>,
@@ -22,27 +22,28 @@ pub(super) struct Axis {
 }
 
 impl Motion {
-    /// At rest.
+    /// Creates a frame at rest.
     pub fn at_rest(frame: Isometry3<f64>) -> Self {
         Self { frame, angular: Vector3::zeros(), linear: Vector3::zeros() }
     }
 
-    /// With the velocity of its origin.
+    /// Creates a moving frame from the velocity of its origin and its angular velocity.
     pub fn moving(frame: Isometry3<f64>, velocity: Vector3<f64>, angular: Vector3<f64>) -> Self {
         Self { frame, angular, linear: velocity - angular.cross(&frame.translation.vector) }
     }
 
-    /// The velocity of its origin.
+    /// Velocity of the origin of the frame.
     pub fn velocity(&self) -> Vector3<f64> {
         self.linear + self.angular.cross(&self.frame.translation.vector)
     }
 
-    /// A frame that stands at `at` in this one, and moves with it.
+    /// Returns a frame that has the pose `at` in the moving frame, and moves with it.
     pub fn carrying(self, at: &Isometry3<f64>) -> Self {
         Self { frame: self.frame * at, ..self }
     }
 
-    /// The frame behind a joint at this coordinate and rate; and in the world a point of the axis, and its direction.
+    /// Returns the frame behind a joint with the coordinate `q` and its rate; and in the world a point of the joint
+    /// axis, and its direction.
     pub fn behind(self, axis: &Axis, (q, rate): (f64, f64)) -> (Self, Vector3<f64>, Vector3<f64>) {
         let at = self.frame.transform_point(&Point3::from(axis.at)).coords;
         let along = self.frame.rotation * axis.along;
@@ -65,7 +66,7 @@ mod tests {
 
     #[test]
     fn velocities_are_the_rates_of_places() {
-        // Two hinges and a slider, moved by a little.
+        // A chain of two hinges and a slider, each displaced in proportion to `s`.
         let place = |s: f64| {
             let axis =
                 |at: [f64; 3], along: [f64; 3], is_slider| Axis { at: at.into(), along: along.into(), is_slider };

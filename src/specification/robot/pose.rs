@@ -1,4 +1,5 @@
-//! How the joints and the free bodies of a description begin, by their names: numbers, before anything else is known.
+//! The initial state of the joints and the free bodies of a description, by their names and in numbers, which are
+//! read before the document.
 
 use super::xml::{At, DescriptionError};
 use crate::json::Json;
@@ -8,19 +9,19 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use std::cell::RefCell;
 use std::collections::HashSet;
 
-/// What the user says of the start.
+/// The initial states that the user gives in `pose`, with the names used and the errors found so far.
 pub(super) struct Poses<'j> {
     given: &'j [(String, Json)],
     used: RefCell<HashSet<&'j str>>,
     errors: RefCell<Vec<DescriptionError>>,
 }
 
-/// How a joint begins.
+/// Initial position and velocity of a joint.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointStart {
     pub position: f64,
     pub velocity: f64,
-    /// Whether it begins elsewhere than where it stands in the description, as that is beyond its limits.
+    /// Whether the joint starts elsewhere than in the description, whose position is beyond the limits of the joint.
     pub is_moved: bool,
 }
 
@@ -28,7 +29,7 @@ const OF_JOINT: [&str; 2] = ["position", "velocity"];
 const OF_BODY: [&str; 4] = ["position", "orientation", "velocity", "angular_velocity"];
 
 impl<'j> Poses<'j> {
-    /// The member `pose` of a description; what is no object is refused where the document is read.
+    /// Reads the member `pose` of a description; a value that is not an object is refused where the document is read.
     pub fn new(pose: Option<&'j Json>) -> Self {
         let given = match pose {
             Some(Json::Object(members)) => members.as_slice(),
@@ -50,8 +51,8 @@ impl<'j> Poses<'j> {
         self.errors.borrow_mut().push(error);
     }
 
-    /// How a joint with these limits begins: as it is said, else as it stands in the description at `reference`, or in the middle of
-    /// limits that this is beyond.
+    /// Returns the initial state of a joint with the given limits: that of the user, else the position `reference` of
+    /// the description, or the middle of the limits if `reference` is beyond them.
     pub fn of_joint(&self, name: &str, reference: f64, limits: [Option<f64>; 2]) -> JointStart {
         let [lower, upper] = [limits[0].unwrap_or(f64::NEG_INFINITY), limits[1].unwrap_or(f64::INFINITY)];
         let is_within = |position: f64| lower <= position && position <= upper;
@@ -74,7 +75,8 @@ impl<'j> Poses<'j> {
         JointStart { position: position.unwrap_or(own.position), velocity: velocity.unwrap_or(0.0), is_moved }
     }
 
-    /// Where a free body is, how its origin moves, and how it turns; at rest at `frame` where nothing is said.
+    /// Returns the pose, the velocity of the origin and the angular velocity of a free body; by default it is at rest
+    /// at `frame`.
     pub fn of_body(&self, name: &str, frame: Isometry3<f64>) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
         let Some(value) = self.find(name) else { return (frame, Vector3::zeros(), Vector3::zeros()) };
         self.check_keys(name, value, &OF_BODY);
@@ -92,7 +94,8 @@ impl<'j> Poses<'j> {
         (Isometry3::from_parts(position.into(), turn), rates[0], rates[1])
     }
 
-    /// What is wrong, once all names that there are have been asked for.
+    /// Reports the errors found, once all joints and free bodies have been looked up: a name in `pose` that is not
+    /// used is unknown.
     pub fn finish(self, known: &[&str], errors: &mut Vec<DescriptionError>) {
         let used = self.used.borrow();
         let unknown = self.given.iter().map(|(name, _)| name.as_str()).filter(|name| !used.contains(name));

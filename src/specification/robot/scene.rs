@@ -1,5 +1,5 @@
-//! What a description comes to: bodies, joints, and pairs of bodies that go through each other; and the members of a scene that
-//! it is written out as.
+//! Intermediate form of a robot description: bodies, joints, and pairs of bodies without contact. It is translated
+//! into members of a rigid-body scene.
 
 use super::inertia::Inertial;
 use super::motion::Motion;
@@ -18,11 +18,11 @@ pub(super) enum Shape {
     Ellipsoid {
         radii: Vector3<f64>,
     },
-    /// With the lengths of its sides.
+    /// A box; `size` holds the lengths of its sides.
     Box {
         size: Vector3<f64>,
     },
-    /// With the length of the tube between the half balls.
+    /// A capsule; `length` is the length of the cylinder between the half balls.
     Capsule {
         radius: f64,
         length: f64,
@@ -31,34 +31,34 @@ pub(super) enum Shape {
         radius: f64,
         length: f64,
     },
-    /// All that lies below the plane across its third axis.
+    /// The half-space below the plane normal to the third axis.
     HalfSpace,
 }
 
-/// A shape of a body that touches others.
+/// A collision shape of a body.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
     pub shape: Shape,
-    /// In the frame of the body.
+    /// Pose of the shape in the frame of the body.
     pub at: Isometry3<f64>,
-    /// The coefficient of friction, where it has one.
+    /// Coefficient of friction of the shape, if the description gives one.
     pub friction: Option<f64>,
 }
 
-/// A body.
+/// A body of a robot description.
 #[derive(Clone, Debug)]
 pub(super) struct Body {
     pub name: String,
     pub place: Place,
     pub motion: Motion,
-    /// None of one that does not move.
+    /// Mass and inertia of the body; `None` for a fixed body.
     pub inertial: Option<Inertial>,
     pub parts: Vec<Part>,
-    /// Bits of which one has to meet one of the other mask of another body, for the two to touch.
+    /// Collision masks: two bodies can touch if the first mask of one shares a bit with the second mask of the other.
     pub masks: [u32; 2],
 }
 
-/// What a joint leaves free.
+/// Kind of a joint, by the relative motion that it leaves free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Freedom {
     Hinge,
@@ -67,28 +67,28 @@ pub(super) enum Freedom {
     Nothing,
 }
 
-/// A joint of a body and another, or the world.
+/// A joint between a body and another body, or the world.
 #[derive(Clone, Debug)]
 pub(super) struct Joint {
-    /// In the description.
+    /// Name of the joint in the description.
     pub name: Option<String>,
     pub place: Place,
     pub freedom: Freedom,
     pub body: usize,
     pub other: Option<usize>,
-    /// A point of it and its axis, in the world at the start.
+    /// A point on the joint and the direction of its axis, both in world coordinates at the start.
     pub at: Vector3<f64>,
     pub axis: Vector3<f64>,
-    /// The ends of its coordinate, which is zero at the start.
+    /// Lower and upper limit of the joint coordinate, which is zero at the start.
     pub limits: [Option<f64>; 2],
     pub stiffness: f64,
-    /// The coordinate without a force of the spring.
+    /// Joint coordinate at which the spring exerts no force.
     pub rest: f64,
     pub damping: f64,
 }
 
 impl Joint {
-    /// One that nothing drives.
+    /// Creates a joint without limits, spring and damper.
     pub fn new(freedom: Freedom, place: Place, bodies: (usize, Option<usize>), at: Vector3<f64>) -> Self {
         Self {
             name: None,
@@ -105,12 +105,12 @@ impl Joint {
         }
     }
 
-    /// Whether it has a coordinate.
+    /// Whether the joint has a scalar coordinate, as hinges and sliders have.
     pub fn is_axial(&self) -> bool {
         matches!(self.freedom, Freedom::Hinge | Freedom::Slider)
     }
 
-    /// Adds a spring along its coordinate: two springs are one.
+    /// Adds a spring and a damper along the joint coordinate, merged with those that the joint already has.
     pub fn add_spring(&mut self, stiffness: f64, rest: f64, damping: f64) {
         let both = self.stiffness + stiffness;
         if both > 0.0 {
@@ -120,41 +120,42 @@ impl Joint {
     }
 }
 
-/// A robot, or whatever else a description has.
+/// Content of a description: a robot, or any other mechanism.
 #[derive(Debug, Default)]
 pub(super) struct Robot {
     pub name: Option<String>,
     pub bodies: Vec<Body>,
     pub joints: Vec<Joint>,
-    /// Pairs that go through each other, the lesser first.
+    /// Pairs of bodies without contact with each other, the smaller index first.
     pub apart: BTreeSet<(usize, usize)>,
-    /// Whether all of them do.
+    /// Whether no two bodies of the description have contact with each other.
     pub is_apart: bool,
     pub gravity: Vector3<f64>,
-    /// Joints and bodies that are free, by the names of the description, as they are at the start if nothing else is said.
+    /// Initial joint coordinates and initial poses of free bodies, by the names in the description, for use unless
+    /// the user gives others.
     pub poses: Vec<(String, Start)>,
 }
 
-/// How a joint or a free body begins.
+/// Initial position of a joint or a free body.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Start {
-    /// At this coordinate.
+    /// Initial joint coordinate.
     Joint(f64),
-    /// Here.
+    /// Initial pose of a free body.
     Body(Isometry3<f64>),
 }
 
-/// What is noted of joints that are beyond their limits where they stand.
+/// Remark on joints whose limits exclude the coordinate 0.
 pub(super) const BEYOND_LIMITS: &str =
     "joints whose limits do not hold 0 begin in their middle: give the start as `robot.pose`";
 
-/// The groups of bodies that touch nothing, of bodies of one description that do not touch each other, and of those that others have
-/// beside it.
+/// Names of contact groups: bodies that touch nothing, bodies of a robot that do not touch each other, and bodies of
+/// the scene outside the robot.
 const NOTHING: &str = "touches_nothing";
 const ROBOT: &str = "robot";
 pub(super) const OTHERS: &str = "others";
 
-/// A hundredth of the largest distance from a joint to the centre of a body is the radius of a body without a shape.
+/// Radius of a body without a shape, relative to the largest distance from its centre of mass to a joint.
 const SMALL: f64 = 1e-2;
 
 pub(super) fn number(value: f64) -> Json {
@@ -178,7 +179,7 @@ pub(super) fn object(members: impl IntoIterator<Item = (&'static str, Json)>) ->
 }
 
 fn matrix(value: &Matrix3<f64>) -> Json {
-    // Symmetric to the last digit.
+    // The upper triangle is written twice, so that the matrix is exactly symmetric.
     let entry = |i: usize, j: usize| number(value[(i.min(j), i.max(j))]);
     Json::List((0..3).map(|i| Json::List((0..3).map(|j| entry(i, j)).collect())).collect())
 }
@@ -191,14 +192,14 @@ impl Shape {
             Self::Box { size } => object([("box", object([("size", vector(size))]))]),
             Self::Capsule { radius, length } => object([("capsule", round(*radius, *length))]),
             Self::Cylinder { radius, length } => object([("cylinder", round(*radius, *length))]),
-            // Refused where it would touch.
+            // An ellipsoid that could touch others is refused while reading, so that a ball can stand for it.
             Self::Ellipsoid { radii } => object([("sphere", object([("radius", number(radii.max()))]))]),
             Self::HalfSpace => object([("half_space", object([("normal", vector(&Vector3::z()))]))]),
         }
     }
 }
 
-/// What a description is written out as, in the order of its bodies and joints.
+/// Members of a scene that a robot is translated into, in the order of its bodies and joints.
 #[derive(Debug, Default)]
 pub(super) struct Written {
     pub bodies: Vec<Json>,
@@ -206,12 +207,13 @@ pub(super) struct Written {
     pub materials: Vec<(String, Json)>,
     pub pairs: Vec<Json>,
     pub exclude: Vec<Json>,
-    /// The group of bodies that stand beside it without one.
+    /// Group for those bodies of the scene outside the robot that have no group.
     pub group_of_others: Option<&'static str>,
 }
 
 impl Robot {
-    /// Writes it out beside bodies of these groups; `names` are the names of its bodies and joints in the scene.
+    /// Translates the robot into members of a scene whose other bodies have the groups `groups_of_others`; `names`
+    /// are the names of its bodies and joints in the scene.
     pub fn write(&self, groups_of_others: &BTreeSet<String>, names: &Names) -> Written {
         let mut written = Written::default();
         let frictions = self.frictions();
@@ -240,7 +242,8 @@ impl Robot {
         all
     }
 
-    /// The group of each body, where any is needed, and which groups are apart.
+    /// Returns the contact group of each body, or nothing if no groups are needed, and adds the excluded pairs of
+    /// groups to `written`.
     fn groups(&self, of_others: &BTreeSet<String>, written: &mut Written) -> Vec<String> {
         let touches = |body: &Body| !body.parts.is_empty();
         let masks: HashSet<[u32; 2]> = self.bodies.iter().filter(|body| touches(body)).map(|body| body.masks).collect();
@@ -256,7 +259,7 @@ impl Robot {
             () => format!("{ROBOT}.{}.{}", body.masks[0], body.masks[1]),
         };
         let groups: Vec<String> = self.bodies.iter().enumerate().map(group).collect();
-        // One body of each group stands for it: the others are like it.
+        // One body represents each group: all bodies of a group have the same contacts.
         let mut first: BTreeMap<&str, usize> = BTreeMap::new();
         for (k, group) in groups.iter().enumerate() {
             first.entry(group).or_insert(k);
@@ -317,7 +320,7 @@ impl Robot {
         }
     }
 
-    /// The radius of a ball that stands for a body without a shape, which touches nothing.
+    /// Returns the radius of the ball that stands for a body without a shape, which touches nothing.
     fn radius(&self, k: usize) -> f64 {
         let body = &self.bodies[k];
         let centre = body.inertial.map_or_else(Vector3::zeros, |inertial| inertial.centre);
@@ -328,7 +331,7 @@ impl Robot {
     }
 }
 
-/// Whether bodies with these masks touch.
+/// Whether bodies with the collision masks `a` and `b` can touch.
 fn meet(a: &[u32; 2], b: &[u32; 2]) -> bool {
     a[0] & b[1] != 0 || b[0] & a[1] != 0
 }
@@ -338,7 +341,7 @@ fn material(k: usize) -> String {
 }
 
 impl Body {
-    /// The largest coefficient of friction of its shapes.
+    /// Returns the largest coefficient of friction of the shapes of the body.
     fn friction(&self) -> Option<f64> {
         self.parts.iter().filter_map(|part| part.friction).reduce(f64::max)
     }
@@ -365,7 +368,8 @@ impl Joint {
         object([(kind, object(members))])
     }
 
-    /// Limits and springs; where there are none, an effort of zero, so that its coordinate is an output.
+    /// Adds limits and springs to `members`; a named joint with neither gets a motor of zero effort, so that its
+    /// coordinate is an output.
     fn drive(&self, is_named: bool, members: &mut Vec<(&'static str, Json)>) {
         let [lower, upper] = self.limits;
         let ends: Vec<(&'static str, Json)> = [("lower", lower), ("upper", upper)]
@@ -389,17 +393,17 @@ impl Joint {
     }
 }
 
-/// The names of bodies and joints in a scene, where each stands for one thing and can be used in expressions.
+/// Unique names of bodies and joints in a scene, which can be used in expressions.
 #[derive(Debug, Default)]
 pub(super) struct Names {
     pub bodies: Vec<String>,
     pub joints: Vec<Option<String>>,
-    /// Those that are others than in the description.
+    /// Names that had to be changed: the name in the description, then the name in the scene.
     pub changed: Vec<(String, String)>,
 }
 
 impl Names {
-    /// Those of a robot.
+    /// Assigns names to the bodies and joints of a robot.
     pub fn of(robot: &Robot) -> Self {
         let mut taken = HashSet::new();
         let mut names = Self::default();
@@ -426,14 +430,15 @@ impl Names {
     }
 }
 
-/// A name of letters, digits and `_`, with `suffix` where it is taken, and a number where that is.
+/// Returns an unused name of letters, digits and `_`: with `suffix` if the name is taken, and with a number if that
+/// is taken too.
 fn free(given: &str, suffix: &str, taken: &mut HashSet<String>) -> String {
     let mut name: String = given.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) {
         name.insert(0, '_');
     }
     if name == "t" {
-        // The time.
+        // `t` is the name of the time.
         name.push('_');
     }
     if taken.contains(&name) {

@@ -1,7 +1,8 @@
-//! URDF, the Unified Robot Description Format of ROS (<http://wiki.ros.org/urdf/XML>): links, and joints that make a tree of them.
+//! URDF, the Unified Robot Description Format of ROS (<http://wiki.ros.org/urdf/XML>): links, which joints connect to
+//! a tree.
 //!
-//! A link without mass at the root stands in the world; one with mass is free. Links on fixed joints are parts of those that carry
-//! them. Links of one robot do not touch each other, as in most simulators unless they are told so.
+//! A root link without mass is fixed in the world; a root link with mass is free. Links on fixed joints become parts
+//! of the links that carry them. Links of one robot do not touch each other, as in most simulators by default.
 
 use super::inertia::Inertial;
 use super::motion::{Axis, Motion};
@@ -13,15 +14,16 @@ use expression::nearest;
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 
-/// The acceleration of gravity where a robot is described, in metres a second squared.
+/// Default acceleration of gravity along the z axis of a robot description, in metres per second squared.
 const GRAVITY: f64 = -9.81;
-/// A mass in a point has the inertia of a ball with this part of its distance from the origin of its link as its radius.
+/// Radius of the ball whose inertia a point mass gets, relative to the distance of the mass from the origin of its
+/// link.
 const POINT: f64 = 1e-3;
 
 const OF_ROBOT: [&str; 2] = ["link", "joint"];
 const OF_LINK: [&str; 3] = ["inertial", "visual", "collision"];
 const OF_JOINT: [&str; 6] = ["origin", "parent", "child", "axis", "limit", "dynamics"];
-/// Elements that say nothing of how bodies move.
+/// Elements that do not affect the motion of bodies.
 const SAY_NOTHING: [&str; 6] = ["material", "gazebo", "transmission", "calibration", "safety_controller", "visual"];
 const SHAPES: [&str; 4] = ["box", "sphere", "cylinder", "capsule"];
 const KINDS: [&str; 5] = ["revolute", "continuous", "prismatic", "fixed", "floating"];
@@ -31,7 +33,7 @@ struct Link<'a, 'x> {
     name: &'a str,
     inertial: Option<Inertial>,
     parts: Vec<Part>,
-    /// The joint that carries it.
+    /// Index of the joint that carries the link.
     on: Option<usize>,
     carries: Vec<usize>,
 }
@@ -47,10 +49,10 @@ struct Connection<'a, 'x> {
     damping: f64,
 }
 
-/// What carries a link: a body, or the world.
+/// The body that carries a link; `None` for the world.
 type Carrier = Option<usize>;
 
-/// Reads a robot.
+/// Reads a robot from the root element of a description.
 pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader) -> Robot {
     let mut links: Vec<Link<'_, '_>> = Vec::new();
     let mut places: HashMap<&str, usize> = HashMap::new();
@@ -176,7 +178,7 @@ fn inertial(element: Element<'_, '_>, reader: &mut Reader) -> Option<Inertial> {
     Some(Inertial { mass, centre: Vector3::zeros(), inertia }.placed(&at))
 }
 
-/// A place in the frame of another: a shift, and turns about the fixed axes x, y and z.
+/// Reads the pose of a frame in another: a translation, and rotations about the fixed axes x, y and z.
 fn origin(element: Element<'_, '_>, reader: &mut Reader) -> Isometry3<f64> {
     let Some(origin) = element.child("origin") else { return Isometry3::identity() };
     let shift = reader.numbers::<3>(origin, "xyz").unwrap_or_default();
@@ -308,7 +310,7 @@ struct Assembly<'r, 'l, 'a, 'x, 'j> {
 }
 
 impl Assembly<'_, '_, '_, '_, '_> {
-    /// Places a root and all that it carries.
+    /// Builds a root link and all links that it carries.
     fn assemble(&mut self, root: usize, is_reached: &mut [bool]) {
         let link = &self.links[root];
         let (frame, velocity, angular) = self.poses.of_body(link.name, Isometry3::identity());
@@ -334,7 +336,7 @@ impl Assembly<'_, '_, '_, '_, '_> {
         }
     }
 
-    /// A body of its own for a link.
+    /// Adds a body for a link; returns its index.
     fn body(&mut self, link: usize, motion: Motion, inertial: Option<Inertial>) -> usize {
         let Link { element, name, parts, .. } = &self.links[link];
         let place = self.reader.place(element.start());
@@ -343,13 +345,14 @@ impl Assembly<'_, '_, '_, '_, '_> {
         self.robot.bodies.len() - 1
     }
 
-    /// A link that does not move: a body, if it has a shape.
+    /// Adds a fixed body for a link that does not move, if the link has a shape.
     fn standing(&mut self, link: usize, motion: Motion) -> Carrier {
         let has_shape = !self.links[link].parts.is_empty();
         has_shape.then(|| self.body(link, Motion::at_rest(motion.frame), None))
     }
 
-    /// Places what a joint carries; where it is, and what it is a part of.
+    /// Builds the link that a joint carries; returns the motion of the link, the body that it is a part of, and
+    /// whether it moves.
     fn carry(&mut self, joint: usize, motion: Motion, (carrier, moves): (Carrier, bool)) -> (Motion, Carrier, bool) {
         let Connection { element, name, kind, child, origin, axis, limits, damping } = &self.joints[joint];
         let place = self.reader.place(element.start());
@@ -411,7 +414,7 @@ impl Assembly<'_, '_, '_, '_, '_> {
         at.behind(&Axis { at: Vector3::zeros(), along: *axis, is_slider }, start)
     }
 
-    /// A link that moves with what carries it becomes a part of that.
+    /// Merges a link into the moving body that carries it; a link that does not move becomes a fixed body.
     fn merge(&mut self, link: usize, motion: Motion, carrier: Carrier, moves: bool) -> Carrier {
         let Some(body) = carrier.filter(|_| moves) else { return self.standing(link, motion).or(carrier) };
         let Link { inertial, parts, .. } = &self.links[link];

@@ -1,21 +1,21 @@
-//! Elements of XML with the attributes that they inherit, numbers in them, and what is wrong at which line.
+//! XML elements with inherited attributes, numbers in attributes, and errors with line and column.
 
 use crate::wording::abridged;
 use expression::nearest;
 use roxmltree::Node;
 use std::collections::HashMap;
 
-/// Attributes that elements of one kind have unless they say otherwise: their values, and where these stand.
+/// Default attributes of the elements of one kind: value, and byte offset of the value, by attribute name.
 pub(super) type Defaults<'x> = HashMap<&'x str, (&'x str, usize)>;
 
-/// A line and a column of the text, counted from 1, the column in characters.
+/// A line and a column of a description, counted from 1, the column in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     pub line: usize,
     pub column: usize,
 }
 
-/// What is wrong in a description.
+/// An error in a robot description.
 #[derive(Clone, Debug)]
 pub(super) struct DescriptionError {
     pub at: At,
@@ -25,16 +25,16 @@ pub(super) struct DescriptionError {
     pub did_you_mean: Option<String>,
 }
 
-/// Where it is wrong.
+/// The location of an error in a robot description.
 #[derive(Clone, Debug)]
 pub(super) enum At {
-    /// In the text.
+    /// Line and column in the text of the description.
     Text(Place),
-    /// Beside the text, by keys of the description.
+    /// Keys of the JSON object that contains the description.
     Keys(Vec<String>),
 }
 
-/// An element, and what it inherits.
+/// An XML element with the default attributes that it inherits.
 #[derive(Clone, Copy)]
 pub(super) struct Element<'a, 'x> {
     pub node: Node<'a, 'x>,
@@ -50,48 +50,48 @@ impl<'a, 'x> Element<'a, 'x> {
         Self { node, inherited }
     }
 
-    /// The name of its kind.
+    /// Tag name of the element.
     pub fn tag(&self) -> &'a str {
         self.node.tag_name().name()
     }
 
-    /// Where it stands.
+    /// Byte offset of the element in the text.
     pub fn start(&self) -> usize {
         self.node.range().start
     }
 
-    /// An attribute, its own or an inherited one, and where its value stands.
+    /// Returns the value of an attribute, own or inherited, and the byte offset of the value.
     pub fn attribute(&self, name: &str) -> Option<(&'a str, usize)> {
         let own = self.node.attribute_node(name).map(|attribute| (attribute.value(), attribute.range_value().start));
         own.or_else(|| self.inherited?.get(name).copied())
     }
 
-    /// The value of an attribute.
+    /// Returns the value of an attribute, own or inherited.
     pub fn get(&self, name: &str) -> Option<&'a str> {
         self.attribute(name).map(|(value, _)| value)
     }
 
-    /// Elements within it.
+    /// Returns the child elements of the element.
     pub fn children(&self) -> impl Iterator<Item = Element<'a, 'x>> + use<'a, 'x> {
         self.node.children().filter(Node::is_element).map(Element::new)
     }
 
-    /// The first element of that kind within it.
+    /// Returns the first child element with the given tag.
     pub fn child(&self, tag: &str) -> Option<Element<'a, 'x>> {
         self.children().find(|child| child.tag() == tag)
     }
 }
 
-/// What a description is read with: its lines, and what was found wrong or left out.
+/// Reader of a robot description: offsets of its lines, errors, and remarks on parts that are left out.
 pub(super) struct Reader {
     starts: Vec<usize>,
     text: String,
     pub errors: Vec<DescriptionError>,
-    /// What is left out, and the lines that have it.
+    /// Messages about parts that are left out, each with the lines on which the parts begin.
     remarks: Vec<(String, Vec<usize>)>,
 }
 
-/// The most lines that a remark names.
+/// Largest number of lines that a remark lists.
 const MOST_LINES: usize = 5;
 
 impl Reader {
@@ -100,26 +100,26 @@ impl Reader {
         Self { starts, text: text.to_owned(), errors: Vec::new(), remarks: Vec::new() }
     }
 
-    /// Line and column of a byte.
+    /// Returns line and column of a byte offset.
     pub fn place(&self, byte: usize) -> Place {
         let line = self.starts.partition_point(|start| *start <= byte).max(1);
         let before = self.starts.get(line - 1).and_then(|start| self.text.get(*start..byte));
         Place { line, column: before.map_or(0, |before| before.chars().count()) + 1 }
     }
 
-    /// Reports what is wrong at a byte.
+    /// Reports an error at a byte offset.
     pub fn report(&mut self, byte: usize, code: &'static str, detail: impl Into<String>, expected: impl Into<String>) {
         let at = At::Text(self.place(byte));
         let error = DescriptionError { at, code, detail: detail.into(), expected: expected.into(), did_you_mean: None };
         self.errors.push(error);
     }
 
-    /// Refuses an element that a scene has no counterpart of.
+    /// Reports an error for an element that has no counterpart in a scene.
     pub fn refuse(&mut self, element: Element<'_, '_>, detail: impl Into<String>, expected: impl Into<String>) {
         self.report(element.start(), "unsupported_element", detail, expected);
     }
 
-    /// Notes what is left out of an element.
+    /// Adds a remark about a part of an element that is left out.
     pub fn leave_out(&mut self, element: Element<'_, '_>, what: impl Into<String>) {
         let (what, line) = (what.into(), self.place(element.start()).line);
         match self.remarks.iter_mut().find(|(known, _)| *known == what) {
@@ -128,7 +128,7 @@ impl Reader {
         }
     }
 
-    /// What was left out, in sentences.
+    /// Returns the remarks about parts that were left out, as sentences.
     pub fn remarks(self) -> Vec<String> {
         let sentence = |(what, mut lines): (String, Vec<usize>)| {
             lines.dedup();
@@ -140,7 +140,8 @@ impl Reader {
         self.remarks.into_iter().map(sentence).collect()
     }
 
-    /// An element that is not known here: refused where it is nearly a known one, else left out.
+    /// Handles an element of unknown kind: an error if its tag is close to a known one, else a remark that it is left
+    /// out.
     pub fn unknown(&mut self, element: Element<'_, '_>, known: &[&str]) {
         let tag = abridged(element.tag());
         if element.node.tag_name().namespace().is_some_and(|namespace| namespace.contains("xacro")) {
@@ -158,12 +159,12 @@ impl Reader {
         }
     }
 
-    /// The name of an element, which it must have.
+    /// Returns the name of an element; a missing name is an error.
     pub fn name<'a>(&mut self, element: Element<'a, '_>) -> Option<&'a str> {
         self.required(element, "name")
     }
 
-    /// An attribute that an element must have.
+    /// Returns the value of an attribute; a missing attribute is an error.
     pub fn required<'a>(&mut self, element: Element<'a, '_>, name: &str) -> Option<&'a str> {
         let found = element.get(name);
         if found.is_none() {
@@ -173,7 +174,7 @@ impl Reader {
         found
     }
 
-    /// The numbers of an attribute, where it has one; those that are none are reported.
+    /// Returns the numbers of an attribute, if the element has the attribute; malformed numbers are errors.
     pub fn list(&mut self, element: Element<'_, '_>, name: &str) -> Option<Vec<f64>> {
         let (text, at) = element.attribute(name)?;
         let mut numbers = Vec::new();
@@ -190,7 +191,7 @@ impl Reader {
         Some(numbers)
     }
 
-    /// So many numbers.
+    /// Returns the `N` numbers of an attribute; any other count is an error.
     pub fn numbers<const N: usize>(&mut self, element: Element<'_, '_>, name: &str) -> Option<[f64; N]> {
         let found = self.list(element, name)?;
         let count = found.len();
@@ -203,24 +204,24 @@ impl Reader {
         array
     }
 
-    /// One number.
+    /// Returns the single number of an attribute, if the element has the attribute.
     pub fn number(&mut self, element: Element<'_, '_>, name: &str) -> Option<f64> {
         self.numbers::<1>(element, name).map(|[number]| number)
     }
 
-    /// One number that an element must have.
+    /// Returns the single number of an attribute; a missing attribute is an error.
     pub fn required_number(&mut self, element: Element<'_, '_>, name: &str) -> Option<f64> {
         self.required(element, name)?;
         self.number(element, name)
     }
 
-    /// A length above zero that an element must have.
+    /// Returns a length, which must be present and above zero.
     pub fn length(&mut self, element: Element<'_, '_>, name: &str) -> Option<f64> {
         let length = self.required_number(element, name)?;
         self.above_zero(element, name, length)
     }
 
-    /// A number of an attribute, if it is above zero.
+    /// Returns `value`, the number of an attribute, if it is above zero, and reports an error otherwise.
     pub fn above_zero(&mut self, element: Element<'_, '_>, name: &str, value: f64) -> Option<f64> {
         if value > 0.0 {
             return Some(value);

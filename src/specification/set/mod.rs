@@ -16,33 +16,33 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// One factor of `K`. Every variable belongs to exactly one block.
+/// One factor of the set `K` of the variables. Every variable belongs to exactly one block.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Block {
-    /// No bounds: `G = 0` for the variables.
+    /// No bounds on the variables: the inequality becomes the equation `G = 0`.
     Free(Vec<String>),
-    /// Complementarity: `z >= 0`, `G >= 0`, `z G = 0`.
+    /// Complementarity of the variables `z` and the functions `G`: `z >= 0`, `G >= 0`, `z G = 0`.
     Nonnegative(Vec<String>),
-    /// `z <= 0`, `G <= 0`, `z G = 0`.
+    /// Complementarity with reversed signs: `z <= 0`, `G <= 0`, `z G = 0`.
     Nonpositive(Vec<String>),
-    /// Interval bounds: `lower <= z <= upper`.
+    /// Interval bounds of the variables `z`: `lower <= z <= upper`.
     Box(BoxBlock),
-    /// Euclidean ball: `|z| <= radius`.
+    /// Euclidean ball of the variables `z`: `|z| <= radius`.
     Ball(BallBlock),
     /// Second-order cone: the first variable is at least the Euclidean norm of the others; two or more variables.
     SecondOrderCone(Vec<String>),
     /// Simplex: all variables nonnegative, with sum one.
     Simplex(Vec<String>),
-    /// Polyhedron: `A z <= b`.
+    /// Polyhedron of the variables `z`: `A z <= b`.
     Polyhedron(PolyhedronBlock),
 }
 
-/// Variables between bounds.
+/// A block of variables between bounds.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxBlock {
-    /// The variables.
+    /// The names of the variables between the bounds.
     pub of: Vec<String>,
     /// Lower bound of each variable, an expression in `t` and the states; null for none.
     pub lower: Option<Expression>,
@@ -50,22 +50,22 @@ pub struct BoxBlock {
     pub upper: Option<Expression>,
 }
 
-/// Variables in a ball.
+/// A block of variables in a Euclidean ball.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BallBlock {
-    /// The variables.
+    /// The names of the variables in the ball.
     pub of: Vec<String>,
-    /// Radius, an expression in `t` and the states; not negative.
+    /// Radius of the ball, an expression in `t` and the states; not negative.
     pub radius: Expression,
 }
 
-/// Variables in a polyhedron.
+/// A block of variables in a polyhedron.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrix goes by the name that it has in the formula")]
 pub struct PolyhedronBlock {
-    /// The variables.
+    /// The names of the variables in the polyhedron.
     pub of: Vec<String>,
     /// The constant matrix `A`, with a row per inequality and a column per variable.
     pub A: Matrix,
@@ -79,7 +79,7 @@ pub(super) struct LoweredSet {
     pub set: ConvexSet,
     pub moving: Vec<(MovingBound, Node)>,
     pub moving_pointers: Vec<String>,
-    /// The constant bounds that depend on parameters.
+    /// The constant bounds that depend on parameters, with their nodes.
     pub parametric: Vec<(MovingBound, Node)>,
 }
 
@@ -107,7 +107,7 @@ impl Block {
         }
     }
 
-    /// The pointer to the names of the block's variables.
+    /// Returns the pointer to the names of the block's variables.
     fn names<'a>(&self, place: &'a Pointer<'a>) -> Pointer<'a> {
         match self {
             Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),
@@ -116,7 +116,8 @@ impl Block {
     }
 }
 
-/// Lowers the blocks of a problem with `states` states; `pointer` returns where a variable is declared.
+/// Lowers the blocks of a problem with `states` states; `pointer` returns the JSON pointer at which a variable is
+/// declared.
 pub(super) fn lower(
     blocks: Option<&[Block]>,
     states: usize,

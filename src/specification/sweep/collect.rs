@@ -19,49 +19,50 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Most collected columns.
+/// Largest number of collected columns.
 const MOST: usize = 1000;
 
 /// A number or a text collected from one run, at the accuracy of the solve: output times have no influence.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reducer {
-    /// The value at the end of the run; also of an integral or a derivative, by its name.
+    /// The value at the end of the run, also of an integral or a derivative, given by its name.
     Final(Expression),
-    /// The value at the start.
+    /// The value at the start of the run.
     Initial(Expression),
-    /// The minimum over time.
+    /// The minimum of an expression over time.
     Min(Expression),
-    /// The maximum over time.
+    /// The maximum of an expression over time.
     Max(Expression),
-    /// The maximum minus the minimum over time.
+    /// The maximum minus the minimum of an expression over time.
     Ripple(Expression),
-    /// The mean over time.
+    /// The mean of an expression over time.
     Mean(Expression),
-    /// The root mean square over time.
+    /// The root mean square of an expression over time.
     Rms(Expression),
-    /// The integral over time.
+    /// The integral of an expression over time.
     Integral(Expression),
-    /// The value at a time.
+    /// The value at a given time.
     At(AtTime),
-    /// The number of events.
+    /// The number of selected events.
     Count(Selector),
-    /// The time of the first of the events; missing if there are none.
+    /// The time of the first of the selected events; missing if there are none.
     TimeOfFirst(Selector),
-    /// The time of the last of the events; missing if there are none.
+    /// The time of the last of the selected events; missing if there are none.
     TimeOfLast(Selector),
     /// The sequence of active sets, joined by `>`, such as `F.lower>free>F.upper`; for problems with contacts the
-    /// sequence of events, with repetitions as `*n`. Beyond 4 KiB it is cut, and a digest of the whole is appended.
+    /// sequence of events, with repetitions as `*n`. A sequence beyond 4 KiB is cut, and a digest of the whole is
+    /// appended.
     ModeWord,
 }
 
-/// A value at a time.
+/// The value of an expression at a given time.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AtTime {
-    /// The time, within the horizon.
+    /// The time of the value, within the horizon.
     pub t: f64,
-    /// The expression to evaluate.
+    /// The expression to evaluate at the time `t`.
     pub of: Expression,
 }
 
@@ -72,7 +73,7 @@ pub struct Selector {
     of: Option<String>,
 }
 
-/// A selector as an object.
+/// An event selector written as a JSON object.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct InFull {
@@ -123,26 +124,26 @@ impl PartialSchema for Selector {
 
 impl ToSchema for Selector {}
 
-/// The names available to reducers.
+/// The names available to the reducers of a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct Nameable<'a> {
-    /// The outputs of the problem, states first.
+    /// Names of the outputs of the problem, states first.
     pub outputs: &'a [&'a str],
-    /// The number of states.
+    /// Number of outputs that are states.
     pub states: usize,
-    /// Definitions, integrals and tables.
+    /// Definitions, integrals, tables and parameters of the problem.
     pub named: Named<'a>,
     /// The names of the sensitivity columns.
     pub derivatives: &'a [String],
     /// The variables or contacts that events can belong to, if known.
     pub of_events: Option<&'a [String]>,
-    /// The labels of `stop`.
+    /// The labels of the events in `stop`.
     pub labels: &'a [String],
     /// Whether the parameters are bindable inputs of the model.
     pub are_inputs: bool,
 }
 
-/// Compiles the reducers; by default, the final values of all states.
+/// Compiles the reducers of a sweep; the default is the final values of all states.
 pub fn lower(
     asked: Option<&Ordered<Reducer>>,
     nameable: &Nameable<'_>,
@@ -195,7 +196,7 @@ pub fn lower(
     reducers
 }
 
-/// The state of lowering the reducers.
+/// The state of lowering the reducers of a sweep.
 struct Lowered<'a, 'c> {
     lowering: Lowering<'c>,
     nodes: Vec<Node>,
@@ -269,7 +270,7 @@ impl Lowered<'_, '_> {
         let Nameable { outputs, states, labels, of_events, .. } = *self.nameable;
         let known: Option<Vec<&str>> = match kind {
             EventKind::Crossed => Some(labels.iter().map(String::as_str).collect()),
-            // States jump.
+            // Events of the kind `Jumped` belong to states.
             EventKind::Jumped => Some(outputs[..states].to_vec()),
             _ => of_events.map(|names| names.iter().map(String::as_str).collect()),
         };

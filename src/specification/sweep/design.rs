@@ -1,5 +1,5 @@
-//! The values of the members of a sweep. Those of member `k` depend on the design, the seed and `k` alone, so that
-//! members can be computed in any order and on any machine.
+//! The values of the members of a sweep. The values of member `k` depend on the design, the seed and `k` alone, so
+//! that members can be computed in any order and on any machine.
 
 use super::range::Range;
 use super::sobol::{MOST_DIMENSIONS, Sobol};
@@ -21,7 +21,7 @@ choices! {
     }
 }
 
-/// A design with its number of members.
+/// A design of a sweep: the ranges of the swept numbers, and the number of members.
 #[derive(Clone, Debug)]
 pub struct Design {
     kind: Kind,
@@ -33,19 +33,20 @@ pub struct Design {
 enum Kind {
     Grid,
     Zip,
-    /// Seed of the draws.
+    /// Independent draws, with the seed of the random numbers.
     Random(u64),
     Sobol(Sobol),
-    /// Seed of the draws, and the stratum of each member in each dimension, computed on first use: a check does not
-    /// need it.
+    /// A Latin hypercube, with the seed of the random numbers and the stratum of each member in each dimension; the
+    /// strata are computed on first use, since the check of a specification does not need them.
     LatinHypercube(u64, OnceLock<Vec<Vec<u32>>>),
 }
 
-/// Most dimensions of a Sobol design.
+/// Largest number of dimensions of a Sobol design.
 pub const MOST_SOBOL: usize = MOST_DIMENSIONS;
 
 impl Design {
-    /// A design over ranges that suit it, with the given number of members; the ranges of a table are its columns.
+    /// Creates a design over ranges that suit it, with the given number of members; the ranges of a table are its
+    /// columns.
     pub fn new(name: DesignName, ranges: Vec<Range>, members: usize, seed: u64) -> Self {
         let kind = match name {
             DesignName::Grid => Kind::Grid,
@@ -57,12 +58,12 @@ impl Design {
         Self { kind, ranges, members }
     }
 
-    /// The number of members.
+    /// The number of members of the design.
     pub fn members(&self) -> usize {
         self.members
     }
 
-    /// The range of each name.
+    /// The range of each swept number.
     pub fn ranges(&self) -> &[Range] {
         &self.ranges
     }
@@ -72,7 +73,7 @@ impl Design {
         matches!(self.kind, Kind::Grid)
     }
 
-    /// Writes the values of member `k`.
+    /// Writes the values of member `k` to `out`.
     pub fn write(&self, k: usize, out: &mut [f64]) {
         match &self.kind {
             Kind::Grid => {
@@ -108,19 +109,19 @@ impl Design {
     }
 }
 
-/// The random number stream of one member.
+/// Returns the random number stream of one member.
 fn draws(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut draws = ChaCha8Rng::seed_from_u64(seed);
     draws.set_stream(stream);
     draws
 }
 
-/// A number in `(0, 1)`: the midpoint of one of 2^52 cells.
+/// Draws a number in `(0, 1)`: the midpoint of one of 2^52 cells.
 fn unit(draws: &mut ChaCha8Rng) -> f64 {
     ((draws.next_u64() >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// A random permutation of `0..count` (Fisher and Yates), from a stream that no member uses.
+/// Draws a random permutation of `0..count` (Fisher and Yates), from a stream that no member uses.
 fn permutation(count: usize, seed: u64, dimension: u64) -> Vec<u32> {
     let mut draws = draws(seed, u64::MAX - dimension);
     let mut slices: Vec<u32> = (0..count as u32).collect();

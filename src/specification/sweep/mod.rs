@@ -1,4 +1,5 @@
-//! A sweep: the problem solved for many values of some of its numbers, each a row of one table.
+//! Parameter sweeps: the problem is solved for many values of some of its numbers, and each member gives one row of a
+//! table.
 
 mod collect;
 mod design;
@@ -41,12 +42,13 @@ choices! {
     }
 }
 
-/// Most members of a sweep.
+/// Largest number of members of a sweep.
 const MOST_MEMBERS: usize = 10_000_000;
-/// The most numbers of trajectories that are kept, of all members and of one.
+/// Largest number of trajectory values that a sweep keeps: of all members (`MOST_KEPT`) and of one
+/// (`MOST_KEPT_OF_ONE`).
 const MOST_KEPT: usize = 10_000_000;
 const MOST_KEPT_OF_ONE: usize = 1_000_000;
-/// The most slices of a latin hypercube: four bytes each.
+/// Largest number of strata of a Latin hypercube, members times names; each takes four bytes.
 const MOST_SLICES: u64 = 1 << 25;
 /// The largest number of names that a sweep may vary: each varied name is a column of its table.
 const MOST_NAMES: usize = 256;
@@ -59,14 +61,14 @@ const MOST_NAMES: usize = 256;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepRequest {
-    /// The values of each name.
+    /// The values of each swept number, by its name.
     #[schema(value_type = Option<std::collections::BTreeMap<String, Range>>)]
     pub over: Option<Ordered<Range>>,
-    /// The values of all members, as an alternative to `over`.
+    /// The values of the swept numbers for all members, as an alternative to `over`.
     pub table: Option<TableOfMembers>,
-    /// The construction of the members from `over`. Default `grid`, or `table` if that is given.
+    /// How members are formed from the values in `over`. Default `grid`, or `table` if that is given.
     pub design: Option<DesignName>,
-    /// The number of members of `random`, `sobol` and `latin_hypercube`.
+    /// The number of members of the designs `random`, `sobol` and `latin_hypercube`.
     #[schema(minimum = 1, maximum = 10_000_000)]
     pub count: Option<u64>,
     /// The values to collect from each run, by column name. Default: the final value of every state.
@@ -76,19 +78,19 @@ pub struct SweepRequest {
     #[serde(default)]
     #[schema(value_type = KeepName, default = "nothing")]
     pub keep: KeepName,
-    /// Seed of the draws, which depend on it and the number of the member alone. Default 0.
+    /// Seed of the random draws, which depend on the seed and the number of the member alone. Default 0.
     #[serde(default)]
     #[schema(default = 0)]
     pub seed: u64,
 }
 
-/// The values of members, one row each.
+/// The values of the swept numbers, one row per member.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableOfMembers {
-    /// The swept names.
+    /// The names of the swept numbers.
     pub columns: Vec<String>,
-    /// One value per name in each row.
+    /// One row per member, with one value for each of `columns`.
     pub rows: Vec<Vec<f64>>,
 }
 
@@ -97,51 +99,52 @@ pub struct TableOfMembers {
 pub struct SweepPlan {
     /// The swept numbers, in the order of the document.
     pub targets: Vec<Target>,
-    /// The values of the members.
+    /// The values of the swept numbers for every member.
     pub design: Arc<Design>,
-    /// The values to collect.
+    /// The values to collect from each run.
     pub reducers: Reducers,
-    /// SHA-256 of the document, independent of its layout.
+    /// SHA-256 of the document of the sweep, independent of its layout.
     pub digest: Arc<str>,
-    /// The document, before vectors are expanded.
+    /// The document of the sweep, before vectors are expanded.
     source: Arc<Json>,
-    /// The trajectories that are kept of each member, if any are.
+    /// Fields and times of the trajectories kept of each member; `None` to keep no trajectories.
     pub kept: Option<Arc<Kept>>,
-    /// The members that are to be solved, where that is a part of them.
+    /// The members to solve; `None` for all members.
     chunk: Option<SweepChunk>,
 }
 
-/// Consecutive members of a sweep as one piece of work.
+/// Consecutive members of a sweep, solved as one unit of work.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepChunk {
-    /// The members.
+    /// Indices of the members.
     pub members: ops::Range<usize>,
-    /// Why these members cannot be solved, by its code and in words: their rows say so.
+    /// Code and message of the reason why the members cannot be solved, which their rows report; `None` if they can
+    /// be solved.
     pub lost: Option<(String, String)>,
-    /// The time after which no further member is begun; at least one member is solved.
+    /// Time limit after which no further member is started; at least one member is solved.
     pub within: Option<Duration>,
 }
 
-/// Trajectories that are kept of each member.
+/// Fields and times of the trajectories kept of each member of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kept {
-    /// The names of the fields.
+    /// Names of the kept fields.
     pub names: Vec<String>,
-    /// The times.
+    /// Times at which the fields are kept.
     pub times: Vec<f64>,
 }
 
 /// The inputs to the check of a sweep, prepared while the document was read.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Prepared {
-    /// The swept names and their parameters.
+    /// The swept numbers, each with its name and its parameter.
     pub targets: Vec<Target>,
-    /// The document, if it has a sweep.
+    /// The document before vectors are expanded; `None` without a sweep.
     pub source: Option<Arc<Json>>,
 }
 
 impl SweepRequest {
-    /// Checks the request.
+    /// Checks the request for a sweep and returns its plan; errors are appended to `errors`.
     pub(super) fn check(
         &self,
         prepared: &Prepared,
@@ -174,7 +177,7 @@ impl SweepRequest {
         })
     }
 
-    /// Reports column names that occur twice.
+    /// Reports names of collected values that another column of the table already has.
     fn check_names(&self, reducers: &Reducers, place: &Pointer<'_>, errors: &mut Errors) {
         let own =
             ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
@@ -327,7 +330,7 @@ impl SweepRequest {
 }
 
 impl SweepPlan {
-    /// Has the trajectories of the fields of these names kept, if `request` asks for that.
+    /// Sets the fields and times of the trajectories to keep of each member, if `request` asks to keep trajectories.
     pub(super) fn keep(
         &mut self,
         request: &SweepRequest,
@@ -374,19 +377,19 @@ impl SweepPlan {
         self.kept = Some(Arc::new(Kept { names, times: times.to_vec() }));
     }
 
-    /// The numbers that are kept of the trajectory of a member.
+    /// Number of values kept of the trajectory of one member.
     pub fn numbers_kept(&self) -> usize {
         self.kept.as_ref().map_or(0, |kept| kept.names.len() * kept.times.len())
     }
 }
 
-/// The name of the column of a trajectory.
+/// Returns the name of the table column that holds the trajectory of a field.
 fn column_of(field: &str) -> String {
     format!("trajectory.{field}")
 }
 
 impl Kept {
-    /// The names of the columns.
+    /// Returns the names of the table columns that hold the kept trajectories.
     pub fn columns(&self) -> impl Iterator<Item = String> {
         self.names.iter().map(|name| column_of(name))
     }
@@ -416,12 +419,12 @@ impl TableOfMembers {
 }
 
 impl SweepPlan {
-    /// The number of members.
+    /// Number of members of the sweep.
     pub fn members(&self) -> usize {
         self.design.members()
     }
 
-    /// The members that are to be solved: all, or a part of them.
+    /// Returns the members to solve: all members, or a part of them.
     pub fn chunk(&self) -> SweepChunk {
         let all = || SweepChunk { members: 0..self.members(), lost: None, within: None };
         self.chunk.clone().unwrap_or_else(all)
@@ -429,7 +432,7 @@ impl SweepPlan {
 }
 
 impl Specification {
-    /// The same problem, with some members of its sweep alone; those that there are not are left out.
+    /// Restricts the sweep to the members of `chunk`; indices beyond the last member are dropped.
     #[must_use]
     pub fn with_chunk(mut self, chunk: SweepChunk) -> Self {
         if let Some(plan) = self.sweep_mut() {
@@ -440,7 +443,7 @@ impl Specification {
         self
     }
 
-    /// The specification of a member with these values: those of its parameters are bound, unless they change the structure.
+    /// Returns the specification of the member with the given values of the swept numbers, bound as parameters.
     ///
     /// # Errors
     /// Values that cannot be bound, for example because they change the structure of the problem.
@@ -451,8 +454,8 @@ impl Specification {
         self.with_parameters(&given)
     }
 
-    /// The specification of a member, read anew: for values that change the structure, and problem types that fold
-    /// parameters into constants.
+    /// Returns the specification of a member, read anew from the document: for values that change the structure, and
+    /// problem types that fold parameters into constants.
     ///
     /// # Errors
     /// Errors in the specification with these values.

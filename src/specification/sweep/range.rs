@@ -1,7 +1,7 @@
-//! The values of a name in a sweep: points, or a distribution.
+//! The values of a swept number: points, or a distribution.
 //!
-//! Every range has a quantile function `[0, 1) -> R`, from which random and low-discrepancy designs draw; that of a
-//! normal distribution is `mean + sd Phi^-1(u)`.
+//! Every range has a quantile function `[0, 1) -> R`, from which random and low-discrepancy designs draw; the
+//! quantile function of a normal distribution is `mean + sd Phi^-1(u)`.
 
 use crate::error::{Errors, SpecificationError};
 use crate::pointer::Pointer;
@@ -14,16 +14,16 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The values of one name.
+/// The values of one swept number.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Range {
     /// A list of values.
     List(Vec<f64>),
-    /// A rule for points, or a distribution.
+    /// Points by a rule, or a distribution to draw from.
     Rule(Rule),
 }
 
-/// Points by a rule, or a distribution.
+/// Values of a swept number: points by a rule, or a distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
@@ -49,7 +49,7 @@ impl Range {
         }
     }
 
-    /// Point number `k`, counted from zero.
+    /// Returns point number `k`, counted from zero.
     pub fn point(&self, k: usize) -> f64 {
         match self {
             Self::List(values) => values.get(k).copied().unwrap_or(f64::NAN),
@@ -63,7 +63,7 @@ impl Range {
         }
     }
 
-    /// The quantile at `u` in `(0, 1)`.
+    /// Returns the quantile at the probability `u` in `(0, 1)`.
     pub fn quantile(&self, u: f64) -> f64 {
         match (self, self.points()) {
             (Self::Rule(rule), None) => rule.quantile(u),
@@ -74,7 +74,7 @@ impl Range {
         }
     }
 
-    /// A typical value, the median.
+    /// Returns a typical value of the range, its median.
     pub fn representative(&self) -> f64 {
         self.quantile(0.5)
     }
@@ -127,7 +127,7 @@ fn standard_normal(u: f64) -> f64 {
     Normal::standard().inverse_cdf(u)
 }
 
-/// Number `k` of `count` equally spaced numbers.
+/// Returns number `k` of `count` equally spaced numbers.
 fn between(from: f64, to: f64, k: usize, count: u64) -> f64 {
     match count {
         0 | 1 => from,

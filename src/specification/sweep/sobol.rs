@@ -11,15 +11,15 @@
 //! error of `O(N^-3/2)`, never one worse than a constant times that of random points. Bits are hashes of seed, dimension and
 //! digits, so that a point depends on its number alone.
 //!
-//! Of the crates examined, one returns points in single precision, and the other has no scrambling: the recurrence is
-//! ten lines.
+//! The sequence is implemented here in ten lines because, of the crates examined, one returns points in single
+//! precision and the other has no scrambling.
 
-/// Binary digits of a coordinate; the midpoint of a cell adds one, which makes the 53 of a double.
+/// Number of binary digits of a coordinate; the midpoint of a cell adds one digit, which makes the 53 of a double.
 const DIGITS: u32 = 52;
-/// Binary digits of the index of a point.
+/// Number of binary digits of the index of a point.
 const BITS: usize = 32;
 
-/// Most dimensions.
+/// Largest number of dimensions.
 pub const MOST_DIMENSIONS: usize = INITIAL.len() + 1;
 
 /// Initial direction numbers `m`, one per degree of the polynomial, and its inner coefficients, from the second
@@ -59,7 +59,7 @@ const INITIAL: [(&[u64], u64); 31] = [
     (&[1, 3, 7, 3, 13, 59, 17], 42),
 ];
 
-/// Direction numbers of a sequence in some dimensions.
+/// Direction numbers of a Sobol sequence in some dimensions, and the seed of its scrambling.
 #[derive(Clone, Debug)]
 pub struct Sobol {
     directions: Vec<[u64; BITS]>,
@@ -67,14 +67,14 @@ pub struct Sobol {
 }
 
 impl Sobol {
-    /// A sequence in `dimensions` dimensions, at most [`MOST_DIMENSIONS`].
+    /// Creates a sequence in `dimensions` dimensions, at most [`MOST_DIMENSIONS`].
     pub fn new(dimensions: usize, seed: u64) -> Self {
         let first = std::array::from_fn(|j| 1 << (DIGITS as usize - 1 - j));
         let others = INITIAL.iter().map(|(initial, polynomial)| directions(initial, *polynomial));
         Self { directions: std::iter::once(first).chain(others).take(dimensions).collect(), seed }
     }
 
-    /// Coordinate `d` of point `k`, in `(0, 1)`.
+    /// Returns coordinate `d` of point `k`, in `(0, 1)`.
     pub fn coordinate(&self, k: u32, d: usize) -> f64 {
         let directions = &self.directions[d];
         let plain = (0..BITS).filter(|j| k >> j & 1 == 1).fold(0, |digits, j| digits ^ directions[j]);
@@ -93,7 +93,7 @@ impl Sobol {
     }
 }
 
-/// Direction numbers of a polynomial, as binary fractions.
+/// Returns the direction numbers of a primitive polynomial, as binary fractions.
 fn directions(initial: &[u64], polynomial: u64) -> [u64; BITS] {
     let degree = initial.len();
     let mut m = [0_u64; BITS];
@@ -107,8 +107,8 @@ fn directions(initial: &[u64], polynomial: u64) -> [u64; BITS] {
     std::array::from_fn(|j| m[j] << (DIGITS as usize - 1 - j))
 }
 
-/// A 64-bit hash in which each output bit depends on every input bit (`SplitMix64`; Steele, Lea and Flood 2014, *Fast
-/// splittable pseudorandom number generators*).
+/// Returns a 64-bit hash in which each output bit depends on every input bit (`SplitMix64`; Steele, Lea and Flood
+/// 2014, *Fast splittable pseudorandom number generators*).
 pub fn mixed(x: u64) -> u64 {
     let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let x = (x ^ x >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -14,17 +14,17 @@ use expression::nearest;
 use serde::Deserialize;
 use serde_json::Number;
 
-/// A swept name, and the parameter introduced for it.
+/// A swept number: its name, and the parameter that stands for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// The name as the user wrote it.
+    /// The name of the swept number, as the user wrote it.
     pub name: String,
-    /// The name of the parameter.
+    /// The name of the parameter that stands for the swept number.
     pub parameter: String,
 }
 
-/// Keys of numbers in named objects, also if they are given as expressions. The value of a component is the first of
-/// these keys that it has.
+/// Keys of numbers in named objects, also if the numbers are given as expressions. The value of a component is at the
+/// first key of the list that the component has.
 const VALUES: [&str; 12] = [
     "ohms",
     "farads",
@@ -40,7 +40,7 @@ const VALUES: [&str; 12] = [
     "restitution",
 ];
 
-/// The names of the numbers in a document with expanded vectors, each with its path.
+/// Returns the names of the numbers in a document with expanded vectors, each with its path.
 pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
     let key = |name: &str| Step::Key(name.to_owned());
     let mut found = Vec::new();
@@ -60,7 +60,7 @@ pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
                     }
                 }
             }
-            // The starts of the joints of a description.
+            // Initial positions and velocities in the `pose` of a robot description.
             Json::Object(members) if kind == "rigid_bodies" && section == "robot" => {
                 let Some((_, Json::Object(pose))) = members.iter().find(|(name, _)| name == "pose") else { continue };
                 for (name, start) in pose {
@@ -125,7 +125,8 @@ fn of_named(item: &Json, mut path: Vec<Step>, found: &mut Vec<(String, Vec<Step>
     }
 }
 
-/// The swept names, with their ranges if these are readable: the keys of `sweep.over`, or the columns of `sweep.table`.
+/// Returns the swept names, with their ranges if these are readable: the keys of `sweep.over`, or the columns of
+/// `sweep.table`.
 fn swept(json: &Json) -> Vec<(String, Vec<Step>, Option<Range>)> {
     let key = |name: &str| Step::Key(name.to_owned());
     let Some(sweep) = json.child(&key("sweep")) else { return Vec::new() };
@@ -147,7 +148,7 @@ fn swept(json: &Json) -> Vec<(String, Vec<Step>, Option<Range>)> {
     columns.iter().enumerate().filter_map(entry).collect()
 }
 
-/// Makes every swept name a parameter with a numerical value. Unknown names are reported.
+/// Turns every swept number into a parameter with a numerical value. Unknown names are reported.
 pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<Target> {
     let swept = swept(json);
     if swept.is_empty() {
@@ -181,7 +182,7 @@ pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<
     found
 }
 
-/// Sets named numbers of a document, and returns the names that it does not have.
+/// Sets named numbers of a document, and returns the names that the document does not have.
 pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     let known = targets(json);
     let mut unknown = Vec::new();
@@ -194,7 +195,7 @@ pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     unknown
 }
 
-/// A number in JSON; a whole number is written without a decimal point, as sizes require.
+/// Converts a value to a JSON number; a whole number is written without a decimal point, as sizes require.
 fn number(value: f64) -> Option<Number> {
     let whole = value as i64;
     // Above 2^53 doubles do not represent every whole number; zero may be negative.
@@ -202,7 +203,7 @@ fn number(value: f64) -> Option<Number> {
     if is_whole { Some(whole.into()) } else { Number::from_f64(value) }
 }
 
-/// The error of an unknown name.
+/// Returns the error for an unknown name of a number.
 pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> SpecificationError {
     let names = || known.iter().map(|(name, _)| name.as_str());
     let detail = format!(

@@ -1,9 +1,9 @@
-//! Words, numbers and expressions without quotes, or in the quotes of other languages.
+//! Words, numbers and expressions that a JSON text has without quotes, or in the quotes of other languages.
 
 use super::{Fault, Slip};
 use crate::wording::{abridged, quoted};
 
-/// Quotes of other languages, opening and closing.
+/// Pairs of opening and closing quotes of other languages.
 const QUOTES: [(char, char); 5] =
     [('\'', '\''), ('`', '`'), ('\u{201c}', '\u{201d}'), ('\u{2018}', '\u{2019}'), ('\u{ab}', '\u{bb}')];
 
@@ -17,7 +17,7 @@ const WORDS: [(&str, &[&str]); 3] = [
 /// Words for numbers that are not finite.
 const NO_NUMBERS: [&str; 6] = ["nan", "inf", "infinity", "-inf", "-infinity", "+infinity"];
 
-/// The text of an entry: up to a comma or closing bracket outside parentheses, or the end of the line.
+/// Returns the text of an entry: up to a comma or closing bracket outside parentheses, or the end of the line.
 fn entry(rest: &str) -> &str {
     let mut depth = 0_usize;
     for (at, c) in rest.char_indices() {
@@ -33,7 +33,7 @@ fn entry(rest: &str) -> &str {
     rest.trim_end()
 }
 
-/// The first word or character of a text, quoted for a message.
+/// Returns the first word or character of a text, quoted for a message.
 pub(super) fn shown(rest: &str) -> String {
     let word: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
     if word.is_empty() {
@@ -43,7 +43,7 @@ pub(super) fn shown(rest: &str) -> String {
     }
 }
 
-/// A text between quotes of another language, rewritten with JSON's.
+/// Rewrites a text between quotes of another language with the quotes of JSON.
 fn in_quotes(rest: &str) -> Option<String> {
     let first = rest.chars().next()?;
     let &(_, close) = QUOTES.iter().find(|(open, close)| *open == first || *close == first)?;
@@ -125,7 +125,7 @@ pub(super) fn value(rest: &str) -> Slip {
     Slip::new("an expression without quotes", quoted(entry))
 }
 
-/// Rewrites a number of another notation in JSON's.
+/// Rewrites a number in another notation as JSON.
 fn number(entry: &str) -> Option<String> {
     let (sign, digits) = match entry.strip_prefix('-') {
         Some(rest) => ("-", rest),

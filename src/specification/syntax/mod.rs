@@ -10,7 +10,7 @@ use crate::pointer::{Step, pointer};
 use crate::wording::abridged;
 use scanner::{Fault, Wanted};
 
-/// A description of a fault, and what to write instead.
+/// Description of a fault in a text, and what to write instead.
 struct Slip {
     what: String,
     write: String,
@@ -22,7 +22,7 @@ impl Slip {
     }
 }
 
-/// The error of a text that is not JSON, where serde stopped at `path`.
+/// Returns the error for a text that is not JSON, where serde stopped at `path`.
 pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> SpecificationError {
     let message = error.to_string();
     if text.trim_ascii().is_empty() {
@@ -50,7 +50,7 @@ pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> Sp
     SpecificationError::new(pointer(path), "syntax", detail).expected(write)
 }
 
-/// Line and column, counted from 1.
+/// Formats the line and the column of a byte offset, counted from 1.
 fn position(text: &str, at: usize) -> String {
     let before = &text[..at];
     let line = before.matches('\n').count() + 1;

@@ -1,21 +1,21 @@
-//! Locates the first fault of a text that is not JSON (RFC 8259), and the token expected there.
+//! Locates the first fault of a text that is not JSON (RFC 8259), and the token expected at the fault.
 
 use std::ops::Range;
 
-/// The token that JSON expects at a place.
+/// The kind of token that JSON expects at a place in a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wanted {
-    /// A value: of a list, after a colon, or as the document.
+    /// A value is expected: in a list, after a colon, or as the document.
     Value,
-    /// The key of a member.
+    /// The key of a member is expected.
     Key,
-    /// The colon after a key.
+    /// The colon after a key is expected.
     Colon,
-    /// A comma, or the end of the list or object.
+    /// A comma, or the end of the list or object, is expected.
     Separator,
-    /// The end of the text.
+    /// The end of the text is expected.
     End,
-    /// The rest of a string that begins at `Fault::before`.
+    /// The rest of a string that begins at `Fault::before` is expected.
     Text,
 }
 
@@ -24,7 +24,7 @@ pub(super) enum Wanted {
 pub(super) struct Fault {
     /// Byte offset of the unexpected token, or the length of a text that ends too early.
     pub at: usize,
-    /// The expected token.
+    /// The kind of token that is expected at the fault.
     pub wanted: Wanted,
     /// Whether the previous token is an opening bracket.
     pub is_first: bool,
@@ -83,7 +83,7 @@ impl Fault {
     }
 }
 
-/// The end of the string that begins at `start`, or the offset of its first invalid byte.
+/// Returns the end of the string that begins at `start`, or the offset of its first invalid byte.
 fn string(text: &[u8], start: usize) -> Result<usize, usize> {
     let mut at = start + 1;
     loop {
@@ -96,7 +96,7 @@ fn string(text: &[u8], start: usize) -> Result<usize, usize> {
     }
 }
 
-/// The length of the JSON number or literal at the beginning of a text; 0 if there is none.
+/// Returns the length of the JSON number or literal at the beginning of a text; 0 if there is none.
 fn literal(text: &[u8]) -> usize {
     let length = text.iter().take_while(|byte| byte.is_ascii_alphanumeric() || b"+-._".contains(byte)).count();
     let token = &text[..length];

@@ -1,7 +1,7 @@
 //! Expansion of vectors before a document is read. A member `"x[1..n]"` becomes one member per element, in which the
 //! index `i` is replaced by its value; a name with a range in a list of names becomes the names of all elements; a list
 //! entry whose `name`, `label` or (for a box) `of` has a range becomes one entry per element. A list in the place of a
-//! number or an expression gives one value for each element; that of a name with two ranges may be a list of rows.
+//! number or an expression gives one value for each element; for a name with two ranges it may be a list of rows.
 //!
 //! Later stages see only the expanded document; their errors are mapped back to the place of the range.
 
@@ -16,16 +16,16 @@ use super::wording::abridged;
 use range::{MOST_ELEMENTS, Range, Values, replaced};
 use std::collections::{HashMap, HashSet};
 
-/// The record of an expansion.
+/// The record of an expansion of vectors, which maps errors back to the user's document.
 #[derive(Debug, Default)]
 pub(super) struct Vectors {
-    /// Parameters that determine numbers of elements.
+    /// Names of parameters that determine numbers of elements of vectors.
     pub sizes: Vec<String>,
-    /// Pointers in the user's document, by pointers in the expanded one.
+    /// Pointers in the user's document, by pointers in the expanded document.
     origins: HashMap<String, String>,
-    /// Names with a faulty range, which are not expanded.
+    /// Pointers of names with a faulty range, which are not expanded.
     wrong: HashSet<String>,
-    /// The description of a robot that was written out before.
+    /// The origins of bodies and joints that have replaced the description of a robot.
     pub robot: robot::Origins,
 }
 
@@ -35,7 +35,8 @@ impl Vectors {
         self.robot.at_origins(self.before_vectors(errors))
     }
 
-    /// Errors where the document had what they are of before vectors were written out.
+    /// Maps the pointers of errors back to the document as it was before the expansion of vectors, and removes
+    /// repetitions.
     fn before_vectors(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
         if self.origins.is_empty() && self.wrong.is_empty() {
             return errors;
@@ -67,7 +68,7 @@ impl Vectors {
     }
 }
 
-/// Expands the vectors of a document; faulty ones are reported and left as they are.
+/// Expands the vectors of a document; faulty vectors are reported and left as they are.
 pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     let mut expansion = Expansion {
         vectors: Vectors::default(),
@@ -106,7 +107,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     expansion.vectors
 }
 
-/// The values of a list of rows of equal length, row by row.
+/// Returns the values of a list of rows of equal length as one list, row by row.
 fn of_rows(value: &Json) -> Option<Json> {
     let Json::List(rows) = value else { return None };
     let values = |row: &Json| match row {
@@ -120,7 +121,7 @@ fn of_rows(value: &Json) -> Option<Json> {
     (is_even && !rows.is_empty()).then(|| Json::List(rows.concat()))
 }
 
-/// A path in the expanded document, and the corresponding path in the user's.
+/// A path in the expanded document, and the corresponding path in the user's document.
 struct ExpandedPath {
     new: Vec<Step>,
     old: Vec<Step>,
@@ -129,7 +130,7 @@ struct ExpandedPath {
 struct Expansion<'e> {
     vectors: Vectors,
     parameters: HashMap<String, i64>,
-    /// Names that indices must not have.
+    /// Names that indices of vectors must not have.
     taken: HashSet<String>,
     elements: usize,
     errors: &'e mut Errors,
@@ -213,7 +214,8 @@ impl Expansion<'_> {
         }
     }
 
-    /// Returns one element: texts with the values of its indices, lists reduced to its value.
+    /// Returns one element of a vector: indices in texts are replaced by their values, and lists by the element's own
+    /// value.
     fn element(
         &mut self,
         value: &Json,
@@ -299,7 +301,7 @@ fn is_of_names(items: &[Json]) -> bool {
     items.iter().all(|item| matches!(item, Json::Text(text) if is_name(text)))
 }
 
-/// The name of a list entry that may have a range: of a text the text itself, of a box its only variable.
+/// Returns the name of a list entry that may have a range: of a text the text itself, of a box its only variable.
 fn named(item: &Json) -> Option<&str> {
     match item {
         Json::Text(text) => Some(text),
@@ -315,7 +317,7 @@ fn named(item: &Json) -> Option<&str> {
     }
 }
 
-/// Gives an element its name, in place of the range.
+/// Replaces the name with a range in an element by the name of the element.
 fn rename(element: &mut Json, name: &str) {
     let Json::Object(members) = element else { return };
     for (key, value) in members {
@@ -332,7 +334,7 @@ fn rename(element: &mut Json, name: &str) {
 }
 
 impl Json {
-    /// The value of an object with one member.
+    /// Returns the value of an object with one member, apart from comments.
     fn only(&self) -> Option<&Json> {
         let Json::Object(members) = self else { return None };
         let mut members = members.iter().filter(|(name, _)| name != COMMENT);

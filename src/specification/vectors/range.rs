@@ -3,8 +3,8 @@
 use crate::error::SpecificationError;
 use crate::wording::abridged;
 
-/// Most elements of all vectors of a document together: each of 100,000 variables in four places, as in `variables`, in `set`
-/// and in a definition or two.
+/// Largest number of elements of all vectors of a document together: each of 100,000 variables in four places, as in
+/// `variables`, in `set` and in a definition or two.
 pub(super) const MOST_ELEMENTS: usize = 400_000;
 
 /// Default names of the indices, in order.
@@ -15,11 +15,11 @@ const INDICES: [&str; 3] = ["i", "j", "k"];
 pub(super) struct Range<'t> {
     /// The name of the vector.
     pub name: &'t str,
-    /// Each index with its first and last value.
+    /// The name, first value and last value of each index.
     indices: Vec<(&'t str, i64, i64)>,
 }
 
-/// The values of indices.
+/// The names and values of the indices of one element.
 pub(super) type Values<'t> = Vec<(&'t str, i64)>;
 
 impl<'t> Range<'t> {
@@ -74,12 +74,12 @@ impl<'t> Range<'t> {
         }
     }
 
-    /// The names of the indices.
+    /// Returns the names of the indices of the range.
     pub(super) fn indices(&self) -> impl Iterator<Item = &'t str> {
         self.indices.iter().map(|(name, ..)| *name)
     }
 
-    /// A single element whose indices are not plain numbers, as in `x[n + 1]`.
+    /// Returns a single element whose indices are not plain numbers, as in `x[n + 1]`.
     fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
         let parts: Vec<&str> = inside.split(',').collect();
         let values: Option<Vec<i64>> = parts.iter().map(|part| whole(part, &size).ok()).collect();
@@ -88,13 +88,13 @@ impl<'t> Range<'t> {
         (!is_plain).then_some(Self { name, indices })
     }
 
-    /// The number of elements; `None` if there are too many.
+    /// Returns the number of elements of the range; `None` if there are too many.
     pub(super) fn len(&self) -> Option<usize> {
         let sizes = self.indices.iter().map(|(_, first, last)| (last - first) as usize + 1);
         sizes.into_iter().try_fold(1_usize, usize::checked_mul).filter(|&count| count <= MOST_ELEMENTS)
     }
 
-    /// The name of each element with the values of its indices; the last index varies fastest.
+    /// Returns the name of each element with the values of its indices; the last index varies fastest.
     pub(super) fn elements(&self) -> impl Iterator<Item = (String, Values<'t>)> {
         let count = self.len().unwrap_or(0);
         (0..count).map(move |mut place| {

@@ -1,4 +1,4 @@
-//! The chapters of a report: each system as a paper would state it, then what was measured.
+//! The chapters of a report: each system as a paper would state it, then the measurements.
 
 use super::{escaped, number, table, trusted};
 use crate::report::{
@@ -7,7 +7,7 @@ use crate::report::{
 use serde_json::Value;
 use std::fmt::Write as _;
 
-/// A table with a row for each system.
+/// Returns a table with a row for each system.
 pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let least = |error: fn(&Errors) -> Option<f64>| {
@@ -65,9 +65,9 @@ pub fn reported(chapters: &[Chapter]) -> String {
     include_str!("reported.html").to_owned() + &table(&head, rows.into_iter())
 }
 
-/// A system: statement, solution, reference, errors.
+/// Appends the section of a system: statement, solution, reference, errors.
 pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = write!(page, "<section id=\"{}\"><h2>{}</h2>", escaped(&chapter.name), escaped(&chapter.title));
     *page += &statement(chapter);
     if !chapter.solution.is_empty() {
@@ -107,7 +107,8 @@ pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
 /// The largest number of initial values that are listed beside the equations.
 const MOST_STATES: usize = 12;
 
-/// Equations, parameters and horizon, and the specification to repeat it.
+/// Returns the equations, parameters and horizon of a system, and the specification with which its runs can be
+/// repeated.
 fn statement(chapter: &Chapter) -> String {
     let mut text = format!("<pre class=\"equations\">{}</pre>", escaped(&chapter.equations.join("\n")));
     let value = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
@@ -132,7 +133,7 @@ fn statement(chapter: &Chapter) -> String {
     text + "<details><summary>Specification</summary><pre>" + &escaped(&whole) + "</pre></details>"
 }
 
-/// What errors are measured against, and how that was made.
+/// Describes the reference that errors are measured against, and how the reference was computed.
 fn reference(chapter: &Chapter) -> String {
     let reference = &chapter.reference;
     let mut text = "<strong>Reference.</strong> ".to_owned();
@@ -233,7 +234,7 @@ fn meshes(chapter: &Chapter) -> String {
         + &table(&["elements", "error against the continuum", "order in the size of an element"], rows)
 }
 
-/// The tolerance or the step of a run, in words.
+/// Returns the tolerance or the step size of a run, in words.
 pub fn rung(run: &Run) -> String {
     match (run.rtol, run.step) {
         (Some(rtol), _) => format!("tolerance {rtol:.0e}"),
@@ -275,7 +276,8 @@ fn row(ladder: &Ladder, run: &Run, fixed: bool) -> [String; 11] {
     ]
 }
 
-/// How times were measured, and where; a report that is not to depend on its machine has neither.
+/// Describes how and where run times were measured; a `fixed` report, which must not depend on its machine, says
+/// neither.
 pub fn conditions(chapters: &[Chapter], fixed: bool) -> String {
     if fixed {
         return "<p>Made without times, machine and date: the abscissa of the figures is the number of accepted steps.</p>".to_owned();

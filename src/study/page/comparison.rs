@@ -1,14 +1,14 @@
-//! The time for an error: of each system the fastest run that is at least so accurate, here and of other programs; and how
-//! often verdicts are right.
+//! Comparison of run times: for each system the fastest run that is accurate enough, of this program and of other
+//! programs; and how often verdicts are right.
 
 use super::chapters::rung;
 use super::{escaped, number, table};
 use crate::report::{Chapter, Errors, Ladder, Run, WRONG, chosen, first_order};
 
-/// The errors of states, at the end and before, that are asked for.
+/// Target errors of states, at the end and over time.
 const TARGETS: [f64; 2] = [1e-3, 1e-6];
 
-/// The table of the systems whose errors tell methods apart.
+/// Returns the table of run times, for systems whose errors distinguish methods.
 pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let name = escaped(&chapter.name);
@@ -38,7 +38,8 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
         + &table(&head, rows)
 }
 
-/// The shortest time of the runs with an error below a target, with the method where it is asked for.
+/// Returns the shortest run time of runs with an error of at most `target` and no verdict against them, with the
+/// method if `named`.
 fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named: bool) -> String {
     let good = |run: &&Run| {
         run.trusted != Some(false) && run.errors.as_ref().and_then(Errors::of_states).is_some_and(|e| e <= target)
@@ -53,10 +54,11 @@ fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named
     }
 }
 
-/// Error of the states up to which an answer is right, whatever its tolerance or step.
+/// Error of the states up to which an answer is right, whatever accuracy was asked for.
 const RIGHT: f64 = 1e-3;
 
-/// How many right and wrong answers are trusted, with the runs whose wrong answers are.
+/// Returns a table of how many right and wrong answers are trusted, with the list of trusted runs whose answers are
+/// wrong.
 pub fn verdicts<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let (mut counts, mut silent) = ([[0_usize; 2]; 3], Vec::new());
     for chapter in chapters {

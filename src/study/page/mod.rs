@@ -1,5 +1,5 @@
-//! A report as one HTML page that needs nothing else: how it was measured, a table of all systems, a chapter for each, then
-//! what was found at the limits.
+//! A report as one self-contained HTML page: how it was measured, a table of all systems, a chapter for each system,
+//! then the stability at the limits.
 
 mod chapters;
 mod comparison;
@@ -11,13 +11,14 @@ use super::stability::Stability;
 /// Another program, as the report names it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Peer {
-    /// Its name, with its version where it runs.
+    /// Name of the program, with its version if the program runs.
     pub name: String,
-    /// How to get it, where it is not installed.
+    /// How to install the program, if it is not installed.
     pub install: Option<String>,
 }
 
-/// The page; `peers` are the programs that were asked. A `fixed` page has no times, machine or date.
+/// Returns the page; `peers` are the other programs that were asked. A `fixed` page has no run times, machine or
+/// date.
 pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fixed: bool) -> String {
     let mut page = format!("{}<style>{}</style>", include_str!("head.html"), include_str!("page.css"));
     if chapters.is_empty() {
@@ -48,7 +49,7 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
     page + "</main></html>\n"
 }
 
-/// The other programs, and the systems that each solved.
+/// Returns a table of the other programs, with the systems that each program solved.
 fn programs(chapters: &[Chapter], peers: &[Peer]) -> String {
     if peers.is_empty() {
         return "<p>No other programs were asked.</p>".to_owned();
@@ -68,7 +69,7 @@ fn programs(chapters: &[Chapter], peers: &[Peer]) -> String {
     include_str!("peers.html").to_owned() + &table(&["other program", "systems"], rows)
 }
 
-/// A cell with a verdict; a dash where there is none.
+/// Returns a table cell with a verdict; a dash if there is no verdict.
 fn trusted(verdict: Option<bool>) -> String {
     match verdict {
         Some(true) => "yes".to_owned(),
@@ -77,7 +78,7 @@ fn trusted(verdict: Option<bool>) -> String {
     }
 }
 
-/// A table of cells that are HTML already.
+/// Returns an HTML table whose cells are HTML already.
 fn table<const N: usize>(head: &[&str; N], rows: impl Iterator<Item = [String; N]>) -> String {
     let row = |cells: &[String], tag: &str| {
         let cells: Vec<String> = cells.iter().map(|cell| format!("<{tag}>{cell}</{tag}>")).collect();
@@ -88,12 +89,12 @@ fn table<const N: usize>(head: &[&str; N], rows: impl Iterator<Item = [String; N
     format!("<div class=\"wide\"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>")
 }
 
-/// A cell with a number.
+/// Returns a table cell with a number.
 fn number(text: &str) -> String {
     format!("<span class=\"number\">{text}</span>")
 }
 
-/// Text as HTML can hold it.
+/// Escapes text for HTML.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

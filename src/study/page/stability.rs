@@ -1,4 +1,5 @@
-//! What was found at the limits: the table with its verdicts, the stability function in pictures, contraction, energy.
+//! The stability chapter of a report: the table of cases with verdicts, the stability function in pictures,
+//! contraction, energy.
 
 use super::{escaped, number, table};
 use crate::contraction::Contraction;
@@ -8,10 +9,10 @@ use crate::stability::{Outcome, Stability, parts};
 use solution::Status;
 use solution::pictures::{Curve, double_logarithmic};
 
-/// Below this there is only rounding.
+/// Smallest value that is drawn: smaller values are rounding.
 const LEAST: f64 = 1e-17;
 
-/// The chapter.
+/// Returns the stability chapter as HTML.
 pub fn html(limits: &Stability) -> String {
     let Stability { outcomes, rays, contractions, balances } = limits;
     let mut page = include_str!("stability.html").to_owned();
@@ -33,7 +34,7 @@ pub fn html(limits: &Stability) -> String {
     page + &linear(rays) + &nonlinear(contractions) + &energy(balances)
 }
 
-/// How often the verdict on an answer agrees with what is known of it.
+/// Describes how often the verdict on an answer agrees with the expectations of its case.
 fn verdicts(limits: &Stability) -> String {
     let [right, wrong] = [true, false].map(|passed| limits.trusted(passed));
     format!(

@@ -1,28 +1,28 @@
-//! Where and when times were measured: without that, they mean nothing to anybody else.
+//! The conditions of a measurement: without machine and date, run times mean nothing to others.
 
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::thread::available_parallelism;
 
-/// The machine, the program and the day.
+/// The machine, the program and the date of a measurement.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Conditions {
-    /// The program and its version.
+    /// Name and version of the program.
     pub program: String,
-    /// The optimisation that it was built with.
+    /// Optimisation that the program was built with.
     pub build: String,
-    /// The processor.
+    /// Name of the processor.
     pub processor: String,
-    /// Processors that the run may use.
+    /// Number of processors that the run may use.
     pub cores: usize,
-    /// The operating system.
+    /// Name and version of the operating system.
     pub system: String,
-    /// The day, as `2026-11-23`.
+    /// Date of the measurement, such as `2026-11-23`.
     pub date: String,
 }
 
 impl Conditions {
-    /// The conditions of this run, on the day `date`.
+    /// Returns the conditions of a run of this process, on the day `date`.
     pub fn here(date: String) -> Self {
         let first = |file: &str, key: &str| {
             let text = fs::read_to_string(file).ok()?;

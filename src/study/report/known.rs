@@ -1,5 +1,5 @@
-//! What is known of each system from outside: its equations as a paper states them, values and switch times, and how these
-//! were found. Where a program found them that is not published, it is in `tests/peers/answers`.
+//! What is known of each example system from outside this program: equations as a paper states them, values,
+//! switching times, and their sources. Unpublished programs that computed the values are in `tests/peers/answers`.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -7,58 +7,60 @@ use std::collections::HashMap;
 
 const KNOWN: &str = include_str!("known.json");
 
-/// What is known of a system.
+/// What is known of an example system from outside this program.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Known {
-    /// Its equations, a line each.
+    /// Equations of the system, one line each.
     pub equations: Vec<String>,
-    /// By the name of the output: a number is the value at the end, a text an expression in `t` that holds from `from` on.
+    /// Known values by the name of the output: a number is the value at the end, a text is an expression in `t` that
+    /// holds from the time `from` on.
     pub exact: Map<String, Value>,
-    /// The time from which expressions hold; the start where it is absent.
+    /// The time from which the expressions in `exact` hold; the start if it is absent.
     pub from: Option<f64>,
-    /// Another end than that of the example, where what is known is known of.
+    /// The end time, if it differs from that of the example because values are known at another time.
     pub end: Option<f64>,
-    /// Where the values are from.
+    /// The source of the known values.
     pub source: Option<Source>,
-    /// The times of switches.
+    /// The known switching times.
     pub switches: Vec<f64>,
-    /// Whether the values are those of the continuous problem in space, of which the elements leave an error.
+    /// Whether the known values are those of the problem continuous in space, from which a finite element solution
+    /// differs by its discretisation error.
     pub mesh: bool,
-    /// A public thread in which another program was reported to fail on it.
+    /// A public thread in which another program was reported to fail on the system.
     pub reported: Option<Reported>,
 }
 
-/// A public report of a failure elsewhere.
+/// A public report of a failure of another program.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reported {
-    /// What happens there, in a clause.
+    /// The reported failure, in a clause.
     pub what: String,
-    /// The program, the number and the title of the thread.
+    /// The program, and the number and the title of the thread.
     pub title: String,
-    /// Its address.
+    /// The address of the thread.
     pub address: String,
 }
 
-/// The origin of values.
+/// The source of known values.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// The method, the program or the paper.
+    /// The method, the program or the paper that the values are from.
     pub what: String,
-    /// The precision of the arithmetic, and the digits that are right.
+    /// The precision of the arithmetic, and the number of correct digits.
     pub digits: String,
-    /// A file of the repository that makes or holds them.
+    /// A file of the repository that computes or contains the values.
     pub file: Option<String>,
 }
 
-/// What is known of a system by its name; its equations at least, of every example with a chapter.
+/// Returns what is known of a system by its name: at least the equations, for every example with a chapter.
 pub fn known(name: &str) -> Known {
     all().remove(name).unwrap_or_default()
 }
 
-/// The whole table; empty if it cannot be read, which a test excludes.
+/// Returns the table of all systems; empty if it cannot be parsed, which a test excludes.
 pub fn all() -> HashMap<String, Known> {
     serde_json::from_str(KNOWN).unwrap_or_default()
 }

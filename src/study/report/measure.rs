@@ -1,4 +1,4 @@
-//! Ladders of runs: each solved once for its answer, then again for its time.
+//! Measurement of ladders of runs: each run is solved once for its answer, then again for its run time.
 
 use super::reference::{Reference, switch_times};
 use super::{Errors, Ladder, MOST_STEPS, Outcome, ROUNDING, Run, WRONG};
@@ -8,15 +8,15 @@ use solution::{Solution, Status};
 use specification::{Rung, Specification, Stages};
 use std::time::{Duration, Instant};
 
-/// Solves of each run after the first, which warms caches and is not counted.
+/// Number of timed solves of each run, after a first solve that warms caches and is not counted.
 pub const REPEATS: usize = 5;
 /// Runs longer than this are not repeated, in seconds: their times hardly vary.
 pub const LONG: f64 = 0.5;
-/// The longest that one run may take.
+/// Time limit of one run.
 pub const LONGEST: Duration = Duration::from_secs(20);
 
-/// Runs one ladder from its coarsest rung. Beyond a run that was stopped, finer ones are not tried; the second rungs
-/// follow the first where the answers of these are still [`WRONG`].
+/// Measures one ladder from its coarsest rung. After a run that was stopped at its time limit, finer runs are not
+/// tried; the rungs of the second list follow only if the answers of the first are still [`WRONG`].
 pub fn ladder(
     method: String,
     specification: &Specification,
@@ -73,7 +73,8 @@ fn errors(solution: &Solution, reference: &Reference) -> Errors {
     reference.errors(&columns, Some(&switch_times(solution)))
 }
 
-/// The power of the step, or of the tolerance, by which the error changed; none where an error is rounding.
+/// Returns the observed order: exponent of the step size, or of the tolerance, with which the error at the end
+/// changed; `None` if an error is at the level of rounding.
 pub fn change(before: &Run, run: &Run) -> Option<f64> {
     let error = |run: &Run| Some(run.errors.as_ref()?.end.filter(|error| *error > ROUNDING)?.ln());
     let rung = |run: &Run| Some(run.rtol.or(run.step)?.ln());

@@ -1,5 +1,5 @@
-//! The error of the elements apart from that of the steps: one problem on ever finer meshes, at a tolerance that leaves the
-//! error in time far below, against the answer of the continuous problem.
+//! The discretisation error in space apart from that in time: one problem on ever finer meshes, at a tolerance that
+//! leaves the error in time far below, against the solution of the continuous problem.
 
 use super::known::Known;
 use super::measure::LONGEST;
@@ -11,25 +11,25 @@ use solution::Status;
 use specification::Specification;
 use std::time::Instant;
 
-/// Elements, as parts of those of the example.
+/// Numbers of elements, relative to those of the example.
 const FACTORS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
-/// The tolerance in time.
+/// Relative tolerance of the runs in time.
 const RTOL: f64 = 1e-7;
 
-/// One mesh.
+/// The result on one mesh.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Mesh {
-    /// Elements along each side, in words.
+    /// Numbers of elements along the sides, in words.
     pub elements: String,
-    /// The error at the end, as a part of the largest value; none where the run did not reach it.
+    /// Largest relative error of the values at the end; `None` if the run did not reach the end.
     pub error: Option<f64>,
-    /// The power of the size of an element by which the error changed from the mesh before.
+    /// Observed order: exponent of the element size with which the error changed from the previous mesh.
     pub order: Option<f64>,
-    /// The run time in seconds.
+    /// Run time in seconds.
     pub seconds: f64,
 }
 
-/// Runs the meshes of a problem whose answer in the continuum is known.
+/// Runs a problem whose continuous solution is known on all meshes.
 pub fn meshes(document: &Value, known: &Known) -> Vec<Mesh> {
     let mut found: Vec<Mesh> = Vec::new();
     for factor in FACTORS {
@@ -42,7 +42,7 @@ pub fn meshes(document: &Value, known: &Known) -> Vec<Mesh> {
     found
 }
 
-/// The same problem with other numbers of elements, and these in words.
+/// Returns the problem with its numbers of elements scaled by a factor, and these numbers in words.
 fn scaled(document: &Value, factor: f64) -> Option<(Value, String)> {
     let mut document = document.clone();
     let problem = document.get_mut("problem")?.as_object_mut()?.values_mut().next()?;

@@ -1,5 +1,6 @@
-//! The systems of the theory, each at a ladder of tolerances and steps: error against run time (work and precision; Hairer
-//! and Wanner 1996, *Solving Ordinary Differential Equations II*, section IV.10), as a chapter a referee could repeat.
+//! Work-precision report (Hairer and Wanner 1996, *Solving Ordinary Differential Equations II*, section IV.10): runs
+//! each example system at a series of tolerances and step sizes, and records error against run time in one chapter
+//! per system, with all settings needed to repeat the runs.
 
 mod conditions;
 mod known;
@@ -27,64 +28,66 @@ use specification::{By, Example, Rung, Specification};
 use std::fmt::Write as _;
 use std::time::Instant;
 
-/// The tolerances of runs that choose their steps.
+/// Relative tolerances of the runs with adaptive steps.
 pub const TOLERANCES: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
-/// Fixed steps in the horizon. With one stage this is implicit Euler, the first-order time stepping of other programs.
+/// Numbers of fixed steps in the time horizon. With one stage the method is implicit Euler, the first-order time
+/// stepping of other programs.
 pub const STEPS: [f64; 4] = [100.0, 400.0, 1600.0, 6400.0];
 /// Finer fixed steps in the horizon, for methods whose answers are still wrong at all of [`STEPS`], as where a problem is
 /// stiff.
 pub const FINER_STEPS: [f64; 2] = [25_600.0, 102_400.0];
 /// The error of the states from which an answer is wrong, whatever its tolerance or step.
 pub const WRONG: f64 = 1e-2;
-/// The most steps of a run.
+/// Largest number of steps of a run.
 const MOST_STEPS: u64 = 1_000_000;
-/// An error that is rounding: a system whose every run is below proves nothing about methods.
+/// Relative error at the level of rounding. A system that implicit Euler solves to a smaller error at every step size
+/// does not distinguish methods.
 const ROUNDING: f64 = 1e-11;
-/// The name of first-order time stepping of equations with stages.
+/// Method name of implicit Euler: one Radau IIA stage at fixed steps.
 const IMPLICIT_EULER: &str = "1 stage at fixed steps";
 
-/// What a report says of one system.
+/// Results of the report for one example system.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Chapter {
-    /// The name of its example.
+    /// Name of the example.
     pub name: String,
-    /// The title of its example.
+    /// Title of the example.
     pub title: String,
-    /// Its equations, a line each.
+    /// Equations of the system, one line each.
     pub equations: Vec<String>,
-    /// The specification as it was run, but for the method.
+    /// Specification of the runs, except for the method.
     pub specification: Value,
     /// The initial value of each state, by name.
     pub start: Vec<(String, f64)>,
     /// The smallest and the largest absolute tolerance of a state, as parts of the relative tolerance.
     pub atol: (f64, f64),
-    /// The solution over time, in SVG.
+    /// Plot of the solution over time, in SVG.
     pub solution: String,
-    /// Where the values from outside are from, where there are any.
+    /// Source of the reference values from outside this program, if there are any.
     pub source: Option<Source>,
-    /// A public thread in which another program was reported to fail on it.
+    /// Public thread that reports a failure of another program on the system.
     pub reported: Option<Reported>,
-    /// What errors are measured against.
+    /// Reference solution that errors are measured against.
     pub reference: Reference,
-    /// Whether the elements leave an error of which the values here are free: errors are those against the exact solution
-    /// of the semidiscrete equations.
+    /// Whether errors are measured against the exact solution of the semidiscrete equations, so that they exclude the
+    /// discretisation error in space.
     pub semidiscrete: bool,
-    /// Finer and coarser meshes, where there is one.
+    /// Results on finer and coarser meshes, if the system has a mesh.
     pub meshes: Vec<Mesh>,
-    /// The runs, a ladder for each method.
+    /// Runs of this program, one ladder per method.
     pub ladders: Vec<Ladder>,
-    /// Those of other programs.
+    /// Runs of other programs, one ladder per method.
     pub peers: Vec<Ladder>,
-    /// Where and when it was measured.
+    /// Conditions (machine and date) of the measurement.
     pub conditions: Conditions,
 }
 
-/// Runs that differ by their tolerance or step alone.
+/// Runs of one method that differ in their tolerance or step size alone.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Ladder {
-    /// The method; for another program with its name.
+    /// Name of the method; for another program, with the name of the program.
     pub method: String,
-    /// From the coarsest.
+    /// Runs of the ladder, from the coarsest to the finest.
     pub runs: Vec<Run>,
 }
 
@@ -92,55 +95,57 @@ pub struct Ladder {
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// It reached the end.
+    /// The run reached the end.
     Completed,
-    /// It was stopped when its time was over.
+    /// The run was stopped at its time limit.
     Stopped,
-    /// It could not go on.
+    /// The run failed before the end.
     Failed,
-    /// A coarser run of the ladder was stopped.
+    /// The run was skipped because a coarser run of the ladder was stopped.
     NotTried,
 }
 
-/// One run.
+/// Settings and results of one run.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Run {
-    /// Its relative tolerance.
+    /// Relative tolerance of the run; `None` with fixed steps.
     pub rtol: Option<f64>,
-    /// Its step.
+    /// Fixed step size of the run; `None` with adaptive steps.
     pub step: Option<f64>,
-    /// How it ended.
+    /// How the run ended.
     pub outcome: Outcome,
-    /// Whether its answer is trusted; absent for another program, which gives no verdict.
+    /// Whether the verdict trusts the answer; absent for another program, which gives no verdict.
     pub trusted: Option<bool>,
-    /// Accepted steps.
+    /// Number of accepted steps.
     pub steps: u64,
-    /// The median run time in seconds.
+    /// Median run time of the repeats, in seconds.
     pub seconds: f64,
-    /// The least and the largest of the repeats.
+    /// Smallest and largest run time of the repeats, in seconds.
     pub spread: (f64, f64),
-    /// Its errors; absent where it did not reach the end.
+    /// Errors of the run; absent if it did not reach the end.
     pub errors: Option<Errors>,
-    /// The power of the step, or of the tolerance, by which the error at the end changed from the run before.
+    /// Observed order: exponent of the step size, or of the tolerance, with which the error at the end changed from
+    /// the previous run.
     pub change: Option<f64>,
-    /// Why it has no answer.
+    /// Why the run has no answer.
     pub message: Option<String>,
 }
 
-/// Errors as parts of the largest value of each output; absent where there is nothing to compare.
+/// Errors of a run, relative to the largest value of each output; absent where there is nothing to compare.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Errors {
-    /// Of the states at the end; where values from outside are known, of these.
+    /// Largest error at the end: of the outputs whose values at the end are known from outside this program, else of
+    /// the states.
     pub end: Option<f64>,
-    /// The largest of the states over time.
+    /// Largest error of the states over time.
     pub states: Option<f64>,
-    /// The largest of all other outputs over time: variables, forces, energies.
+    /// Largest error over time of all other outputs: variables, forces, energies.
     pub variables: Option<f64>,
-    /// The distance between the switch times of the run and of the reference (Hausdorff), as a part of the horizon: the
+    /// Hausdorff distance between the switching times of the run and of the reference, relative to the horizon: the
     /// largest distance of a switch of either from the nearest of the other, so that a lost switch counts, and one too
     /// many.
     pub switches: Option<f64>,
-    /// Switches of the run.
+    /// Number of switches of the run.
     pub switches_found: Option<usize>,
 }
 
@@ -175,7 +180,7 @@ impl Run {
         Self { outcome: Outcome::NotTried, ..Self::at(rung) }
     }
 
-    /// The same with its times.
+    /// Sets the median run time and the spread from the times of the repeats, in seconds.
     fn timed(self, mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
         let (Some(&least), Some(&most)) = (times.first(), times.last()) else { return self };
@@ -183,7 +188,7 @@ impl Run {
     }
 }
 
-/// Runs all of one system. `None` where no ladder fits it.
+/// Runs all ladders of one system. Returns `None` if no ladder fits the system.
 pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     let known = known::known(example.name);
     let shown = shown(example, &known)?;
@@ -231,7 +236,8 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     })
 }
 
-/// The specification of a system as the report compares its runs: whatever ends a run or is asked for beside it is left out.
+/// Returns the specification of a system as the report runs it, without sensitivities, output settings, study and
+/// events that end a run.
 fn shown(example: &Example, known: &Known) -> Option<Value> {
     let mut document: Value = serde_json::from_str(example.text).ok()?;
     let root = document.as_object_mut()?;
@@ -247,7 +253,7 @@ fn shown(example: &Example, known: &Known) -> Option<Value> {
     Some(document)
 }
 
-/// The same as a study with the values that are known from outside, if there are any.
+/// Adds a study with the values known from outside this program, if there are any.
 fn with_exact_values(mut document: Value, known: &Known) -> Option<Value> {
     if !known.exact.is_empty() {
         let horizon = document["time"]["end"].as_f64()? - document["time"]["start"].as_f64().unwrap_or(0.0);
@@ -256,10 +262,10 @@ fn with_exact_values(mut document: Value, known: &Known) -> Option<Value> {
     Some(document)
 }
 
-/// Points of a curve of the picture of a solution.
+/// Number of points of a curve in the plot of a solution.
 const POINTS: u32 = 401;
 
-/// The picture of the solution as its author asks for it, without a title: that stands above.
+/// Solves the specification with its own method and returns a plot of the solution in SVG, without a title.
 fn drawn(document: &Value) -> String {
     let mut document = document.clone();
     document["output"] = json!({"times": {"count": POINTS}});
@@ -273,17 +279,18 @@ fn drawn(document: &Value) -> String {
 }
 
 impl Chapter {
-    /// The runs here and those of other programs.
+    /// Returns all ladders: those of this program, then those of other programs.
     pub fn all(&self) -> impl Iterator<Item = &Ladder> {
         self.ladders.iter().chain(&self.peers)
     }
 
-    /// Whether values from outside stand behind the errors.
+    /// Whether errors are measured against values from outside this program.
     pub fn outside(&self) -> bool {
         self.source.is_some()
     }
 
-    /// Whether implicit Euler solves it to rounding at every step: a check of a method, but no proof of another.
+    /// Whether implicit Euler solves the system to rounding error at every step size: such a system can reveal a
+    /// faulty method, but does not rank methods.
     pub fn is_exact_for_all(&self) -> bool {
         let first = self.ladders.iter().find(|ladder| ladder.method == IMPLICIT_EULER);
         first.is_some_and(|ladder| {
@@ -301,19 +308,19 @@ impl Chapter {
         first.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)
     }
 
-    /// The number of trusted answers, and the number of runs of the system that reached the end.
+    /// Returns the number of trusted answers, and the number of runs of this program that reached the end.
     pub fn trusted(&self) -> (usize, usize) {
         let ended = self.ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.outcome == Outcome::Completed);
         ended.filter_map(|run| run.trusted).fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
     }
 
-    /// The number of runs without an answer, and the number of all runs that were tried.
+    /// Returns the number of runs without an answer, and the number of all runs that were tried.
     pub fn lost(ladders: &[Ladder]) -> (usize, usize) {
         let runs = || ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.outcome != Outcome::NotTried);
         (runs().filter(|run| run.outcome != Outcome::Completed).count(), runs().count())
     }
 
-    /// Its rows as CSV, with a header.
+    /// Returns the runs as rows of CSV, with a header.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "system,method,rtol,step,outcome,trusted,steps,seconds,least_seconds,most_seconds,error_at_end,error_of_states,\
@@ -324,7 +331,7 @@ impl Chapter {
                 let cell = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
                 let errors = run.errors.clone().unwrap_or_default();
                 let outcome = json!(run.outcome);
-                // Writing to a string does not fail.
+                // Writing to a string cannot fail.
                 let _ = writeln!(
                     text,
                     "{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
@@ -350,7 +357,7 @@ impl Chapter {
         text
     }
 
-    /// The parameters of the problem, as its author wrote them.
+    /// Returns the parameters of the problem, as its author wrote them.
     pub fn parameters(&self) -> Option<&Map<String, Value>> {
         let problem = self.specification.get("problem")?.as_object()?.values().next()?;
         problem.get("parameters")?.as_object()

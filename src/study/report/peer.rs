@@ -1,7 +1,8 @@
-//! Other programs on the same systems: what is asked of them, and what comes back.
+//! Runs of other programs on the example systems: the request to a program, and its answer.
 //!
-//! A program gets the specification, the times of comparison and the names of the outputs. It returns values at these times,
-//! so that its errors are measured here, against the same reference and in the same norm as all others.
+//! A program receives the specification, the comparison times and the names of the outputs. It returns values at
+//! these times, so that its errors are measured by this program, against the reference and in the norm that are used
+//! for all runs.
 
 use super::{Chapter, Ladder, Outcome, REPEATS, Run, STEPS, TOLERANCES, measure};
 use serde::Deserialize;
@@ -9,41 +10,41 @@ use serde_json::{Value, json};
 use specification::Rung;
 use std::collections::HashMap;
 
-/// A ladder of another program.
+/// A ladder of runs of another program, as that program returns it.
 #[derive(Debug, Deserialize)]
 pub struct Answer {
-    /// The program and its method.
+    /// Name of the program and its method.
     pub method: String,
-    /// From the coarsest.
+    /// Runs of the ladder, from the coarsest to the finest.
     pub runs: Vec<AnswerRun>,
 }
 
 /// A run of another program.
 #[derive(Debug, Deserialize)]
 pub struct AnswerRun {
-    /// Its relative tolerance.
+    /// Relative tolerance of the run.
     #[serde(default)]
     pub rtol: Option<f64>,
-    /// Its step.
+    /// Fixed step size of the run.
     #[serde(default)]
     pub step: Option<f64>,
-    /// Steps, where the program counts them.
+    /// Number of steps, if the program counts its steps.
     #[serde(default)]
     pub steps: u64,
     /// The run times of the repeats, in seconds.
     pub seconds: Vec<f64>,
-    /// By the name of the output, the values at the times of comparison; no outputs where the run did not reach the end.
+    /// Values at the comparison times, by the name of the output; no outputs if the run did not reach the end.
     #[serde(default)]
     pub fields: HashMap<String, Vec<Option<f64>>>,
-    /// The times of switches, where the program finds any.
+    /// Times of switches, if the program finds any.
     #[serde(default)]
     pub switches: Option<Vec<f64>>,
-    /// Why there is no answer.
+    /// Why the run has no answer.
     #[serde(default)]
     pub message: Option<String>,
 }
 
-/// What a program is asked.
+/// Returns the request that is sent to another program.
 pub fn request(chapter: &Chapter) -> Value {
     let reference = &chapter.reference;
     let steps = STEPS.map(|steps| reference.horizon / steps);
@@ -54,7 +55,7 @@ pub fn request(chapter: &Chapter) -> Value {
 }
 
 impl Answer {
-    /// The ladder with its errors.
+    /// Returns the ladder of the answer with its errors against the reference of the chapter.
     pub fn ladder(self, chapter: &Chapter) -> Ladder {
         let mut runs: Vec<Run> = Vec::with_capacity(self.runs.len());
         for answer in self.runs {

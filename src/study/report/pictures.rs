@@ -1,23 +1,24 @@
-//! Pictures of the report: of one system the errors at the end and over time, of all systems those at the end.
+//! Pictures of the report: for one system the errors at the end and over time, for all systems the errors at the end.
 
 use super::{Chapter, Errors, Ladder, Outcome, Run};
 use solution::pictures::{Arrangement, Curve, LARGE, SMALL, Words, overview};
 
-/// Errors below this are rounding, and shown at it.
+/// Smallest error that is shown: smaller errors are rounding, and are drawn at this value.
 const LEAST_ERROR: f64 = 1e-17;
-/// The shortest time that is shown, in seconds.
+/// Shortest run time that is shown, in seconds.
 const LEAST_TIME: f64 = 1e-9;
 
-/// The methods that show in the picture of all systems: of each the first that it has been run by.
+/// Names of the methods in the picture of all systems: the first one that a system has been run with is shown.
 const CHOSEN: [&str; 5] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages", "3 stages at fixed steps"];
 const FIRST_ORDER: [&str; 2] = [super::IMPLICIT_EULER, "contact at fixed steps"];
 
-/// The ladder of what is chosen here without being told; none of a system that is solved at fixed steps of first order alone.
+/// Returns the ladder of the method that the program chooses by default; `None` for a system that is solved at fixed
+/// steps of first order alone.
 pub fn chosen(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &CHOSEN)
 }
 
-/// The ladder of first-order time stepping.
+/// Returns the ladder of first-order time stepping.
 pub fn first_order(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &FIRST_ORDER)
 }
@@ -26,7 +27,7 @@ fn first_of<'a>(chapter: &'a Chapter, methods: &[&str]) -> Option<&'a Ladder> {
     methods.iter().find_map(|method| chapter.ladders.iter().find(|ladder| ladder.method == *method))
 }
 
-/// A kind of error, by its name.
+/// A kind of error: its name, and the function that selects it.
 type Kind = (&'static str, fn(&Errors) -> Option<f64>);
 
 const KINDS: [Kind; 4] = [
@@ -36,7 +37,8 @@ const KINDS: [Kind; 4] = [
     ("times of switches", |errors| errors.switches),
 ];
 
-/// The abscissa: run time, or the number of steps where a report is not to depend on its machine.
+/// Returns the label of the abscissa: run time, or the number of steps in a report that must not depend on the
+/// machine.
 fn abscissa(fixed: bool) -> &'static str {
     if fixed { "steps" } else { "run time in s" }
 }
@@ -47,7 +49,7 @@ fn cost(run: &Run, fixed: bool) -> f64 {
 
 fn curve(ladder: &Ladder, error: fn(&Errors) -> Option<f64>, fixed: bool) -> Curve {
     let point = |run: &Run| Some((cost(run, fixed), error(run.errors.as_ref()?)?.max(LEAST_ERROR)));
-    // Not every program counts its steps.
+    // Runs of programs that do not count their steps are not shown against steps.
     let shown = |run: &&Run| run.outcome != Outcome::NotTried && !(fixed && run.steps == 0);
     let runs = || ladder.runs.iter().filter(shown);
     let wide = |run: &Run| (run.spread.0.max(LEAST_TIME), run.spread.1.max(LEAST_TIME));
@@ -61,7 +63,7 @@ fn curve(ladder: &Ladder, error: fn(&Errors) -> Option<f64>, fixed: bool) -> Cur
     }
 }
 
-/// The picture of one system: a panel for each kind of error that it has.
+/// Returns the picture of one system: a panel for each kind of error that its runs have.
 pub fn chapter_picture(chapter: &Chapter, fixed: bool) -> String {
     let panels: Vec<(&str, Vec<Curve>)> = KINDS
         .into_iter()
@@ -74,8 +76,8 @@ pub fn chapter_picture(chapter: &Chapter, fixed: bool) -> String {
     overview(&panels, words, arrangement)
 }
 
-/// All systems with an answer from outside that tell methods apart: the first-order time stepping of other programs beside
-/// what is chosen here without being told.
+/// Returns the picture of all systems that have values from outside this program and distinguish methods: the
+/// first-order time stepping of other programs beside the method that this program chooses by default.
 pub fn picture(chapters: &[Chapter], fixed: bool) -> String {
     let at_end = |ladder: Option<&Ladder>, name: &str| {
         let found = ladder.map_or_else(Curve::default, |ladder| curve(ladder, |errors| errors.end, fixed));

@@ -1,9 +1,10 @@
-//! The reference of a system: values of all outputs at the times of comparison, and the times of switches.
+//! The reference solution of an example system: values of all outputs at the comparison times, and the switching
+//! times.
 //!
-//! Values from outside are used wherever there are any. Between them, a run of this program to a tolerance beyond those that
-//! are measured is the reference; its distance from the outside values at the end is part of the report. The times of
-//! comparison are no multiples of any period, and each lies well within its span between two switches, so that rounding does not
-//! decide on which side of a jump it is.
+//! Values known from outside this program (formulas or published numbers) are used wherever there are any. Elsewhere
+//! the reference is a run of this program at a tolerance tighter than those that are measured; its distance from the
+//! outside values at the end is part of the report. The comparison times are not multiples of any period, and each
+//! lies well inside the span between two switches, so that rounding does not decide on which side of a jump it is.
 
 use super::known::Known;
 use super::{Errors, MOST_STEPS};
@@ -14,69 +15,71 @@ use solution::{Solution, Status};
 use specification::{By, Exact, Rung, Specification, Stages};
 use std::time::{Duration, Instant};
 
-/// Times of comparison beside the end, before those near switches are left out: multiples of the golden section of the horizon,
-/// which are spread evenly and meet all phases of what is periodic.
+/// Number of comparison times besides the end, before those near switches are dropped: multiples of the golden
+/// section of the horizon, which spread evenly and meet all phases of a periodic solution.
 const TIMES: usize = 120;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// The distance of times of comparison from switches, as a part of the span between two of them.
+/// Smallest distance of a comparison time from a switch, relative to the span between the two neighbouring switches.
 const BETWEEN: f64 = 0.1;
-/// The tolerances of the run of reference, the tightest first, with the seconds that it may take: where rounding or cost keep it
-/// from the end, the next one is tried. Methods of second order have none of the tighter ones.
+/// Relative tolerances of the reference run, the tightest first, each with a time limit in seconds: if rounding or
+/// cost keeps a run from the end, the next tolerance is tried. Methods of second order cannot use the tightest
+/// tolerances.
 const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
 const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
-/// Where steps have one size: the step as a part of the finest that is measured, and the seconds.
+/// Reference run with fixed steps: ratio of the finest measured step to its step, and time limit in seconds.
 const FINER: (f64, u64) = (16.0, 120);
-/// A run that is further than this from the values from outside at the end, relative to their sizes, has no three digits of
-/// them: it is another solution, and no reference between them.
+/// Relative distance from the outside values at the end beyond which a run agrees in fewer than three digits: it has
+/// found another solution, and is rejected as a reference.
 const REFUTED: f64 = 1e-3;
-/// Outputs that describe the discretisation and not the solution.
+/// Names of outputs that describe the discretisation and not the solution; they are not compared.
 const OF_DISCRETISATION: [&str; 3] = ["contacts", "penetration", "normal_impulse"];
-/// A column this much smaller than the largest is what rounding leaves of zero; where steps have one size, what the tolerance of
-/// the contact problems leaves of it.
+/// Size, relative to the largest column, below which a column counts as zero up to rounding (`ZERO`) or, with fixed
+/// steps, up to the tolerance of the contact solver (`ZERO_AT_STEPS`).
 const ZERO: f64 = 1e-12;
 const ZERO_AT_STEPS: f64 = 1e-8;
 
-/// Values to compare with. The values themselves are needed while a chapter is made, and are not kept with it.
+/// Reference values that runs are compared with. They are needed while a chapter is made, and are not stored with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Reference {
-    /// The times of comparison; the last is the end.
+    /// Comparison times; the last is the end.
     #[serde(skip)]
     pub times: Vec<f64>,
-    /// The names of the outputs, those of the states first.
+    /// Names of the outputs, states first.
     #[serde(skip)]
     pub names: Vec<String>,
-    /// How many of them are states.
+    /// Number of outputs that are states.
     pub states: usize,
-    /// The values of each output at the times.
+    /// Values of each output at the comparison times.
     #[serde(skip)]
     pub columns: Vec<Vec<f64>>,
-    /// The outputs with values from outside at the end, as places in `names`, with these values.
+    /// Outputs with values known from outside this program at the end: index in `names`, and value.
     #[serde(skip)]
     pub outside: Vec<(usize, f64)>,
-    /// The times of switches.
+    /// Switching times of the reference.
     pub switches: Vec<f64>,
-    /// Whether these are from outside.
+    /// Whether the switching times are from outside this program.
     pub switches_outside: bool,
-    /// How the run of reference was asked for, in words; absent where none reached the end, or the outside refutes all.
+    /// Accuracy setting of the reference run, in words; absent if no run reached the end, or if the outside values
+    /// refute all runs.
     pub run: Option<String>,
-    /// The distance of the run of reference from the outside values at the end, in the norm of the errors; without such a run
-    /// that of the best run.
+    /// Distance of the reference run from the outside values at the end, in the norm of the errors; if all runs are
+    /// refuted, the smallest of their distances.
     pub agreement: Option<f64>,
     /// The largest error over time of the states of a run with steps twice as long, where the run of reference has steps
     /// of one size: what the reference may be off by.
     pub coarser: Option<f64>,
-    /// The span of time from start to end.
+    /// Length of the time horizon.
     pub horizon: f64,
-    /// The number of times of comparison.
+    /// Number of comparison times.
     pub compared: usize,
-    /// The part of the largest column up to which a column is zero.
+    /// Size, relative to the largest column, up to which a column counts as zero.
     #[serde(skip)]
     pub zero: f64,
 }
 
 impl Reference {
-    /// The reference of a specification, with steps of the size `finest` as the smallest that are measured. `None` where
-    /// no run reaches the end and nothing is known from outside.
+    /// Computes the reference of a specification, where `finest` is the smallest step size that is measured. Returns
+    /// `None` if no run reaches the end and no value is known from outside this program.
     pub fn new(specification: &Specification, known: &Known, finest: f64) -> Option<Self> {
         let time = specification.time();
         let horizon = time.end - time.start;
@@ -149,18 +152,19 @@ impl Reference {
         self.errors(&columns, None).of_states()
     }
 
-    /// The outputs that are no states.
+    /// Returns the indices of the outputs that are neither states nor properties of the discretisation.
     fn of_solution(&self) -> Vec<usize> {
         let told = |k: &usize| !OF_DISCRETISATION.contains(&self.names[*k].as_str());
         (self.states..self.names.len()).filter(told).collect()
     }
 
-    /// The errors of values at the times of comparison, in the order of the names; `None` for an output that is not there.
+    /// Returns the errors of values at the comparison times, in the order of the names of the outputs; `None` stands
+    /// for a missing output.
     pub fn errors(&self, columns: &[Option<&[f64]>], switches: Option<&[f64]>) -> Errors {
         let distance = |k: usize, at: usize| {
             let value = columns.get(k).copied().flatten()?.get(at)?;
             let exact = self.columns[k].get(at).filter(|exact| exact.is_finite())?;
-            // What is no number is no small error.
+            // A value that is not finite counts as an infinite error.
             Some(if value.is_finite() { relative(&self.columns, k, value - exact, self.zero) } else { f64::INFINITY })
         };
         let over_time = |fields: Vec<usize>| {
@@ -189,7 +193,7 @@ impl Reference {
     }
 }
 
-/// A distance as a part of the largest value of its column, or of the largest of all where the column is zero.
+/// Returns a distance relative to the largest value of its column, or of all columns if its column is zero.
 fn relative(columns: &[Vec<f64>], k: usize, distance: f64, zero: f64) -> f64 {
     let size_of =
         |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
@@ -199,7 +203,7 @@ fn relative(columns: &[Vec<f64>], k: usize, distance: f64, zero: f64) -> f64 {
     distance.abs() / if size > 0.0 { size } else { 1.0 }
 }
 
-/// The times of all switches of an answer, from the start on, each once.
+/// Returns the times of all switches of a solution in increasing order, each once.
 pub fn switch_times(solution: &Solution) -> Vec<f64> {
     let mut times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     times.sort_by(f64::total_cmp);
@@ -207,7 +211,7 @@ pub fn switch_times(solution: &Solution) -> Vec<f64> {
     times
 }
 
-/// Which times are far enough from the switches around them; the last, the end, is kept.
+/// Returns which times are far enough from the neighbouring switches; the last, the end, is always kept.
 fn kept(times: &[f64], switches: &[f64], start: f64) -> Vec<bool> {
     let Some(&end) = times.last() else { return Vec::new() };
     let near = |t: f64| {
@@ -220,12 +224,13 @@ fn kept(times: &[f64], switches: &[f64], start: f64) -> Vec<bool> {
     times.iter().map(|&t| t == end || !near(t)).collect()
 }
 
-/// The values of all outputs of a run.
+/// Returns the values of all outputs of a run.
 fn columns_of(solution: &Solution) -> Vec<Vec<f64>> {
     solution.trajectory.fields.iter().map(|field| field.values.clone()).collect()
 }
 
-/// The runs that may be the reference and reach the end, the most accurate first, and what they are.
+/// Solves the candidates for the reference run, the most accurate first, and returns those that reach the end, with
+/// their settings in words.
 fn runs(
     specification: &Specification,
     times: &[f64],
@@ -255,9 +260,10 @@ fn run_to(specification: &Specification, rung: Rung, times: &[f64], outputs: usi
     (solution.status == Status::Completed).then_some(solution)
 }
 
-/// Values from outside.
+/// Output values known from outside this program.
 struct OutsideValues {
-    /// For each output that has any: its place, and its value at a time where it is known there.
+    /// For each output with known values: its index, and whether the values are known at all times and not only at
+    /// the end.
     fields: Vec<(usize, bool)>,
     exact: Option<Exact>,
     from: f64,
@@ -289,7 +295,8 @@ impl OutsideValues {
         row
     }
 
-    /// The distance of the columns of a run from them at the end; `None` if there are none.
+    /// Returns the largest distance of the columns of a run from the known values at the end; `None` if no values are
+    /// known.
     fn distance(&self, end: f64, columns: &[Vec<f64>], zero: f64) -> Option<f64> {
         let last = |k: usize| columns.get(k).and_then(|column| column.last().copied()).unwrap_or(f64::NAN);
         self.at_end(end).map(|(k, exact)| relative(columns, k, last(k) - exact, zero)).reduce(f64::max)
@@ -299,7 +306,7 @@ impl OutsideValues {
         self.fields.iter().map(|field| field.0).zip(self.at(end))
     }
 
-    /// Replaces computed values wherever outside ones hold.
+    /// Overwrites computed values with known values wherever there are any.
     fn write(&self, times: &[f64], columns: &mut [Vec<f64>]) {
         let last = times.len().saturating_sub(1);
         for (at, &t) in times.iter().enumerate() {

@@ -13,12 +13,12 @@ use std::time::{Duration, Instant};
 /// Time limit of one case in a report.
 const LONGEST: Duration = Duration::from_secs(20);
 
-/// All measurements.
+/// All measurements of stability in a report.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Stability {
     /// The outcomes of the cases in the table.
     pub outcomes: Vec<Outcome>,
-    /// The stability function along rays.
+    /// The measured stability functions along rays.
     pub rays: Vec<Ray>,
     /// The contraction of pairs of solutions.
     pub contractions: Vec<Contraction>,
@@ -47,21 +47,21 @@ impl Stability {
         Self { outcomes, rays, contractions, balances: balances() }
     }
 
-    /// Of the cases that reached the end and whose findings are as expected (`right`), or not: the number of answers that are
-    /// trusted, and of all.
+    /// Returns the number of trusted answers and the number of all answers, of those cases that reached the end and
+    /// whose outcomes are as expected (`right`), or are not.
     pub fn trusted(&self, right: bool) -> (usize, usize) {
         let of = self.outcomes.iter().filter(|outcome| outcome.passed() == right).filter_map(|outcome| outcome.trusted);
         of.fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
     }
 
-    /// The table of cases as CSV, with a header.
+    /// Returns the table of stability cases as CSV, with a header.
     pub fn csv(&self) -> String {
         let mut text = String::from("part,case,expected,found,passed,trusted,seconds\n");
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         for outcome in &self.outcomes {
             for finding in &outcome.findings {
                 let cells = [&outcome.part, &outcome.name, &finding.expected, &finding.found].map(|cell| quoted(cell));
-                // Writing to a string does not fail.
+                // Writing to a string cannot fail.
                 let trusted = outcome.trusted.map_or_else(String::new, |trusted| trusted.to_string());
                 let _ = writeln!(text, "{},{},{trusted},{}", cells.join(","), finding.passed, outcome.seconds);
             }

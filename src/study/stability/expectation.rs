@@ -11,77 +11,77 @@ use specification::{Specification, SpecificationError};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Expectation {
-    /// Known values of outputs.
+    /// Known values of outputs, to a number of digits.
     Answer(ExpectedValues),
-    /// Outputs bounded at all times.
+    /// Outputs that stay bounded at all times.
     Bounded {
-        /// The names of the outputs.
+        /// The names of the bounded outputs.
         of: Vec<String>,
-        /// The bound on their absolute value.
+        /// The bound on the absolute value of the outputs.
         by: f64,
     },
     /// Largest growth of the total energy, relative to the largest kinetic or potential energy.
     Energy(f64),
-    /// Switches and impacts.
+    /// The number and the times of switches and impacts.
     Event(Events),
-    /// Most accepted steps.
+    /// Largest number of accepted steps.
     Steps(u64),
-    /// The code of a warning.
+    /// Code of a warning that the solution must carry.
     Warning(String),
-    /// A failure or refusal with a code.
+    /// Code and time of an expected failure or refusal.
     Refusal(ExpectedError),
 }
 
-/// Known values of outputs.
+/// Known values of outputs, to a number of digits.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedValues {
     /// Expressions in `t` and the parameters of the problem, by the name of the output.
     pub of: Map<String, Value>,
-    /// Least `-log10` of the largest error, relative to the largest value.
+    /// Smallest admissible `-log10` of the largest error, relative to the largest value.
     pub digits: f64,
-    /// Whether to compare at all output times or at the last.
+    /// Whether to compare at all output times or at the last one only.
     #[serde(default)]
     pub at: At,
 }
 
-/// The times of a comparison.
+/// The times at which outputs are compared with known values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum At {
-    /// At all output times.
+    /// Comparison at all output times.
     #[default]
     Outputs,
-    /// At the last output time.
+    /// Comparison at the last output time.
     End,
 }
 
-/// Expected events; simultaneous ones count once.
+/// Expected events of a run; simultaneous events count once.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Events {
-    /// Restriction to one kind.
+    /// Kind of the events; `None` for all kinds.
     pub kind: Option<EventKind>,
-    /// The number of events.
+    /// Expected number of events.
     pub count: Option<usize>,
-    /// The time of the first event.
+    /// Expected time of the first event.
     pub first: Option<f64>,
-    /// The time of the last event.
+    /// Expected time of the last event.
     pub last: Option<f64>,
-    /// Tolerance of the times.
+    /// Admissible deviation of the event times.
     #[serde(default)]
     pub within: f64,
 }
 
-/// An expected failure.
+/// An expected failure of a run, or refusal of a specification.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedError {
     /// The code of the failure, in the specification or the run.
     pub code: String,
-    /// The time at which the run ends.
+    /// The time at which the failed run ends.
     pub time: Option<f64>,
-    /// Tolerance of this time.
+    /// Admissible deviation of the time at which the run ends.
     #[serde(default)]
     pub within: f64,
 }
@@ -172,7 +172,8 @@ impl ExpectedValues {
         verdict(digits >= self.digits, format!("{digits:.1} digits"))
     }
 
-    /// The known values at the output times; the expressions are compiled like those of a study of the problem.
+    /// Evaluates the known values at the output times; the expressions are compiled like those of a study of the
+    /// problem.
     fn exact(&self, case: &Case, times: &[f64]) -> Result<Vec<Vec<f64>>, String> {
         let mut document = case.specification.clone();
         let start = document["time"]["start"].as_f64().unwrap_or(0.0);

@@ -15,7 +15,7 @@ use specification::Specification;
 use std::fmt::Write as _;
 use std::time::Instant;
 
-/// The parts of the table, by name.
+/// Parts of the table of stability cases: name, and cases as JSON.
 const PARTS: [(&str, &str); 7] = [
     ("stiff", include_str!("cases/stiff.json")),
     ("scales", include_str!("cases/scales.json")),
@@ -26,49 +26,50 @@ const PARTS: [(&str, &str); 7] = [
     ("refusals", include_str!("cases/refusals.json")),
 ];
 
-/// A case as written: a single one, or one for each of the values in `with`.
+/// A case as written in JSON: a single case, or one for each of the values in `with`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
     name: String,
     title: String,
     specification: Value,
-    /// Values by JSON pointer of the specification. The lists are traversed in parallel, one case per position.
+    /// Values by JSON pointer of the specification. The lists are traversed in parallel, one case per position in the
+    /// lists.
     #[serde(default)]
     with: Map<String, Value>,
     expect: Vec<Expectation>,
 }
 
-/// One case of the table.
+/// A stability case of the table.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// The part of the table that it belongs to.
+    /// Name of the part of the table that the case belongs to.
     pub part: &'static str,
-    /// A name, unique in the table.
+    /// Name of the case, unique in the table.
     pub name: String,
-    /// A description of what is extreme about it.
+    /// Description of what is extreme about the case.
     pub title: String,
-    /// The specification, as a user would write it.
+    /// The specification of the case, as a user would write it.
     pub specification: Value,
-    /// The expected outcome.
+    /// The expected properties of the outcome.
     pub expect: Vec<Expectation>,
 }
 
-/// The outcome of a case.
+/// The outcome of a stability case.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Outcome {
-    /// The part of the table.
+    /// Name of the part of the table that the case belongs to.
     pub part: String,
     /// The name of the case.
     pub name: String,
     /// A description of what is extreme about the case.
     pub title: String,
-    /// One finding per expectation.
+    /// One finding per expectation of the case.
     pub findings: Vec<Finding>,
-    /// Whether its answer is trusted; absent if the run did not reach the end.
+    /// Whether the answer of the case is trusted; absent if the run did not reach the end.
     #[serde(default)]
     pub trusted: Option<bool>,
-    /// Run time in seconds.
+    /// Run time of the case in seconds.
     pub seconds: f64,
 }
 
@@ -79,15 +80,15 @@ impl Outcome {
     }
 }
 
-/// The names of the parts.
+/// Returns the names of the parts of the table of stability cases.
 pub fn parts() -> impl Iterator<Item = &'static str> {
     PARTS.iter().map(|(name, _)| *name)
 }
 
-/// All cases, in order.
+/// Returns all stability cases, in the order of the table.
 ///
 /// # Panics
-/// An invalid table, which every use would reveal.
+/// If the table is invalid, which every use would reveal.
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for (part, text) in PARTS {
@@ -104,7 +105,7 @@ pub fn cases() -> Vec<Case> {
                 let (mut specification, mut name) = (case.specification.clone(), case.name.clone());
                 for (pointer, values) in &columns {
                     set(&mut specification, pointer, values[row].clone());
-                    // Writing to a string does not fail.
+                    // Writing to a string cannot fail.
                     let _ = write!(name, " {}={}", pointer.rsplit('/').next().unwrap_or_default(), short(&values[row]));
                 }
                 let (title, expect) = (case.title.clone(), case.expect.clone());
@@ -115,7 +116,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// Solves a case, as long as `control` permits, and compares the outcome with the expectations.
+/// Solves a case, as long as `control` permits, and compares the outcome with the expectations of the case.
 pub fn run(case: &Case, control: &Control) -> Outcome {
     let start = Instant::now();
     let specification = Specification::from_json(case.specification.to_string().as_bytes());
@@ -134,14 +135,14 @@ pub fn run(case: &Case, control: &Control) -> Outcome {
     }
 }
 
-/// A finding if the answer contains values that are not finite.
+/// Returns a finding if the answer contains values that are not finite.
 fn not_finite(solution: &Solution) -> Option<Finding> {
     let field = solution.trajectory.fields.iter().find(|field| field.values.iter().any(|value| !value.is_finite()))?;
     let found = format!("`{}` is not finite", field.name);
     Some(Finding { expected: "finite values".to_owned(), found, passed: false })
 }
 
-/// Sets the value at a JSON pointer, creating missing objects.
+/// Sets the value at a JSON pointer of a document, creating missing objects.
 fn set(document: &mut Value, pointer: &str, value: Value) {
     let mut place = document;
     for key in pointer.split('/').skip(1) {
@@ -153,7 +154,7 @@ fn set(document: &mut Value, pointer: &str, value: Value) {
     *place = value;
 }
 
-/// A value as part of a case name; for an object, its members.
+/// Formats a value as part of a case name; an object is formatted by its members.
 fn short(value: &Value) -> String {
     match value {
         Value::Object(members) => {
@@ -166,7 +167,7 @@ fn short(value: &Value) -> String {
     }
 }
 
-/// A number in the shorter of its two notations.
+/// Formats a number in plain or exponential notation, whichever is shorter.
 fn plain(x: f64) -> String {
     let (plain, power) = (x.to_string(), format!("{x:e}"));
     if plain.len() <= power.len() + 2 { plain } else { power }

@@ -1,6 +1,7 @@
-//! The instructions that numerical libraries choose among when the program starts: the last digits of an answer may differ with them.
+//! Processor features that numerical libraries choose among when the program starts: the last digits of an answer may
+//! depend on them.
 
-/// The architecture, and what of it is made use of here.
+/// Returns the processor architecture, with the features of it that the program uses.
 pub fn features() -> String {
     let mut features = std::env::consts::ARCH.to_owned();
     #[cfg(target_arch = "x86_64")]

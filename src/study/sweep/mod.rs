@@ -1,9 +1,9 @@
-//! A sweep: every member solved, each a row of one table.
+//! Runs of a parameter sweep: every member is solved and gives one row of a table.
 //!
-//! The problem is compiled once, and the parameters of a member are bound by number. Where its values change the structure (a
-//! coefficient that vanishes, an exponent), it is compiled anew. Which of both happens depends on the values of the member
-//! alone, as does all else that is in its row, so that rows are the same in whatever order and by however many threads they are
-//! made.
+//! The problem is compiled once, and the parameters of a member are bound by number. If the values of a member change
+//! the structure (a coefficient that vanishes, an exponent), the problem is compiled anew for that member. Which of
+//! the two happens depends on the values of the member alone, as does all else in its row, so that rows are the same
+//! for any order of the members and any number of threads.
 
 mod features;
 mod rows;
@@ -22,17 +22,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Instant;
 
-/// The most members of which one thread makes the rows before it looks for others.
+/// Largest number of members in a chunk, which one thread solves before it takes the next chunk.
 const CHUNK: usize = 256;
-/// Chunks that each thread has at least, where there are so many members, so that none waits long for the last.
+/// Smallest number of chunks per thread, if there are enough members, so that no thread waits long for the last
+/// chunk.
 const CHUNKS: usize = 16;
-/// Room for the deepest expression that a specification may hold.
+/// Stack size of a thread in bytes: room for the deepest expression that a specification may hold.
 const STACK_BYTES: usize = 8 << 20;
 
-/// The rows of some members of a sweep.
+/// Solves some members of a sweep and returns their rows.
 ///
-/// `threads` share the work; it stops when `control` says so, or when the time of its chunk is over, and keeps the rows that are
-/// done.
+/// The work is shared by `threads` threads. It stops when `control` asks for it, or when the time limit of the
+/// sweep's chunk is over; rows that are done are kept.
 pub fn sweep(
     specification: &Specification,
     members: Range<usize>,
@@ -60,20 +61,20 @@ pub fn sweep(
         work.make();
     } else {
         thread::scope(|scope| {
-            // The last of them works here.
+            // The calling thread is one of the threads.
             for number in 1..threads.get().min(chunks) {
                 let make = || work.make();
                 let builder = thread::Builder::new().name(format!("dvi-sweep-{number}")).stack_size(STACK_BYTES);
-                // Where the system gives no thread, the others do its part.
+                // If the system cannot start a thread, the other threads do its part of the work.
                 let _ = builder.spawn_scoped(scope, make);
             }
             work.make();
         });
     }
     let Done { mut table, waiting, .. } = work.done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Behind a chunk that was not begun: the sweep was stopped.
+    // Rows after a chunk that was never begun, because the sweep was stopped.
     for part in waiting.into_values() {
-        // Parts of one template have the same columns.
+        // Tables made from one template have equal columns, so `append` cannot fail.
         let _ = table.append(part);
     }
     let incomplete = match control.poll() {
@@ -83,10 +84,10 @@ pub fn sweep(
     table.into_answer(count, incomplete)
 }
 
-/// The answer that parts of a sweep give together.
+/// Merges the tables of parts of a sweep into one answer.
 ///
 /// # Errors
-/// They are not parts of one sweep, or there are none.
+/// The tables are not parts of one sweep, or there are none.
 pub fn merge(parts: impl IntoIterator<Item = Table>) -> Result<Solution, Unmergeable> {
     let mut parts = parts.into_iter();
     let mut table = parts.next().ok_or_else(|| Unmergeable("there are no parts".to_owned()))?;
@@ -96,10 +97,10 @@ pub fn merge(parts: impl IntoIterator<Item = Table>) -> Result<Solution, Unmerge
     Ok(table.into_answer(members, Incomplete::MEMBERS_MISSING))
 }
 
-/// What threads share.
+/// The data that the threads of a sweep share.
 struct Work<'w> {
     template: &'w Template<'w>,
-    /// When no further member is begun.
+    /// The time after which no further member is begun.
     until: Option<Instant>,
     control: &'w Control,
     members: Range<usize>,
@@ -110,12 +111,12 @@ struct Work<'w> {
     done: Mutex<Done>,
 }
 
-/// Rows that are done.
+/// The rows of finished members of a sweep.
 struct Done {
-    /// Those of all chunks before the next one.
+    /// Rows of all chunks before the chunk `next`.
     table: Table,
     next: usize,
-    /// Those of chunks that were done before their turn.
+    /// Rows of chunks that were finished out of order, by chunk number.
     waiting: BTreeMap<usize, Table>,
 }
 
@@ -123,7 +124,7 @@ impl Done {
     fn take(&mut self, number: usize, rows: Table) {
         self.waiting.insert(number, rows);
         while let Some(rows) = self.waiting.remove(&self.next) {
-            // Parts of one template have the same columns.
+            // Tables made from one template have equal columns, so `append` cannot fail.
             let _ = self.table.append(rows);
             self.next += 1;
         }
@@ -131,7 +132,7 @@ impl Done {
 }
 
 impl Work<'_> {
-    /// Makes the rows of one chunk after the other until there are no more, or the control says so.
+    /// Solves one chunk after the other until none is left, the time is over, or the control asks to stop.
     fn make(&self) {
         let beside = self.control.beside();
         loop {

@@ -1,4 +1,4 @@
-//! The rows of members, one after the other on one thread.
+//! Rows of the table of a sweep: members are solved one after the other on one thread.
 
 use super::features;
 use crate::solve::requested_end;
@@ -12,39 +12,39 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Problems that are compiled beforehand at most, for members whose structure is another.
+/// Largest number of additional problem structures that are compiled in advance, for members whose structure differs.
 const STRUCTURES: usize = 4;
-/// Members that are looked at for this.
+/// Number of members that are examined for differing structures.
 const PROBES: usize = 32;
-/// The characters of an error in a row.
+/// Largest number of characters of an error message in a row.
 const ERROR: usize = 160;
 
-/// What all members have in common.
+/// Data that all members of a sweep share: compiled problems, reducers and columns of the table.
 #[derive(Debug)]
 pub struct Template<'s> {
     specification: &'s Specification,
     plan: &'s SweepPlan,
     reducers: Arc<Reducers>,
-    /// The problem as it is written, then those with another structure that members were found to have.
+    /// The problem as specified, then variants with the other structures found among the members.
     structures: Vec<Specification>,
-    /// Why the members have no solution, where that is known beforehand.
+    /// Code and message of the reason why no member can be solved, if that is known in advance.
     lost: Option<(String, String)>,
     empty: Table,
 }
 
-/// Rows of some members in the making.
+/// Rows of some members under construction.
 struct Rows {
     table: Table,
 }
 
-/// Why a member has no solution at all.
+/// Code and message of the reason why a member cannot be solved.
 struct Refused {
     code: Cow<'static, str>,
     message: String,
 }
 
 impl<'s> Template<'s> {
-    /// Compiles what members need.
+    /// Compiles the problem, and variants of it for members with another structure.
     pub fn new(specification: &'s Specification, control: &Control) -> Self {
         let plan = specification.sweep().expect("a sweep is asked for");
         let reducers = Arc::new(plan.reducers.clone());
@@ -57,12 +57,13 @@ impl<'s> Template<'s> {
         template
     }
 
-    /// A table with all columns and no row.
+    /// Returns the table of the sweep with all columns and no rows.
     pub fn empty(&self) -> Table {
         self.empty.clone()
     }
 
-    /// Compiles the structures of some members, the same ones whoever asks.
+    /// Compiles the structures found in a fixed sample of members, so that every part of a sweep has the same
+    /// structures.
     fn find_structures(&mut self, control: &Control) {
         if self.specification.model().parameters().is_none() {
             return;
@@ -85,7 +86,7 @@ impl<'s> Template<'s> {
         }
     }
 
-    /// Binds values to the first of the compiled problems that takes them.
+    /// Binds values to the first of the compiled problems that accepts them.
     fn bind(&self, values: &[f64]) -> Result<Specification, Unbound> {
         let mut refused = Unbound::Structure;
         for structure in &self.structures {
@@ -121,8 +122,8 @@ impl<'s> Template<'s> {
         }))
     }
 
-    /// The rows of these members, one after the other; a member that was stopped on the way has none. `goes_on` is given the
-    /// steps of each, and says whether to begin the next.
+    /// Returns the rows of `members`, which are solved one after the other; a member that `control` stopped has no
+    /// row. `goes_on` receives the number of steps of each member, and returns whether to begin the next member.
     pub fn rows(&self, members: Range<usize>, control: &Control, mut goes_on: impl FnMut(u64) -> bool) -> Table {
         let mut rows = Rows { table: self.empty() };
         let mut values = vec![0.0; self.plan.targets.len()];
@@ -147,24 +148,25 @@ impl<'s> Template<'s> {
         rows.table
     }
 
-    /// What to run: no trajectory but its end, where derivatives are taken.
+    /// Returns the plan of a member's run: unless trajectories are kept, output is at the end alone, where
+    /// derivatives are read.
     fn plan_of(&self, member: &Specification) -> Plan {
         let mut plan = member.plan();
         if self.plan.kept.is_none() {
             plan.times = Some(vec![plan.end]);
             plan.fields = Vec::new();
         }
-        // The program has the parameters of the member bound.
+        // The reducers of the member have its parameters bound.
         plan.reducers = member.sweep().map(|sweep| Arc::new(sweep.reducers.clone()));
         plan
     }
 }
 
-/// Why values are not bound.
+/// Reason why values cannot be bound to a compiled problem.
 enum Unbound {
-    /// The structure is another.
+    /// The values change the structure of the problem.
     Structure,
-    /// The values are wrong.
+    /// The values are invalid.
     Refused(Vec<SpecificationError>),
 }
 
@@ -237,14 +239,14 @@ impl Rows {
                 "switches" => values.push_number(Some(switches as f64)),
                 "residual" => values.push_number(residual),
                 "warnings" => values.push_word(warnings.as_deref()),
-                // Those of trajectories have theirs.
+                // Columns of trajectories are filled already.
                 _ => {}
             }
         }
     }
 }
 
-/// The codes of what the user should know of a run, joined by commas.
+/// Returns the codes of the verdict's reasons, the warnings and the caveats of a run, each once, joined by commas.
 fn warnings(solution: &Solution) -> String {
     let mut codes: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
     codes.extend(solution.diagnostics.warnings.iter().map(|warning| warning.code));
@@ -258,7 +260,7 @@ fn warnings(solution: &Solution) -> String {
     told.join(",")
 }
 
-/// A table with all columns and no row.
+/// Returns the table of a sweep with all columns and no rows.
 fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -> Table {
     let words = || Values::Words(Words::default());
     let mut columns = vec![("member", Values::Counts(Counts::default()))];
@@ -276,7 +278,7 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
             columns.extend([("period", Values::Numbers(Vec::new())), ("stable", words())]);
         }
         Some(Search::SteadyState) => columns.push(("stable", words())),
-        // A fit does not go with a sweep.
+        // A sweep cannot be combined with a fit or a branch.
         Some(Search::Fit(_) | Search::Branch(_)) | None => {}
     }
     columns.extend([

@@ -1,6 +1,6 @@
-//! Guesses the active set from the problem on coarser grids (Kornhuber 1994, *Monotone multigrid methods for elliptic
-//! variational inequalities*, uses them for the whole solution): each grid is solved from the active set of the next
-//! coarser one, which is wrong by about one node along its boundary.
+//! Guesses of the active set from the problem on coarser grids (Kornhuber 1994, *Monotone multigrid methods for
+//! elliptic variational inequalities*, uses these grids for the whole solution): each grid is solved from the active
+//! set of the next coarser grid, which is wrong by about one node along its boundary.
 
 use super::cyclic_reduction::CyclicReduction;
 use super::grid::{Coarser, Interpolation};
@@ -15,7 +15,7 @@ const SMALL: usize = 32;
 /// Gauss-Seidel sweeps after interpolation, which remove errors over a few nodes.
 const SWEEPS: usize = 4;
 
-/// A coarser problem, with its transfer from the next finer one.
+/// The problem on a coarser grid, with its transfer from the next finer one.
 pub(super) struct Coarse {
     transfer: Transfer,
     level: Level,
@@ -53,7 +53,7 @@ impl Coarse {
         self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0, control);
     }
 
-    /// Guesses the active set of the next finer problem; overwrites `z` if that is interpolated.
+    /// Guesses the active set of the next finer problem; overwrites `z` if the transfer is an interpolation.
     fn guess(&self, fine: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
         match (&self.transfer, &fine.operator) {
             (Transfer::Elimination(transfer), Operator::Tridiagonal(matrix)) => {
@@ -99,7 +99,7 @@ pub(super) fn by_interpolation(grids: &[Coarser], control: &Control) -> Result<V
     Ok(coarser)
 }
 
-/// Guesses the active set of the finest problem, from the coarsest up.
+/// Guesses the active set of the finest problem, solving from the coarsest grid up.
 pub(super) fn guess(
     coarser: &mut [Coarse],
     finest: &mut Level,

@@ -12,14 +12,14 @@ use super::tridiagonal::Tridiagonal;
 use super::{Face, resting_place};
 use problem::ConvexSet;
 
-/// The multipliers of rows `2k - 1` and `2k + 1` in their elimination from row `2k`.
+/// The factors of rows `2k - 1` (`left`) and `2k + 1` (`right`) in their elimination from row `2k`.
 pub(super) struct CyclicReduction {
     left: Vec<f64>,
     right: Vec<f64>,
 }
 
 impl CyclicReduction {
-    /// Returns the reduction and the reduced system.
+    /// Returns the reduction of a tridiagonal matrix and the reduced matrix.
     pub fn new(fine: &Tridiagonal) -> (Self, Tridiagonal) {
         let n = fine.diagonal.len();
         let coarse = n.div_ceil(2);
@@ -51,7 +51,8 @@ impl CyclicReduction {
         }
     }
 
-    /// Sets even nodes to the activity of the coarse ones, and odd ones to that of their own row, given the neighbours.
+    /// Sets the activity of even nodes to that of the coarse nodes, and that of odd nodes by solving their own row
+    /// with given neighbours.
     pub fn guess(
         &self,
         matrix: &Tridiagonal,

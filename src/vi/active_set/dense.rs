@@ -12,14 +12,14 @@ use problem::Control;
 #[derive(Default)]
 pub struct DenseActiveSet {
     matrix: DMatrix<f64>,
-    /// `None` if the method does not suit the matrix.
+    /// The active set solver of the matrix; `None` if the method does not suit the matrix.
     solver: Option<ActiveSet>,
     w: Vec<f64>,
     terms: Vec<f64>,
 }
 
 impl DenseActiveSet {
-    /// A solver for any problem.
+    /// Creates a solver for problems of any size.
     pub fn new() -> Self {
         Self::default()
     }

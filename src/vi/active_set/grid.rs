@@ -12,11 +12,11 @@ use std::sync::Arc;
 /// Grids with at most this number of nodes are not coarsened further.
 const SMALL: usize = 32;
 
-/// Interpolation between two grids.
+/// Multilinear interpolation `P` from a coarse grid to a fine grid.
 pub(super) struct Interpolation {
-    /// `P^T`: a column for each fine node, with the coarse nodes around it as rows.
+    /// The transpose `P^T`: a column for each fine node, with the coarse nodes around it as rows.
     parents: SparseMatrix,
-    /// The fine node at each coarse one.
+    /// The fine node at the place of each coarse node.
     pub nodes: Vec<usize>,
 }
 
@@ -25,11 +25,11 @@ pub(super) struct Coarser {
     /// The interpolation to the finer grid, shared by the solvers on both grids.
     pub transfer: Arc<Interpolation>,
     pub matrix: SparseMatrix,
-    /// The number of nodes in each direction.
+    /// The number of nodes in each direction of the coarser grid.
     pub shape: Vec<usize>,
 }
 
-/// Builds the successively coarser grids below one of this shape.
+/// Builds the successively coarser grids below a grid of the given shape.
 pub(super) fn hierarchy(matrix: &SparseMatrix, shape: &[usize], control: &Control) -> Result<Vec<Coarser>, Unsuitable> {
     let mut coarser: Vec<Coarser> = Vec::new();
     loop {
@@ -44,7 +44,8 @@ pub(super) fn hierarchy(matrix: &SparseMatrix, shape: &[usize], control: &Contro
 }
 
 impl Interpolation {
-    /// The interpolation to a grid of this shape, the last index fastest, and the shape of the coarse grid.
+    /// Builds the interpolation to a grid of the given shape, the last index fastest; also returns the shape of the
+    /// coarse grid.
     pub fn new(shape: &[usize]) -> (Self, Vec<usize>) {
         let coarse_shape: Vec<usize> = shape.iter().map(|&nodes| nodes / 2 + 1).collect();
         let (fine, coarse) = (shape.iter().product(), coarse_shape.iter().product());
@@ -81,7 +82,7 @@ impl Interpolation {
         (Self { parents, nodes }, coarse_shape)
     }
 
-    /// Computes `P^T A P`; an error if memory does not suffice.
+    /// Computes the Galerkin matrix `P^T A P`; returns an error if memory does not suffice.
     fn galerkin(&self, matrix: &SparseMatrix, control: &Control) -> Result<SparseMatrix, Unsuitable> {
         control.go_on()?;
         let interpolation = self.parents.transpose().to_col_major().map_err(|_| Unsuitable::Memory)?;
@@ -91,7 +92,7 @@ impl Interpolation {
         sparse_sparse_matmul(self.parents.as_ref(), image.as_ref(), 1.0, Par::Seq).map_err(|_| Unsuitable::Memory)
     }
 
-    /// `coarse = P^T fine`
+    /// Restricts a vector to the coarse grid, `coarse = P^T fine`.
     pub fn restrict(&self, fine: &[f64], coarse: &mut [f64]) {
         coarse.fill(0.0);
         for (node, &value) in fine.iter().enumerate() {
@@ -102,7 +103,7 @@ impl Interpolation {
         }
     }
 
-    /// `fine = P coarse`
+    /// Interpolates a vector to the fine grid, `fine = P coarse`.
     pub fn interpolate(&self, coarse: &[f64], fine: &mut [f64]) {
         for (node, value) in fine.iter_mut().enumerate() {
             let parents = self.parents.symbolic().row_idx_of_col_raw(node);

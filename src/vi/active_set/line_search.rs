@@ -1,13 +1,14 @@
-//! A globally convergent fallback that cannot cycle: the step of the active set if it lowers
+//! A globally convergent fallback of the active set method that cannot cycle: it takes the step of the active set if
+//! that lowers
 //!
 //! ```text
 //! Psi(z) = 1/2 |psi(z_i, w_i / A_ii)|^2,    w = A z + q
 //! ```
 //!
-//! enough, else a damped Newton step on the Fischer-Burmeister equation `psi = 0`, else a step of steepest descent (De
-//! Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of nonlinear complementarity
-//! problems*). With rows divided by the derivatives by `w`, the Newton matrix is `A` plus a nonnegative diagonal: it
-//! keeps the pattern and the symmetry of `A`.
+//! enough, else a damped Newton step on the Fischer-Burmeister equation `psi = 0`, else a step of steepest descent
+//! (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of nonlinear complementarity
+//! problems*). With rows divided by the derivatives of `psi` by `w`, the Newton matrix is `A` plus a nonnegative
+//! diagonal: it keeps the pattern and the symmetry of `A`.
 
 use super::super::fischer_burmeister::{Psi, psi};
 use super::{Face, Level};
@@ -19,7 +20,7 @@ const ITERATIONS: usize = 100;
 /// A step of the active set must lower `|psi|` to this fraction.
 const DECREASE: f64 = 0.9;
 
-/// A variable is on its bound if the derivative of `psi` by `w` is below this fraction of that by `z`.
+/// A variable counts as at its bound if the derivative of `psi` by `w` is below this fraction of that by `z`.
 const NEGLIGIBLE: f64 = 1e-12;
 
 /// Condition on a direction of descent: the slope of `Psi` along it is at most `-DESCENT |psi|^2`; along an exact
@@ -30,10 +31,10 @@ const DESCENT: f64 = 0.01;
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// Proximal term on the diagonal, as a fraction of it and of `|psi|`, which regularises a singular `A`.
+/// Proximal term on the diagonal, relative to the diagonal entry and to `|psi|`, which regularises a singular `A`.
 const PROXIMAL: f64 = 1e-3;
 
-/// Workspace for `n` variables.
+/// The line search with its workspace for `n` variables.
 pub(super) struct LineSearch {
     psi: Vec<Psi>,
     shift: Vec<f64>,
@@ -54,7 +55,7 @@ impl LineSearch {
         }
     }
 
-    /// Improves `z` until it solves the problem or no step lowers `Psi`; returns the number of steps.
+    /// Improves `z` until it solves the problem or no step lowers `Psi = 1/2 |psi|^2`; returns the number of steps.
     pub fn run(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> usize {
         for (i, z) in z.iter_mut().enumerate() {
             *z = set.project(i, if z.is_finite() { *z } else { 0.0 });
@@ -73,7 +74,8 @@ impl LineSearch {
         ITERATIONS
     }
 
-    /// Evaluates `psi` and its derivatives by `z` and `w / A_ii` at `z`, with `w` of `level`; returns `|psi|`.
+    /// Evaluates `psi` and its derivatives by `z` and `w / A_ii` at `z`, with `w` of `level`; returns the norm
+    /// `|psi|`.
     fn linearise(&mut self, level: &Level, set: &ConvexSet, z: &[f64]) -> f64 {
         let scale = level.operator.inverse_diagonal();
         let mut sum = 0.0;
@@ -84,7 +86,7 @@ impl LineSearch {
         sum.sqrt()
     }
 
-    /// Computes into `trial` the step of the active set to which `z` and `w` belong.
+    /// Computes into `trial` the solution on the active set to which `z` and `w` belong.
     fn active_set_step(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &[f64], control: &Control) -> bool {
         for (i, (trial, &z)) in self.trial.iter_mut().zip(z).enumerate() {
             *trial = z - level.operator.inverse_diagonal()[i] * level.w[i];
@@ -104,8 +106,8 @@ impl LineSearch {
         values.sum::<f64>().sqrt()
     }
 
-    /// Makes a step by Armijo's line search along Newton's direction, else along steepest descent. False if neither
-    /// lowers `Psi`.
+    /// Makes a step by Armijo's line search along Newton's direction, or along steepest descent. Returns false if
+    /// neither lowers `Psi = 1/2 |psi|^2`.
     fn descend(
         &mut self,
         level: &mut Level,
@@ -134,7 +136,7 @@ impl LineSearch {
         self.search(level, q, set, z, (norm, slope))
     }
 
-    /// Solves `(diag(by_z) + diag(by_w / A_ii) A) d = -psi`.
+    /// Solves `(diag(by_z) + diag(by_w / A_ii) A) d = -psi` for the Newton direction `d`.
     fn newton_direction(&mut self, level: &mut Level, norm: f64, control: &Control) -> bool {
         let proximal = PROXIMAL * norm.min(1.0);
         for (i, at) in self.psi.iter().enumerate() {

@@ -1,9 +1,10 @@
 //! Conjugate gradients on the rows of inactive variables, preconditioned by a multigrid cycle, for a symmetric matrix
-//! on a grid whose factors would not be sparse: they grow as `n log n` in two dimensions, as `n^(4/3)` in three.
+//! on a grid whose factors would not be sparse: their size grows as `n log n` in two dimensions, as `n^(4/3)` in
+//! three.
 //!
 //! The coarse matrices are those of the whole grid; on each, nodes whose fine node is active are left out (the
-//! truncated basis of Kornhuber 1994, by nodes). One forward Gauss-Seidel sweep on the way down and one backward on the
-//! way up give a symmetric cycle (Trottenberg, Oosterlee and Schueller 2001, section 7.8).
+//! truncated basis of Kornhuber 1994, by nodes). One forward Gauss-Seidel sweep on the way down and one backward
+//! sweep on the way up give a symmetric cycle (Trottenberg, Oosterlee and Schueller 2001, section 7.8).
 
 use super::Unsuitable;
 use super::grid::{Coarser, Interpolation};
@@ -15,19 +16,19 @@ use std::sync::Arc;
 /// Grids with at most this number of nodes are solved by factorisation.
 const SMALL: usize = 500;
 
-/// Tolerance on the residual, relative to the right-hand side of inactive rows (active rows have another size):
-/// rounding, as of a factorisation.
+/// Tolerance on the residual, relative to the right-hand side of inactive rows (active rows have another size): as
+/// accurate as a factorisation.
 const REACHED: f64 = 1e-14;
 
-/// Iteration limit, at which the current iterate is accepted; each iteration gains about a digit.
+/// Iteration limit, at which the current iterate is accepted; each iteration gains about one decimal digit.
 const MOST: usize = 60;
 
-/// Matrices from fine to coarse, and the workspace of the iteration.
+/// The grids with their matrices, from fine to coarse, and the workspace of the conjugate gradients.
 pub(super) struct Multigrid {
-    /// The finest first.
+    /// The grids, the finest first.
     levels: Vec<Grid>,
     coarsest: Cholesky,
-    /// The last solution, the start of the next.
+    /// The last solution, from which the next solve starts.
     last: Vec<f64>,
     residual: Vec<f64>,
     direction: Vec<f64>,
@@ -35,11 +36,11 @@ pub(super) struct Multigrid {
 }
 
 struct Grid {
-    /// `None` on the finest grid, whose matrix the caller has.
+    /// The matrix of the whole grid; `None` on the finest grid, whose matrix is owned by the caller.
     matrix: Option<SparseMatrix>,
     restricted: SparseMatrix,
     inside: Vec<bool>,
-    /// The transfer to the next coarser grid; `None` on the coarsest.
+    /// The transfer to the next coarser grid; `None` on the coarsest grid.
     transfer: Option<Arc<Interpolation>>,
     right: Vec<f64>,
     z: Vec<f64>,
@@ -65,7 +66,7 @@ impl Grid {
         rows.iter().copied().zip(self.restricted.val_of_col(j).iter().copied())
     }
 
-    /// Makes one Gauss-Seidel sweep; the columns of a symmetric matrix are its rows.
+    /// Makes one Gauss-Seidel sweep; the columns of the symmetric matrix serve as its rows.
     fn smooth(&mut self, forwards: bool) {
         let n = self.z.len();
         for k in 0..n {
@@ -83,7 +84,7 @@ impl Grid {
     }
 }
 
-/// `image = R z` for a symmetric matrix.
+/// Computes `image = R z` with the restricted matrix `R`, which is symmetric.
 fn apply(grid: &Grid, z: &[f64], image: &mut [f64]) {
     for (i, image) in image.iter_mut().enumerate() {
         *image = grid.column(i).map(|(j, value)| value * z[j]).sum();
@@ -91,7 +92,7 @@ fn apply(grid: &Grid, z: &[f64], image: &mut [f64]) {
 }
 
 impl Multigrid {
-    /// Prepares a symmetric matrix whose rows are the nodes of a grid, with the grids `below` it.
+    /// Prepares a symmetric matrix whose rows are the nodes of a grid; `below` are the coarser grids.
     pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         let n = matrix.nrows();
         let mut levels = vec![Grid::new(matrix, true)];
@@ -112,7 +113,8 @@ impl Multigrid {
         Ok(Self { levels, coarsest, last: zeros(), residual: zeros(), direction: zeros(), image: zeros() })
     }
 
-    /// Sets the rows of the system to those of `restricted` that are `inside`. False if the system is singular.
+    /// Sets the rows of the system to those of `restricted` that are `inside`. Returns false if the system is
+    /// singular.
     pub fn restrict(&mut self, restricted: &SparseMatrix, inside: impl Iterator<Item = bool>) -> bool {
         let [finest, ..] = &mut self.levels[..] else { return false };
         let (_, values) = finest.restricted.parts_mut();
@@ -131,8 +133,8 @@ impl Multigrid {
         self.levels.last().is_some_and(|coarsest| self.coarsest.factorise(&coarsest.restricted))
     }
 
-    /// Solves in place; rows that are not inside are those of the identity. False if the iteration breaks down, or if
-    /// `control` asks to stop.
+    /// Solves in place of `z`; rows that are not inside are those of the identity. Returns false if the iteration
+    /// breaks down, or if `control` asks to stop.
     pub fn solve(&mut self, z: &mut [f64], control: &Control) -> bool {
         let mut answer = std::mem::take(&mut self.last);
         for ((answer, &inside), &right) in answer.iter_mut().zip(&self.levels[0].inside).zip(z.iter()) {

@@ -18,7 +18,7 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    /// The operator of a tridiagonal M-matrix; `None` for another suitable matrix.
+    /// Builds the operator of a tridiagonal M-matrix; returns `None` for any other suitable matrix.
     pub fn tridiagonal(matrix: &SparseMatrix) -> Result<Option<Self>, Unsuitable> {
         let (rows, columns) = (matrix.nrows(), matrix.ncols());
         if rows != columns {
@@ -33,7 +33,8 @@ impl Operator {
         Ok(Tridiagonal::of_m_matrix(matrix).map(Self::Tridiagonal))
     }
 
-    /// The operator of any other matrix; `below` are the coarser grids, if it is on a grid.
+    /// Builds the operator of a sparse matrix that is not a tridiagonal M-matrix; `below` are the coarser grids, if
+    /// its rows are nodes of a grid.
     pub fn sparse(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         Ok(Self::Sparse(Sparse::new(matrix, below, control)?))
     }
@@ -42,7 +43,7 @@ impl Operator {
         self.inverse_diagonal().len()
     }
 
-    /// One over each diagonal entry.
+    /// Returns the inverse of each diagonal entry.
     pub fn inverse_diagonal(&self) -> &[f64] {
         match self {
             Self::Tridiagonal(matrix) => &matrix.inverse_diagonal,
@@ -50,7 +51,7 @@ impl Operator {
         }
     }
 
-    /// `w = A z + q` and `|A| |z| + |q|`.
+    /// Writes `w = A z + q` and `terms = |A| |z| + |q|`.
     pub fn apply(&self, q: &[f64], z: &[f64], w: &mut [f64], terms: &mut [f64]) {
         match self {
             Self::Tridiagonal(matrix) => matrix.apply(q, z, w, terms),
@@ -58,7 +59,7 @@ impl Operator {
         }
     }
 
-    /// `w = A z + q` and `|A| |z| + |q|` for active variables; unspecified for the others.
+    /// Writes `w = A z + q` and `terms = |A| |z| + |q|` for active variables; other entries are unspecified.
     pub fn inequality(&self, q: &[f64], z: &[f64], face: &[Face], w: &mut [f64], terms: &mut [f64]) {
         match self {
             Self::Tridiagonal(matrix) => matrix.apply_outside(q, z, face, w, terms),
@@ -66,7 +67,7 @@ impl Operator {
         }
     }
 
-    /// `out += A^T x`
+    /// Adds the transposed product, `out += A^T x`.
     pub fn add_transposed(&self, x: &[f64], out: &mut [f64]) {
         match self {
             Self::Tridiagonal(matrix) => matrix.add_transposed(x, out),
@@ -75,7 +76,7 @@ impl Operator {
     }
 
     /// Solves in place: `z` contains the right-hand side `r` for inactive variables and given values for the others;
-    /// `shift` is `s`. False if the system is singular, or if `control` asks to stop.
+    /// `shift` is the diagonal `s`. Returns false if the system is singular, or if `control` asks to stop.
     pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         match self {
             Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),

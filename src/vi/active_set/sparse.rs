@@ -1,6 +1,6 @@
-//! A sparse matrix of any pattern. Rows and columns of active variables are replaced by those of the identity, so that
-//! the pattern and its analysis are kept. A symmetric matrix stays symmetric, and is factorised by Cholesky, or solved
-//! by multigrid where the factors would not be sparse.
+//! A sparse matrix of any pattern, with the rows and columns of active variables replaced by those of the identity,
+//! so that the pattern and its analysis are kept. A symmetric matrix stays symmetric, and is factorised by Cholesky,
+//! or solved by multigrid if the factors would not be sparse.
 
 use super::grid::Coarser;
 use super::multigrid::Multigrid;
@@ -11,10 +11,10 @@ use problem::{Control, ConvexSet};
 pub(super) struct Sparse {
     matrix: SparseMatrix,
     pub inverse_diagonal: Vec<f64>,
-    /// The matrix with rows and columns replaced.
+    /// The matrix with rows and columns of active variables replaced by those of the identity.
     restricted: SparseMatrix,
     factors: Factors,
-    /// The active set of the factors, if they are of the unshifted matrix.
+    /// The active set of the current factors; `None` if a shift was added to the diagonal.
     factored: Option<Vec<Face>>,
 }
 
@@ -24,11 +24,11 @@ enum Factors {
     Multigrid(Box<Multigrid>),
 }
 
-/// Smallest number of nodes of a grid in several dimensions for multigrid.
+/// Smallest number of nodes of a grid in two or more dimensions for which multigrid is used.
 const MANY: usize = 20_000;
 
 impl Sparse {
-    /// Prepares a matrix; `below` are the coarser grids, if it is on a grid.
+    /// Prepares a sparse matrix; `below` are the coarser grids, if its rows are nodes of a grid.
     pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         control.go_on()?;
         let n = matrix.nrows();

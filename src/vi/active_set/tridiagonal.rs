@@ -1,16 +1,16 @@
 //! A tridiagonal M-matrix, solved by elimination without pivoting (Thomas 1949), which is stable for it and for every
-//! principal submatrix (Funderlic, Neumann and Plemmons 1982). One pass costs a third of a sparse factorisation and
-//! solution by the library, and is the whole cost of a step in one dimension.
+//! principal submatrix (Funderlic, Neumann and Plemmons 1982). One elimination costs a third of a sparse
+//! factorisation and solution by the library, and is the whole cost of a step in one dimension.
 
 use super::Face;
 use factorisation::SparseMatrix;
 
 #[derive(Clone, Debug)]
 pub(super) struct Tridiagonal {
-    /// `A_{i,i-1}`, zero at 0.
+    /// The subdiagonal `A_{i,i-1}`, zero at 0.
     pub below: Vec<f64>,
     pub diagonal: Vec<f64>,
-    /// `A_{i,i+1}`, zero at `n - 1`.
+    /// The superdiagonal `A_{i,i+1}`, zero at `n - 1`.
     pub above: Vec<f64>,
     pub inverse_diagonal: Vec<f64>,
     /// The entries above the diagonal after elimination.
@@ -18,7 +18,8 @@ pub(super) struct Tridiagonal {
 }
 
 impl Tridiagonal {
-    /// `None` if the matrix has other diagonals, or a positive entry off the main one.
+    /// Builds a tridiagonal M-matrix; returns `None` if the matrix has other diagonals, or a positive off-diagonal
+    /// entry.
     pub fn of_m_matrix(matrix: &SparseMatrix) -> Option<Self> {
         let n = matrix.nrows();
         let (mut below, mut diagonal, mut above) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);

@@ -1,4 +1,4 @@
-//! The alternating direction method of multipliers on de Saxce's form of Coulomb's law, over-relaxed:
+//! The alternating direction method of multipliers (ADMM) on de Saxce's form of Coulomb's law, over-relaxed:
 //!
 //! ```text
 //! (W + rho I) r = rho (z - y) - q - g,    g = (mu |u_t|, 0, 0),  u_t = -rho y_t
@@ -6,9 +6,9 @@
 //! ```
 //!
 //! (Boyd, Parikh, Chu, Peleato and Eckstein 2011, *Distributed optimization and statistical learning via the
-//! alternating direction method of multipliers*, section 3; Acary, Bremond and Huber 2018; as Douglas-Rachford
-//! splitting it needs no symmetry of `W`). At a fixed point `-rho y = u + g` and `z = r`. One factorisation serves many
-//! iterations; `rho` balances the relative primal and dual residuals, at growing intervals, so that it becomes
+//! alternating direction method of multipliers*, section 3; Acary, Bremond and Huber 2018; as a Douglas-Rachford
+//! splitting it needs no symmetry of `W`). At a fixed point `-rho y = u + g` and `z = r`. One factorisation serves
+//! many iterations; `rho` balances the relative primal and dual residuals, at growing intervals, so that it becomes
 //! constant.
 
 use super::cone::{FrictionCone, tangent};
@@ -18,20 +18,21 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
 
-/// Over-relaxation `x`; 1.5 to 1.8 is the customary range.
+/// Over-relaxation factor `x`; 1.5 to 1.8 is the customary range.
 const RELAXATION: f64 = 1.6;
 
 /// Number of iterations between two evaluations of the residuals.
 const CHECK: usize = 25;
 
-/// `rho` changes if the residuals differ by this factor, and by at most the second factor at once.
+/// The penalty `rho` changes if the primal and dual residuals differ by the factor `UNBALANCED`, by at most
+/// `LARGEST_CHANGE` at a time.
 const UNBALANCED: f64 = 3.0;
 const LARGEST_CHANGE: f64 = 10.0;
 
-/// Smallest number of iterations with one `rho`, growing by a quarter with each change.
+/// Smallest number of iterations with one penalty `rho`, growing by a quarter with each change.
 const DWELL: usize = 50;
 
-/// ADMM for one problem; keeps its state between runs.
+/// ADMM for one contact problem; keeps its state between runs.
 pub(super) struct Admm {
     system: BlockSystem,
     rho: f64,
@@ -46,7 +47,7 @@ pub(super) struct Admm {
 }
 
 impl Admm {
-    /// Prepares a run from `r`; `None` if memory does not suffice.
+    /// Prepares a run from the impulses `r`; returns `None` if memory does not suffice.
     pub fn new(scaling: &Scaling, r: &[Vector3<f64>]) -> Option<Self> {
         let problem = &scaling.problem;
         let mut y: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
@@ -81,18 +82,18 @@ impl Admm {
         })
     }
 
-    /// Iterations so far.
+    /// Returns the number of iterations so far.
     pub fn iterations(&self) -> usize {
         self.iterations
     }
 
-    /// The current impulses, which lie in their cones.
+    /// Returns the current impulses, which lie in their friction cones.
     pub fn impulses(&self) -> &[Vector3<f64>] {
         &self.z
     }
 
-    /// Runs for `iterations`, or until the residual is below the tolerance; returns the residual, or `None` if
-    /// `W + rho I` is singular.
+    /// Runs for a number of iterations, or until the residual is below the tolerance; returns the residual, or `None`
+    /// if `W + rho I` is singular.
     pub fn run(&mut self, task: &Task<'_>, iterations: usize) -> Option<Residual> {
         let scaling = task.scaling;
         for _ in 0..iterations.div_ceil(CHECK) {

@@ -5,14 +5,14 @@
 //! F_n = r_n - [y_n]_+,    F_t = r_t - P_D(y_t),    y = r - u,    D the disk of radius mu [y_n]_+
 //! ```
 //!
-//! Its zeros are the solutions of Coulomb's law, and its generalised Jacobian separates the open, stick and slip cases,
-//! so that a Newton step solves for the guessed contact states: `r = 0`, `u = 0`, or `u_n = 0` with friction along
-//! `y_t`.
+//! Its zeros are the solutions of Coulomb's law, and its generalised Jacobian separates the open, stick and slip
+//! cases, so that a Newton step solves for the guessed contact states: `r = 0`, `u = 0`, or `u_n = 0` with friction
+//! along `y_t`.
 
 use super::cone::{join, tangent};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// `F` and its derivatives at one contact.
+/// The Alart-Curnier function `F` and its derivatives at one contact.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Linearised {
     pub value: Vector3<f64>,
@@ -20,7 +20,7 @@ pub(super) struct Linearised {
     pub by_r: Matrix3<f64>,
 }
 
-/// `F(r, u)`.
+/// Evaluates the Alart-Curnier function `F(r, u)`.
 pub(super) fn value(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Vector3<f64> {
     let y = r - u;
     if y.x <= 0.0 {
@@ -31,7 +31,7 @@ pub(super) fn value(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Vector3<f64>
     if size < radius { *u } else { join(u.x, tangent(r) - direction(y_t, size) * radius) }
 }
 
-/// `F` with an element of its generalised Jacobian.
+/// Evaluates the Alart-Curnier function `F` with an element of its generalised Jacobian.
 pub(super) fn linearise(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Linearised {
     let value = value(r, u, mu);
     let y = r - u;
@@ -43,7 +43,7 @@ pub(super) fn linearise(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Linearis
     if size < radius {
         return Linearised { value, by_u: Matrix3::identity(), by_r: Matrix3::zeros() };
     }
-    // d P_D(y_t): the disk grows with y_n along e, and y_t turns across e.
+    // Derivative of P_D(y_t): the radius of the disk grows with y_n along e, and y_t turns across e.
     let e = direction(y_t, size);
     let turn = if size == 0.0 { Matrix2::zeros() } else { (Matrix2::identity() - e * e.transpose()) * (radius / size) };
     let mut by_y = Matrix3::zeros();
@@ -53,7 +53,7 @@ pub(super) fn linearise(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Linearis
     Linearised { value, by_u: by_y, by_r: Matrix3::identity() - by_y }
 }
 
-/// `y_t / |y_t|`, or zero.
+/// Returns the direction `y_t / |y_t|`, or zero if `y_t` is zero.
 fn direction(y_t: Vector2<f64>, size: f64) -> Vector2<f64> {
     if size == 0.0 { Vector2::zeros() } else { y_t / size }
 }

@@ -7,18 +7,18 @@
 //!
 //! with the last changes of `x` and `f` as the columns of `X` and `F`. While the contact states do not change, `G` is
 //! nearly linear and the iteration is nearly GMRES: the number of sweeps grows with the square root of the condition
-//! number, not with the number itself. If `|f|` grows, the states have changed: the history misleads and is cleared,
-//! and the step is a plain sweep.
+//! number instead of the number itself. If `|f|` grows, the contact states have changed: the history is misleading
+//! and is cleared, and the step is a plain sweep.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Number of changes in the history.
+/// Number of changes in the history of Anderson's acceleration.
 const MEMORY: usize = 3;
 
 /// Regularisation of the Gram matrix: directions that depend on the others to this accuracy have no effect.
 const DEPENDENT: f64 = 1e-10;
 
-/// The history of an iteration. Vectors are flat arrays of numbers, for fast sums and products.
+/// The history of Anderson's acceleration. Vectors are flat arrays of numbers, for fast sums and products.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anderson {
     /// Changes of `f` and of `G(x)`, the oldest overwritten first.
@@ -28,18 +28,18 @@ pub(super) struct Anderson {
     gram: SMatrix<f64, MEMORY, MEMORY>,
     /// The total number of changes recorded.
     taken: usize,
-    /// The last point, the result of a sweep from it, and the difference.
+    /// The last point `x`, the result `g` of a sweep from it, and the difference `f = g - x`.
     x: Vec<f64>,
     g: Vec<f64>,
     f: Vec<f64>,
     last_f: Vec<f64>,
     last_g: Vec<f64>,
-    /// `|f|^2` at the last point.
+    /// The squared norm `|f|^2` at the last point.
     size: Option<f64>,
 }
 
 impl Anderson {
-    /// Clears the history, and starts from `x`.
+    /// Clears the history, and starts from the impulses `x`.
     pub fn start(&mut self, x: &[Vector3<f64>]) {
         self.forget();
         self.size = None;
@@ -85,7 +85,8 @@ impl Anderson {
         }
     }
 
-    /// `gamma`, by normal equations with unit diagonal; zero for changes not yet recorded.
+    /// Computes the coefficients `gamma` by normal equations with unit diagonal; they are zero for changes not yet
+    /// recorded.
     fn mixture(&self) -> SVector<f64, MEMORY> {
         let count = self.taken.min(MEMORY);
         let is_change = |i: usize| i < count && self.gram[(i, i)] > 0.0;
@@ -164,7 +165,8 @@ mod tests {
             let g = [x[0] + Vector3::repeat(step)];
             x = g;
             anderson.advance(&mut x);
-            // Half the step twice: the secant extrapolates to twice the distance, and is used as long as steps shrink.
+            // In the second step the secant extrapolates to twice the distance, and is used since the steps have
+            // shrunk.
             assert_eq!(x == g, step != 0.5);
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
-/// An `n x n` matrix of 3 x 3 blocks with every diagonal block present.
+/// An `n x n` matrix of 3 x 3 blocks in which every diagonal block is stored.
 #[derive(Debug, Default, PartialEq)]
 pub struct BlockMatrix {
     /// The offset of each block row in `columns` and `blocks`; of length `n + 1`.
@@ -15,14 +15,15 @@ pub struct BlockMatrix {
 }
 
 impl BlockMatrix {
-    /// Assembles blocks `(row, column, block)` in any order; repeated ones are added. `None` if an index is `>= n`.
+    /// Assembles blocks `(row, column, block)` in any order; blocks at the same position are added. Returns `None` if
+    /// an index is `>= n`.
     pub fn from_blocks(n: usize, blocks: impl IntoIterator<Item = (usize, usize, Matrix3<f64>)>) -> Option<Self> {
         let mut entries: Vec<_> = blocks.into_iter().collect();
         if entries.iter().any(|&(i, j, _)| i >= n || j >= n) {
             return None;
         }
         entries.sort_by_key(|&(i, j, _)| (i, j));
-        // Allocate once: a growing vector occupies memory twice while it moves.
+        // Allocate once: a growing vector occupies twice its memory while it moves.
         let mut matrix = Self {
             offsets: vec![0],
             columns: Vec::with_capacity(entries.len()),
@@ -52,7 +53,7 @@ impl BlockMatrix {
         self.blocks.push(block);
     }
 
-    /// Adds a zero diagonal block to row `i` if it has none yet.
+    /// Appends a zero diagonal block to row `i` if the row has none yet.
     fn reach_diagonal(&mut self, i: usize) {
         if self.diagonal.len() == i {
             self.diagonal.push(self.blocks.len());
@@ -60,22 +61,22 @@ impl BlockMatrix {
         }
     }
 
-    /// The number of block rows.
+    /// Returns the number of block rows.
     pub fn len(&self) -> usize {
         self.diagonal.len()
     }
 
-    /// Whether there are no rows.
+    /// Whether the matrix has no rows.
     pub fn is_empty(&self) -> bool {
         self.diagonal.is_empty()
     }
 
-    /// The number of blocks stored.
+    /// Returns the number of stored blocks.
     pub(super) fn stored(&self) -> usize {
         self.blocks.len()
     }
 
-    /// The blocks `(column, block)` of one row, columns ascending.
+    /// Returns the blocks `(column, block)` of row `i`, columns ascending.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, &Matrix3<f64>)> {
         let range = self.range(i);
         self.columns[range.clone()].iter().copied().zip(&self.blocks[range])
@@ -85,25 +86,25 @@ impl BlockMatrix {
         self.offsets[i]..self.offsets[i + 1]
     }
 
-    /// The diagonal block of one row.
+    /// Returns the diagonal block of row `i`.
     pub fn diagonal(&self, i: usize) -> &Matrix3<f64> {
         &self.blocks[self.diagonal[i]]
     }
 
-    /// The block at `(i, j)`, if stored.
+    /// Returns the block at `(i, j)`, if stored.
     pub fn block(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         let range = self.range(i);
         let place = self.columns[range.clone()].binary_search(&j).ok()?;
         Some(&self.blocks[range.start + place])
     }
 
-    /// Row `i` of the product with `r`.
+    /// Returns row `i` of the product with `r`.
     #[inline]
     pub fn row_product(&self, i: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
         self.row(i).fold(Vector3::zeros(), |sum, (j, block)| sum + block * r[j])
     }
 
-    /// Copies `D A D` into `target`, for the diagonal `D = diag(d_1 I, .., d_n I)`.
+    /// Copies the scaled matrix `D A D` into `target`, with the diagonal `D = diag(d_1 I, .., d_n I)`.
     pub(super) fn scale_into(&self, d: &[f64], target: &mut Self) {
         target.clone_from(self);
         for (i, &d_i) in d.iter().enumerate() {
@@ -125,7 +126,7 @@ impl Clone for BlockMatrix {
         copy
     }
 
-    /// Reuses the memory of the previous matrix: each step copies one matrix several times.
+    /// Copies into the memory of the previous matrix: each step copies one matrix several times.
     fn clone_from(&mut self, source: &Self) {
         self.offsets.clone_from(&source.offsets);
         self.columns.clone_from(&source.columns);

@@ -9,19 +9,19 @@ use nalgebra::Vector3;
 /// The residuals of Coulomb's law at a point. Norms are those of the user's `r` and `u`, unscaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
-    /// `sqrt(sum_k |r_k - P_K(r_k - u_k - mu |u_t| n)|^2)`.
+    /// The norm of the natural map, `sqrt(sum_k |r_k - P_K(r_k - u_k - mu |u_t| n)|^2)`.
     pub natural_map: f64,
-    /// `natural_map` relative to `max(|q|, |r|, |u|)`; zero if all of these are.
+    /// The norm of the natural map relative to `max(|q|, |r|, |u|)`; zero if all of these are zero.
     pub relative: f64,
-    /// `max_k |min(r_n, u_n)|`: Signorini's condition.
+    /// The violation of Signorini's condition, `max_k |min(r_n, u_n)|`.
     pub signorini: f64,
-    /// `max_k (|r_t| - mu r_n)`, at least zero: the violation of the friction cones.
+    /// The violation of the friction cones, `max_k (|r_t| - mu r_n)`, at least zero.
     pub cone_violation: f64,
-    /// `max_k |r_t . u_t + mu r_n |u_t||`: the deviation of friction from maximal dissipation.
+    /// The deviation of friction from maximal dissipation, `max_k |r_t . u_t + mu r_n |u_t||`.
     pub dissipation_gap: f64,
 }
 
-/// A block row of the law, with its natural map.
+/// A block row of a contact problem, with its natural map.
 pub(super) struct Row {
     pub role: Role,
     pub mu: f64,
@@ -32,14 +32,14 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// The row of a contact at a point.
+    /// Builds the block row of a point contact.
     pub fn of_point(mu: f64, q: Vector3<f64>, r: Vector3<f64>, u: Vector3<f64>) -> Self {
         Self { role: Role::Point, mu, q, r, u, map: FrictionCone { mu }.natural_map(r, u) }
     }
 }
 
 impl Evidence {
-    /// Evaluates the residuals at `r`; NaN if a value is not finite.
+    /// Evaluates the residuals at the impulses `r`; the relative residual is NaN if a value is not finite.
     pub fn of(problem: &CoulombProblem, r: &[Vector3<f64>]) -> Self {
         let u: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
         let mut maps = vec![Vector3::zeros(); r.len()];
@@ -51,7 +51,7 @@ impl Evidence {
         Self::of_rows((0..r.len()).map(row))
     }
 
-    /// Evaluates the residuals of block rows.
+    /// Evaluates the residuals of the given block rows.
     pub(super) fn of_rows(rows: impl Iterator<Item = Row>) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
@@ -67,7 +67,7 @@ impl Evidence {
             evidence.signorini = evidence.signorini.max(r.x.min(u.x).abs());
             evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r.x);
             let gap = (friction.dot(&slip) + mu * r.x * slip.norm()).abs();
-            // The power of a patch has further terms, which the natural map judges.
+            // The power of a patch has further terms, which the natural map covers.
             if role == Role::Point {
                 evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
             }

@@ -1,24 +1,25 @@
-//! The Delassus operator of rigid bodies in factors,
+//! The Delassus operator of rigid bodies in factored form,
 //!
 //! ```text
 //! u = W r + q,    W = J M^-1 J^T,    M^-1 = diag(m_b^-1 I, I_b^-1),    J_k = +-E_k [I  -[p]x] for the two bodies of contact k
 //! ```
 //!
-//! with the arm `p` from the centre of the body to the contact. The memory, and the time of a product, are linear in the number of contacts, however many of them a body has. The
-//! blocks of `W` itself are as many as there are pairs of contacts on one body.
+//! with the arm `p` from the centre of the body to the contact. The memory, and the time of a product, are linear in
+//! the number of contacts, however many contacts a body has, whereas `W` itself has a block for every pair of
+//! contacts on one body.
 
 use nalgebra::{Matrix3, Vector3};
 
 /// The inverse mass and the inverse inertia of a body, in world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mobility {
-    /// `1 / m`.
+    /// The inverse mass `1 / m`.
     pub linear: f64,
-    /// `I^-1`.
+    /// The inverse inertia tensor `I^-1`.
     pub angular: Matrix3<f64>,
 }
 
-/// The velocity and the angular velocity of a body.
+/// The linear and the angular velocity of a body.
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
 /// The rows `J_k` of a contact: `u = E (v_2 + w_2 x p_2 - v_1 - w_1 x p_1)`.
@@ -26,26 +27,26 @@ pub type Twist = (Vector3<f64>, Vector3<f64>);
 pub struct Grip {
     /// The indices of both bodies; `None` for a body that does not move.
     pub bodies: [Option<u32>; 2],
-    /// `E`: the normal and two tangents as rows.
+    /// The contact frame `E`: the normal and two tangents as rows.
     pub frame: Matrix3<f64>,
-    /// `p_1` and `p_2`, from the centre of each body to the point of contact.
+    /// The arms `p_1` and `p_2`, from the centre of each body to the point of contact.
     pub arms: [Vector3<f64>; 2],
 }
 
-/// `W` in factors.
+/// The Delassus operator `W` in factored form.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Factored {
-    /// The mobilities of the bodies; the last is zero, and stands for every body that does not move.
+    /// The mobilities of the bodies; the last one is zero, and is that of every body that does not move.
     mobilities: Vec<Mobility>,
     /// The rows of the contacts, with the indices of their bodies among the mobilities.
     rows: Vec<(Grip, [u32; 2])>,
 }
 
 impl Factored {
-    /// Takes the mobilities of bodies and the rows of contacts.
+    /// Builds the operator from the mobilities of bodies and the rows of contacts.
     ///
     /// # Panics
-    /// If a row names a body that is not there.
+    /// Panics if a row refers to a body that does not exist.
     pub fn new(mobilities: impl IntoIterator<Item = Mobility>, grips: impl IntoIterator<Item = Grip>) -> Self {
         let mut mobilities: Vec<Mobility> = mobilities.into_iter().collect();
         let ground = mobilities.len() as u32;
@@ -58,7 +59,7 @@ impl Factored {
         Self { rows: grips.into_iter().map(|grip| (grip, grip.bodies.map(place))).collect(), mobilities }
     }
 
-    /// The number of contacts.
+    /// Returns the number of contacts.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
@@ -68,14 +69,14 @@ impl Factored {
         self.rows.is_empty()
     }
 
-    /// Multiplies the rows of each contact by its factor: `W` becomes `D W D`.
+    /// Multiplies the rows of each contact by its factor in `d`: `W` becomes `D W D`.
     pub(super) fn scale(&mut self, d: &[f64]) {
         for ((grip, _), &d) in self.rows.iter_mut().zip(d) {
             grip.frame *= d;
         }
     }
 
-    /// Writes `M^-1 J^T r`, the velocities that the impulses give to the bodies.
+    /// Writes `M^-1 J^T r`, the velocities that the contact impulses give to the bodies.
     pub fn twists(&self, r: &[Vector3<f64>], twists: &mut Vec<Twist>) {
         twists.clear();
         twists.resize(self.mobilities.len(), Twist::default());
@@ -91,7 +92,7 @@ impl Factored {
         }
     }
 
-    /// `J_k` times the velocities of the bodies.
+    /// Returns row `J_k` times the velocities of the bodies.
     #[inline]
     pub fn row_product(&self, k: usize, twists: &[Twist]) -> Vector3<f64> {
         let (grip, [a, b]) = &self.rows[k];
@@ -99,7 +100,7 @@ impl Factored {
         grip.frame * (v_2 - v_1 + w_2.cross(&grip.arms[1]) - w_1.cross(&grip.arms[0]))
     }
 
-    /// Adds `M^-1 J_k^T r`, the effect of one impulse, to the velocities of the bodies.
+    /// Adds `M^-1 J_k^T r`, the effect of one contact impulse, to the velocities of the bodies.
     #[inline]
     pub fn push(&self, k: usize, r: &Vector3<f64>, twists: &mut [Twist]) {
         let (grip, bodies) = &self.rows[k];
@@ -111,7 +112,7 @@ impl Factored {
         }
     }
 
-    /// The block `W_kk`.
+    /// Returns the diagonal block `W_kk` of contact `k`.
     pub fn diagonal(&self, k: usize) -> Matrix3<f64> {
         let (grip, bodies) = &self.rows[k];
         let of = |side: usize| {
@@ -122,7 +123,7 @@ impl Factored {
         of(0) + of(1)
     }
 
-    /// `W r`.
+    /// Returns the product `W r` with the contact impulses `r`.
     pub fn product(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut twists = Vec::new();
         self.twists(r, &mut twists);

@@ -7,10 +7,11 @@ use super::patch::Role;
 use super::{BlockMatrix, CoulombProblem, solve_patch};
 use nalgebra::{Matrix3, Vector3};
 
-/// `W` in the layout of a sweep: the off-diagonal blocks in one stream, those on the diagonal prepared.
+/// The Delassus operator in the layout of a sweep: off-diagonal blocks in one stream, diagonal blocks classified for
+/// exact solution.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sweeps {
-    /// The end of each row among the blocks.
+    /// For each block row, the end of its off-diagonal blocks in `blocks`.
     ends: Vec<usize>,
     columns: Vec<u32>,
     blocks: Vec<Matrix3<f64>>,
@@ -18,7 +19,7 @@ pub(super) struct Sweeps {
 }
 
 impl Sweeps {
-    /// Copies a matrix.
+    /// Copies a matrix into the layout of a sweep.
     pub fn fit(&mut self, matrix: &BlockMatrix) {
         self.ends.clear();
         self.columns.clear();

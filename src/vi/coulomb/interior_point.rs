@@ -4,22 +4,22 @@
 //! u = W r + q,    y = u + (mu |u_t|, 0, 0),    K_mu in r  _|_  y in K_mu*
 //! ```
 //!
-//! (Acary, Armand, Nguyen and Prasad 2023, *Second-order cone programming for frictional contact mechanics using interior point
-//! algorithm*, here with the slip speed as a function of the unknowns in place of an outer iteration; Mehrotra 1992). In the
-//! coordinates `z = T r`, `s = T^-1 y`, `T = diag(mu, 1, 1)`, both cones are the cone of [Lorentz](super::lorentz). With the scaling
-//! `V`, for which `V z = V^-1 s = l`, a step solves
+//! (Acary, Armand, Nguyen and Prasad 2023, *Second-order cone programming for frictional contact mechanics using
+//! interior point algorithm*, here with the slip speed as a function of the unknowns in place of an outer iteration;
+//! Mehrotra 1992). In the coordinates `z = T r`, `s = T^-1 y`, `T = diag(mu, 1, 1)`, both cones are the [Lorentz
+//! cone](super::lorentz). With the Nesterov-Todd scaling `V`, for which `V z = V^-1 s = l`, a step solves
 //!
 //! ```text
 //! (N W + T V^2 T) dr = T V d - (u + (mu |u_t|, 0, 0) - y),    N = I + n (0, mu u_t/|u_t|)^T,
 //! l o d = sigma m e - l o l - (V^-1 ds) o (V dz)
 //! ```
 //!
-//! where `m` is the mean of `<z, s>`. The matrix has the pattern of `W`, and is regular also where `W` is not. The number of steps hardly
-//! depends on the number of contacts.
+//! where `m` is the mean of `<z, s>`. The matrix has the pattern of `W`, and is regular even if `W` is singular. The
+//! number of steps hardly depends on the number of contacts.
 //!
-//! The slip speed makes the law non-monotone, so that iterates may leave the neighbourhood of the central path, where steps become
-//! short. A short step is followed by one that only centres; if the method stalls all the same, it starts again at another
-//! distance from the boundary of the cones.
+//! The slip speed makes the law non-monotone, so that iterates may leave the neighbourhood of the central path, where
+//! steps become short. A short step is followed by a pure centring step; if the method stalls all the same, it
+//! restarts at another distance from the boundary of the cones.
 
 use super::cone::{FrictionCone, tangent};
 use super::linear::BlockSystem;
@@ -28,28 +28,28 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
 
-/// The fraction of the way to the boundary of the cones that a step takes. Values near 1, as for convex problems, lead to the
-/// boundary and away from the central path.
+/// The step length as a fraction of the distance to the boundary of the cones. Values near 1, as for convex problems,
+/// lead to the boundary and away from the central path.
 const FRACTION: f64 = 0.9;
 
-/// After a step shorter than this the next one only centres.
+/// After a step of a length below this value the next step only centres.
 const LONG: f64 = 0.5;
 
-/// A step shorter than this is no progress; after `STALLS` in a row the method starts again.
+/// A step of a length below this value is no progress; after `STALLS` such steps in a row the method restarts.
 const SHORT: f64 = 1e-3;
 const STALLS: usize = 3;
 
-/// The distances from the boundary of the cones at the starts, in units of the root mean square of `q`.
+/// The distances from the boundary of the cones at the successive starts, in units of the root mean square of `q`.
 const ROOMS: [f64; 3] = [1.0, 10.0, 0.1];
 
-/// The fraction of the tolerance that is the aim: each step gains a digit, and impulses between bodies of very different masses are
-/// known less well than the residual.
+/// The target residual, as a fraction of the tolerance: each step gains a digit, and impulses between bodies of very
+/// different masses are less accurate than the residual suggests.
 const BEYOND: f64 = 1e-3;
 
-/// A residual from which the contact states are known, and Newton's method needs a step or two.
+/// A residual below which the contact states are known, so that Newton's method needs one or two steps.
 const KNOWN: f64 = 1e-8;
 
-/// The state of a contact inside the cones: `z` and `s`.
+/// The state of a contact inside the cones: the scaled impulse `z` and the scaled velocity `s`.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     mu: f64,
@@ -58,7 +58,7 @@ struct Pair {
 }
 
 impl Pair {
-    /// The projections of an impulse and a velocity into the cones, moved inside by `room`.
+    /// Projects an impulse and a velocity into the cones, and moves both inside by `room`.
     fn inside(mu: f64, r: &Vector3<f64>, u: &Vector3<f64>, room: f64) -> Self {
         let room = Vector3::x() * room;
         if mu == 0.0 {
@@ -70,17 +70,17 @@ impl Pair {
         Self { mu, z, s: lorentz.project(Vector3::new(y.x / mu, y.y, y.z)) + room }
     }
 
-    /// `V`; without friction on the half-line, where only the first column counts.
+    /// Returns the Nesterov-Todd scaling `V`; without friction on the half-line, where only the first column counts.
     fn scaling(&self) -> NtScaling {
         NtScaling::of(&self.z, &self.s)
     }
 
-    /// `r`.
+    /// Returns the impulse `r` of the contact.
     fn impulse(&self) -> Vector3<f64> {
         if self.mu == 0.0 { self.z } else { Vector3::new(self.z.x / self.mu, self.z.y, self.z.z) }
     }
 
-    /// `u + (mu |u_t|, 0, 0) - y`.
+    /// Returns the residual of the velocity, `u + (mu |u_t|, 0, 0) - y`.
     fn defect(&self, u: &Vector3<f64>) -> Vector3<f64> {
         if self.mu == 0.0 {
             return Vector3::x() * (u.x - self.s.x);
@@ -88,7 +88,7 @@ impl Pair {
         FrictionCone { mu: self.mu }.augment(*u) - widened(self.mu, &self.s)
     }
 
-    /// `N W_ij`; without friction the normal row alone.
+    /// Returns the block `N W_ij`; without friction the normal row alone.
     fn turned(&self, u: &Vector3<f64>, block: &Matrix3<f64>) -> Matrix3<f64> {
         let mut turned = *block;
         if self.mu == 0.0 {
@@ -105,7 +105,7 @@ impl Pair {
         turned
     }
 
-    /// `T V^2 T`; without friction tangential impulses are zero.
+    /// Returns the diagonal term `T V^2 T`; without friction the tangential impulses are zero.
     fn stiffness(&self, scaling: &NtScaling) -> Matrix3<f64> {
         let square = scaling.square();
         if self.mu == 0.0 {
@@ -115,18 +115,18 @@ impl Pair {
         widen * square * widen
     }
 
-    /// `T x`, as of a change of the impulse; without friction the normal component alone.
+    /// Returns `T dr`, the change of `z` by a change of the impulse; without friction the normal component alone.
     fn change(&self, dr: &Vector3<f64>) -> Vector3<f64> {
         if self.mu == 0.0 { Vector3::x() * dr.x } else { widened(self.mu, dr) }
     }
 
-    /// The largest step, up to 1, along which both stay in their cones.
+    /// Returns the largest step length, up to 1, along which both `z` and `s` stay in their cones.
     fn longest(&self, change: &Change) -> f64 {
         longest(&self.z, &change.z).min(longest(&self.s, &change.s))
     }
 }
 
-/// `T x`.
+/// Returns `T x`, with the normal component multiplied by `mu`.
 fn widened(mu: f64, x: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(mu * x.x, x.y, x.z)
 }
@@ -138,25 +138,25 @@ struct Change {
     s: Vector3<f64>,
 }
 
-/// What a step aims at.
+/// The target of a step.
 #[derive(Clone, Copy, Debug)]
 enum Aim {
     /// The solution, at first order.
     Solution,
-    /// The central path with the mean `sigma m`, at second order after a step to the solution.
+    /// The point of the central path with the mean `sigma m`, at second order; follows a step to the solution.
     Path(f64),
     /// The point of the central path with the mean `m`.
     Centre(f64),
 }
 
-/// The method, for problems of one pattern; allocates when built.
+/// The interior-point method for problems of one block pattern; allocates when built.
 pub(super) struct InteriorPoint {
     system: BlockSystem,
     pairs: Vec<Pair>,
     scalings: Vec<NtScaling>,
     impulses: Vec<Vector3<f64>>,
     velocities: Vec<Vector3<f64>>,
-    /// `V d` and the changes of the contacts.
+    /// The targets `V d` and the changes of the contacts.
     targets: Vec<Vector3<f64>>,
     changes: Vec<Change>,
     right: Vec<f64>,
@@ -165,7 +165,7 @@ pub(super) struct InteriorPoint {
 }
 
 impl InteriorPoint {
-    /// A solver for the pattern of a scaled problem; `None` if memory does not suffice.
+    /// Creates a solver for the pattern of a scaled problem; returns `None` if memory does not suffice.
     pub fn new(scaling: &Scaling) -> Option<Self> {
         let n = scaling.problem.contacts();
         Some(Self {
@@ -181,8 +181,8 @@ impl InteriorPoint {
         })
     }
 
-    /// Improves `r`, which has the residual `residual`, within `budget` steps from each start; returns the number of steps and the
-    /// residual of the best point found, which is written to `r`.
+    /// Improves the impulses `r`, whose residual is `residual`, within `budget` steps from each start; returns the
+    /// number of steps and the residual of the best point found, which is written to `r`.
     pub fn improve(
         &mut self,
         task: &Task<'_>,
@@ -207,7 +207,8 @@ impl InteriorPoint {
         (steps, residual)
     }
 
-    /// Makes steps from the current point, and writes each that lowers the residual to `r`; returns their number.
+    /// Makes steps from the current point, and writes each point that lowers the residual to `r`; returns the number
+    /// of steps.
     fn descend(&mut self, task: &Task<'_>, r: &mut [Vector3<f64>], residual: &mut Residual, budget: usize) -> usize {
         let (mut stalls, mut steps) = (0, 0);
         self.evaluate(task.scaling);
@@ -229,7 +230,7 @@ impl InteriorPoint {
         steps
     }
 
-    /// Writes the impulses and velocities of the current point.
+    /// Computes the impulses and velocities of the current point.
     fn evaluate(&mut self, scaling: &Scaling) {
         self.impulses.clear();
         self.impulses.extend(self.pairs.iter().map(Pair::impulse));
@@ -237,7 +238,7 @@ impl InteriorPoint {
         self.velocities.extend((0..self.pairs.len()).map(|k| scaling.problem.velocity(k, &self.impulses)));
     }
 
-    /// Makes a step; `None` if there is no direction.
+    /// Makes one step; returns `None` if there is no direction.
     fn step(&mut self, scaling: &Scaling) -> Option<()> {
         self.scalings.clear();
         self.scalings.extend(self.pairs.iter().map(Pair::scaling));
@@ -265,13 +266,13 @@ impl InteriorPoint {
         Some(())
     }
 
-    /// The mean of `<z, s>` after a step of this length.
+    /// Returns the mean of `<z, s>` after a step of this length.
     fn mean_after(&self, length: f64) -> f64 {
         let after = |(pair, change): (&Pair, &Change)| (pair.z + change.z * length).dot(&(pair.s + change.s * length));
         self.pairs.iter().zip(&self.changes).map(after).sum::<f64>() / self.pairs.len() as f64
     }
 
-    /// Computes the changes of a step; returns the largest length of it, `None` if it is not finite.
+    /// Computes the changes of a step towards `aim`; returns the largest step length, `None` if it is not finite.
     fn direct(&mut self, aim: Aim) -> Option<f64> {
         for (k, (target, right)) in self.targets.iter_mut().zip(self.right.chunks_exact_mut(3)).enumerate() {
             let (pair, scaling) = (&self.pairs[k], &self.scalings[k]);

@@ -1,7 +1,8 @@
 //! The friction of a disc with uniform pressure that slides and drills (Contensou 1963, *Couplage entre frottement de
-//! glissement et frottement de pivotement dans la theorie de la toupie*; closed forms as in Farkas, Bartels, Unger and
-//! Wolf 2003, *Frictional coupling between sliding and spinning motion*). For unit radius, normal force and coefficient,
-//! the power of friction at the speed `v` and the angular velocity `w` about the normal is the mean speed
+//! glissement et frottement de pivotement dans la theorie de la toupie*; closed forms as in Farkas, Bartels, Unger
+//! and Wolf 2003, *Frictional coupling between sliding and spinning motion*). For unit radius, normal force and
+//! coefficient, the power of friction at the speed `v` and the angular velocity `w` about the normal is the mean
+//! speed
 //!
 //! ```text
 //! sigma(v, w) = 1/pi int |v + w x r| dA,    force f = d sigma / d v,    torque tau = d sigma / d w
@@ -16,13 +17,13 @@
 //! v <= w:  f = 4 k/(3 pi) (2 B + k'^2 D),    tau = 4/(9 pi) ((3 - k^2) B + (3 - 2 k^2) k'^2 D)
 //! ```
 //!
-//! in which nothing cancels. The radius of curvature `sigma + sigma''` along the surface is `4/(3 pi) (1 + k^2)^(3/2)`
-//! times `D - C`, or `B + 2 k'^2 D`.
+//! in which no terms cancel. The radius of curvature `sigma + sigma''` along the surface is `4/(3 pi) (1 +
+//! k^2)^(3/2)` times `D - C` for `v >= w`, or `B + 2 k'^2 D` for `v <= w`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// The squared modulus below which sums of equal weights are used, which converge as `0.17^24`; above it the
-/// arithmetic-geometric mean.
+/// The squared modulus of the elliptic integrals below which sums of equal weights are used, which converge as
+/// `0.17^24`; above it the arithmetic-geometric mean is used.
 const SMALL: f64 = 0.5;
 
 /// `sin^2` at the midpoints of twelve equal parts of a quarter turn.
@@ -41,26 +42,28 @@ const SINES: [f64; 12] = [
     0.995_722_430_686_905_1,
 ];
 
-/// Limit on iterations for an angle; the bracket halves, and Newton's method takes three to six.
+/// Largest number of iterations for the normal of the nearest point; the bracket halves, and Newton's method takes
+/// three to six.
 const ITERATIONS: usize = 100;
 
-/// Relative accuracy of a direction.
+/// Relative accuracy of the direction of a normal.
 const ACCURACY: f64 = 1e-16;
 
-/// A point of the limit surface, at which a direction is normal to it.
+/// A point of the limit surface, with its normal.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Point {
     /// The normal `(cos p, sin p)`.
     pub normal: [f64; 2],
-    /// Force and torque.
+    /// The force and the torque, the coordinates of the point.
     pub at: [f64; 2],
     /// The force divided by `cos p`.
     pub across: f64,
-    /// The radius of curvature.
+    /// The radius of curvature of the surface at the point.
     pub radius: f64,
 }
 
-/// The integrals `B`, `k'^2 D`, `3 B - D + C` and `D - C` for `k^2`.
+/// Computes the complete elliptic integrals `B`, `k'^2 D`, `3 B - D + C` and `D - C` for the squared modulus `m =
+/// k^2`.
 fn integrals(m: f64) -> [f64; 4] {
     let rest = 1.0 - m;
     if m < SMALL {
@@ -75,7 +78,7 @@ fn integrals(m: f64) -> [f64; 4] {
         let [b, d, c] = [b, d, c].map(|sum| sum * weight);
         return [b, rest * d, 3.0 * b - d + c, d - c];
     }
-    // E, and k'^2 K, which vanishes with k'.
+    // The complete elliptic integral E, and k'^2 K, which vanishes with k'.
     let (e, of_k) = if rest <= 0.0 {
         (1.0, 0.0)
     } else {
@@ -94,9 +97,10 @@ fn integrals(m: f64) -> [f64; 4] {
 }
 
 impl Point {
-    /// The point of the surface stretched by `a` along the torque whose normal has the direction `(v, w)`. The support
-    /// function becomes `sigma(v, a w)`, and the radius of curvature, on a map with the determinant `a`, `a^2 / s^3` times
-    /// that of the normal `(v, a w) = s (cos p, sin p)`.
+    /// Returns the point with a normal of direction `(v, w)` of the surface stretched by `a` along the torque. The
+    /// support function of the stretched surface is `sigma(v, a w)`. Its radius of curvature is `a^2 / s^3` times
+    /// that of the original surface at the normal `(cos p, sin p)`, where `(v, a w) = s (cos p, sin p)`: the
+    /// stretching has the determinant `a`.
     fn stretched(v: f64, w: f64, a: f64) -> Self {
         let size = v.hypot(w);
         let normal = [v / size, w / size];
@@ -105,7 +109,7 @@ impl Point {
         Self { normal, at: [at[0], a * at[1]], across: across / s, radius: radius * (a / s) * (a / s) / s }
     }
 
-    /// The point whose normal has the direction `(v, w)`, both at least zero and not both zero.
+    /// Returns the point whose normal has the direction `(v, w)`, both at least zero and not both zero.
     pub fn of(v: f64, w: f64) -> Self {
         let size = v.hypot(w);
         let normal = [v / size, w / size];
@@ -125,23 +129,23 @@ impl Point {
         }
     }
 
-    /// `sigma` of the normal.
+    /// Returns the support function `sigma` at the normal.
     pub fn support(&self) -> f64 {
         self.at[0] * self.normal[0] + self.at[1] * self.normal[1]
     }
 
-    /// `d sigma / d p`.
+    /// Returns the slope `d sigma / d p` of the support function by the angle of the normal.
     pub fn slope(&self) -> f64 {
         self.at[1] * self.normal[0] - self.at[0] * self.normal[1]
     }
 
-    /// The point next to `(b, c)`, both at least zero, of the set `scale L` stretched by `a > 0` along the torque, and its
-    /// distance; `None` if `(b, c)` lies in the set.
+    /// Returns the point nearest to `(b, c)`, both at least zero, of the set `scale L` stretched by `a > 0` along the
+    /// torque, and its distance; returns `None` if `(b, c)` lies in the set.
     ///
-    /// Where the distance to the supporting line with the normal `n`, `(b, c) n - scale sigma(n)`, is stationary, the point
-    /// lies on the normal; it is outside if that distance is positive, and inside otherwise, since the set holds with a
-    /// point all smaller ones. Normals are pairs, not angles, so that small components keep their digits where the set is
-    /// flat or long.
+    /// Where the distance to the supporting line with the normal `n`, `(b, c) n - scale sigma(n)`, is stationary,
+    /// `(b, c)` lies on the normal line. It is outside the set if that distance is positive, and inside otherwise,
+    /// since the set contains all smaller multiples of its points. Normals are pairs, not angles, so that small
+    /// components keep their digits where the set is flat or long.
     pub fn nearest(b: f64, c: f64, scale: f64, a: f64) -> Option<(Self, f64)> {
         if b + c <= 0.0 {
             return None;
@@ -173,7 +177,7 @@ impl Point {
     }
 }
 
-/// The mean speed of a disc of unit radius.
+/// Returns the mean speed `sigma(v, w)` of a disc of unit radius that slides at `v` and drills at `w`.
 pub fn mean_speed(v: f64, w: f64) -> f64 {
     let (v, w) = (v.abs(), w.abs());
     if v + w > 0.0 { Point::of(v, w).support() * v.hypot(w) } else { 0.0 }
@@ -183,7 +187,7 @@ pub fn mean_speed(v: f64, w: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Force, torque and power by sums over the disc.
+    /// Returns the force, torque and power by sums over the disc.
     fn summed(v: f64, w: f64) -> [f64; 3] {
         let (rings, parts) = (400, 400);
         let mut sums = [0.0; 3];
@@ -234,7 +238,7 @@ mod tests {
     fn a_point_on_a_normal_has_its_foot_there() {
         for stretch in [1.0, 1e-12, 1e-6, 1e-3, 0.1, 10.0, 1e4, 1e8] {
             for k in 0..=20 {
-                // Normals that spread over the stretched surface, and over the plane.
+                // Take normals that are spread evenly over the stretched surface, and over the plane.
                 let angle = FRAC_PI_2 * f64::from(k) / 20.0;
                 for (v, w) in [(angle.cos().max(0.0) * stretch, angle.sin()), (angle.cos().max(0.0), angle.sin())] {
                     let point = Point::stretched(v, w, stretch);

@@ -1,5 +1,5 @@
-//! Linear systems with the block pattern of the Delassus operator: dense if small or if elimination fills them, else sparse with
-//! the analysis of the pattern reused between factorisations.
+//! Linear systems with the block pattern of the Delassus operator: dense if small or if elimination fills the
+//! pattern, otherwise sparse with the analysis of the pattern reused between factorisations.
 
 use super::BlockMatrix;
 use factorisation::{Analysis, DenseLu, SparseLu, SparseMatrix};
@@ -9,15 +9,15 @@ use nalgebra::Matrix3;
 /// Largest number of contacts for which a dense factorisation is faster whatever the pattern.
 const DENSE_AT_MOST: usize = 30;
 
-/// The time of an operation on a block in a sparse factorisation, in that of one in a dense factorisation. Measured on heaps of
-/// spheres with 70 to 160 contacts.
+/// The time of an operation on a block in a sparse factorisation, relative to that in a dense factorisation. Measured
+/// on heaps of spheres with 70 to 160 contacts.
 const SLOWER: usize = 64;
 
-/// The number of operations on blocks of an elimination by least degree, on the graph of contacts that share a body; if it is more
-/// than `enough`, some number that is.
+/// Counts the block operations of an elimination by minimum degree, on the graph of contacts that share a body. Stops
+/// counting once the number exceeds `enough`.
 fn work_of_elimination(pattern: &BlockMatrix, enough: usize) -> usize {
     let n = pattern.len();
-    // The neighbours of each contact that is not eliminated, and itself, as bits.
+    // The neighbours of each contact that is not yet eliminated, and the contact itself, as bits.
     let mut rows = vec![vec![0_u64; n.div_ceil(64)]; n];
     for i in 0..n {
         for (j, _) in pattern.row(i) {
@@ -62,7 +62,7 @@ enum Factors {
 }
 
 impl BlockSystem {
-    /// Analyses a pattern; `None` if memory does not suffice.
+    /// Analyses a block pattern; returns `None` if memory does not suffice.
     pub fn new(pattern: &BlockMatrix) -> Option<Self> {
         let n = pattern.len();
         let in_dense = n.saturating_pow(3) / 3;
@@ -97,7 +97,7 @@ impl BlockSystem {
                 column_offsets.push(row_indices.len());
             }
         }
-        // Visit rows in ascending order, their order in each column.
+        // Visit rows in ascending order, as they are stored in each column.
         let mut places = Vec::with_capacity(pattern.stored());
         for i in 0..n {
             for (j, _) in pattern.row(i) {
@@ -111,7 +111,7 @@ impl BlockSystem {
         Some(Self { places, strides, factors: Factors::Sparse { matrix: SparseMatrix::new(symbolic, values), lu } })
     }
 
-    /// Factorises the matrix whose block `(i, j)` is `block(i, j, pattern_ij)`; false if it has no factors.
+    /// Factorises the matrix whose block `(i, j)` is `block(i, j, pattern_ij)`; returns false if it has no factors.
     pub fn factorise(
         &mut self,
         pattern: &BlockMatrix,
@@ -141,7 +141,7 @@ impl BlockSystem {
         }
     }
 
-    /// Solves in place; false if the matrix is singular.
+    /// Solves in place of `right`; returns false if the matrix is singular.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         match &mut self.factors {
             Factors::Dense { lu, .. } => lu.solve(right),

@@ -10,9 +10,9 @@
 //! ```
 //!
 //! and `s` is a root of the quartic `|r_t|^2 = mu^2 r_n^2` (Bonnefon and Daviet 2011, *Quartic formulation of Coulomb
-//! 3D frictional contact*). A root exists: stick lies outside the cone at `s = 0`, and `r_t` vanishes as `s` grows. It
-//! is computed from `mu r_n / |r_t| - 1`, which is nearly linear in `s` (as is More's secular equation), by a bracketed
-//! Newton iteration.
+//! 3D frictional contact*). A root exists: the sticking impulse, at `s = 0`, lies outside the cone, and `r_t`
+//! vanishes as `s` grows. The root is computed from `mu r_n / |r_t| - 1`, which is nearly linear in `s` (as is More's
+//! secular equation), by a bracketed Newton iteration.
 
 use super::cone::{join, tangent};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
@@ -23,25 +23,25 @@ const ITERATIONS: usize = 100;
 /// Relative accuracy of `|r_t| = mu r_n`.
 const ACCURACY: f64 = 1e-15;
 
-/// A matrix is singular if its determinant is below this fraction of the squared trace; then a slip this slow is a
-/// stick.
+/// A 2 x 2 matrix is singular if its determinant is below this fraction of the squared trace; a slip with `s` below
+/// this fraction of the trace is then a stick.
 const SINGULAR: f64 = 1e-14;
 
-/// Number of doublings that reach a bracket from any scale.
+/// Number of doublings that reach a bracket of the root from any scale.
 const DOUBLINGS: usize = 200;
 
-/// The impulse of one contact; `None` if `W_nn <= 0` and the contact closes: no impulse can stop it.
+/// Returns the impulse of one contact; `None` if `W_nn <= 0` and the contact closes, as no impulse can stop it.
 pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     Diagonal::new(matrix).solve(*q, mu)
 }
 
-/// The matrix of one contact, classified by the solution it admits.
+/// The diagonal block of one contact, classified by its form of solution.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Diagonal {
     /// Normal and tangents are decoupled, and the tangents are isotropic, as for spheres: stick and slip have closed
     /// forms with `1 / W_nn` and `1 / W_tt`.
     Isotropic { w_nn: f64, w_tt: f64, of_normal: f64, of_tangent: f64 },
-    /// Any other matrix.
+    /// A matrix with coupled or anisotropic directions.
     Full(Matrix3<f64>),
 }
 
@@ -49,7 +49,7 @@ pub(super) enum Diagonal {
 const DECOUPLED: f64 = 1e-14;
 
 impl Diagonal {
-    /// Classifies a matrix.
+    /// Classifies a diagonal block.
     pub fn new(matrix: &Matrix3<f64>) -> Self {
         let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
         let rest = [
@@ -69,7 +69,7 @@ impl Diagonal {
         }
     }
 
-    /// `W r`.
+    /// Returns the product `W r` of the diagonal block.
     #[inline]
     pub fn times(&self, r: &Vector3<f64>) -> Vector3<f64> {
         match *self {
@@ -78,7 +78,7 @@ impl Diagonal {
         }
     }
 
-    /// The impulse for `u = W r + q`; see [`solve_contact`].
+    /// Returns the impulse `r` for `u = W r + q`; see [`solve_contact`].
     #[inline]
     pub fn solve(&self, q: Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
         if q.x >= 0.0 {
@@ -99,7 +99,7 @@ impl Diagonal {
     }
 }
 
-/// Solves a closing contact.
+/// Solves a closing contact with a full matrix.
 fn solve_full(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     let w_nn = matrix[(0, 0)];
     if w_nn <= 0.0 {
@@ -117,7 +117,7 @@ fn solve_full(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector
     slip.root(mu, least)
 }
 
-/// The impulses that slip by `u_t = -s r_t`, for every `s`.
+/// The impulses that slip by `u_t = -s r_t`, as a function of `s`.
 struct Slip {
     schur: Matrix2<f64>,
     trace: f64,
@@ -136,7 +136,7 @@ impl Slip {
         Self { schur, trace, p: tangent(q) - w_tn * (q.x / w_nn), q_n: q.x, w_nn, w_nt }
     }
 
-    /// `r(s)`, and `d r / d s`.
+    /// Returns the impulse `r(s)`, and its derivative `d r / d s`.
     fn impulse(&self, s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let inverse = (self.schur + Matrix2::identity() * s).try_inverse()?;
         let friction = -inverse * self.p;
@@ -145,7 +145,7 @@ impl Slip {
         Some((join(normal, friction), join(-self.w_nt.dot(&by_s) / self.w_nn, by_s)))
     }
 
-    /// `r` where `phi(s) = mu r_n / |r_t| - 1` vanishes, from `phi(lower) < 0`.
+    /// Returns the impulse `r` at the root of `phi(s) = mu r_n / |r_t| - 1`, from `phi(lower) < 0`.
     fn root(&self, mu: f64, mut lower: f64) -> Option<Vector3<f64>> {
         let phi = |s: f64| {
             let (r, by_s) = self.impulse(s)?;
@@ -177,7 +177,7 @@ impl Slip {
             }
             s = next;
         }
-        // Scale the friction to the bound, so that r lies on the cone despite the rounding of s.
+        // Scale the friction to the bound, so that `r` lies on the cone despite the rounding of `s`.
         r.map(|r| join(r.x, tangent(&r) * (mu * r.x / tangent(&r).norm())))
     }
 }

@@ -1,5 +1,5 @@
-//! Solution of one contact on a patch: `u = W r + q` with a 6 x 6 `W`, by Newton's method on the [function of Alart and
-//! Curnier](super::patch), and where that stalls by a bracket of the normal impulse.
+//! Solution of one contact patch: `u = W r + q` with a 6 x 6 `W`, by Newton's method on the [function of Alart and
+//! Curnier](super::patch), and if that stalls by a bracket of the normal impulse.
 //!
 //! For a given normal impulse `nu` the law of friction is a convex problem,
 //!
@@ -7,36 +7,37 @@
 //! s(nu) = argmin { s . W_ss s / 2 + s . (q_s + W_sn nu) : s in nu S }
 //! ```
 //!
-//! and one equation is left, `u_n(nu) = W_nn nu + W_ns s(nu) + q_n = 0`. Its left side is continuous if `W` is positive
-//! definite, negative at zero if the contact closes, and positive in the end: `s(nu)/nu` tends to some `t`, where
-//! `W_ns t <= -t . W_ss t` since zero lies in `S`, and with `(W_ns t)^2 < W_nn t . W_ss t` it follows that
-//! `-W_ns t < W_nn`. So there is a root, which a bracket finds from any start. The convex problem is solved by Newton's
-//! method on the fixed points of projected gradients, which take over where it does not halve their step: they never
-//! lengthen it, and converge.
+//! and one equation is left, `u_n(nu) = W_nn nu + W_ns s(nu) + q_n = 0`. Its left side is continuous if `W` is
+//! positive definite, negative at zero if the contact closes, and positive for large `nu`: `s(nu)/nu` tends to some
+//! `t`, where `W_ns t <= -t . W_ss t` since zero lies in `S`, and with `(W_ns t)^2 < W_nn t . W_ss t` it follows that
+//! `-W_ns t < W_nn`. So there is a root, which a bracket finds from any start. The convex problem is solved by
+//! Newton's method on the fixed points of projected gradients; projected gradient steps take over if a Newton step
+//! does not halve the length of the gradient step: they never lengthen it, and converge.
 
 use super::BlockMatrix;
 use super::patch::{Pair, Parts, PatchCone, Projected, Reach, both, joined, pair, parts};
 use super::scaling::unit;
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 
-/// Newton steps for one contact, and the residual, relative to its terms, at which they end.
+/// Newton steps for one patch, and the residual, relative to its terms, at which they end.
 const STEPS: usize = 60;
 const SOLVED: f64 = 1e-14;
 
-/// The shortest step of Newton's method, and the residual of rounding, above which a bracket takes over.
+/// The shortest step of Newton's method, and the relative residual above which a bracket takes over.
 const SHORTEST: f64 = 1e-4;
 const ROUGH: f64 = 1e-12;
 
-/// Limits on the iterations for a bracket, which halves, and for the doublings that find it from any scale.
+/// Limits on the halvings of a bracket, and on the doublings that find it from any scale.
 const BISECTIONS: usize = 100;
 const DOUBLINGS: usize = 200;
 
-/// Turns of the convex problem, and projected gradients in a turn.
+/// Largest number of turns of the convex problem, and projected gradient steps in a turn.
 const TURNS: usize = 100;
 const GRADIENTS: usize = 20;
 
-/// The impulses of one contact on a patch, whose force is row `k` of `W`, from the start `r`, for the velocities `q` of its
-/// two rows without them; never worse than `r`.
+/// Returns the impulses (force and torque) of one contact patch whose force is block row `k` of `W`. `q` are the
+/// velocities of its two rows without these impulses. The iteration starts from `r`; the result is never worse than
+/// `r`.
 pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Reach, r: &Pair) -> Pair {
     let mut own = Matrix6::zeros();
     for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
@@ -44,13 +45,13 @@ pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Rea
             own.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
         }
     }
-    // In units of the contact, in which impulses and velocities can be subtracted.
+    // Scale to the unit of the contact, in which impulses and velocities can be subtracted.
     let d = unit(&own.fixed_view::<3, 3>(0, 0).into_owned());
     let contact = PatchContact { cone: PatchCone { mu, reach }, matrix: own * (d * d), q: both(q) * d };
     contact.solve(&r.map(|r| r / d)).map(|r| r * d)
 }
 
-/// One contact, in its own units.
+/// One contact patch, in its own units.
 struct PatchContact {
     cone: PatchCone,
     matrix: Matrix6<f64>,
@@ -70,7 +71,7 @@ impl PatchContact {
         size <= accuracy * (r.norm() + self.q.norm())
     }
 
-    /// The impulses, from `r`; never worse than these.
+    /// Returns the impulses, starting from `r`; never worse than `r`.
     fn solve(&self, r: &Pair) -> Pair {
         if self.q.x >= 0.0 {
             return [Vector3::zeros(); 2];
@@ -87,7 +88,8 @@ impl PatchContact {
         pair(&r)
     }
 
-    /// Newton's method with a line search, as long as that decreases the residual; the last point and its residual.
+    /// Runs Newton's method with a line search, as long as that decreases the residual; returns the last point and
+    /// its residual.
     fn newton(&self, r: &Vector6<f64>) -> (Vector6<f64>, f64) {
         let (mut r, mut size) = (*r, self.residual(r));
         for _ in 0..STEPS {
@@ -111,7 +113,8 @@ impl PatchContact {
         (r, size)
     }
 
-    /// The root of `u_n(nu)` in a bracket, with Newton steps inside it; `None` if it is beyond all scales.
+    /// Finds the root of `u_n(nu)` in a bracket, with Newton steps inside it; returns `None` if the root is beyond
+    /// all scales.
     fn bracketed(&self, start: &Vector6<f64>) -> Option<Vector6<f64>> {
         let (w_nn, q_n) = (self.matrix[(0, 0)], self.q.x);
         let w_ns = self.matrix.fixed_view::<1, 5>(0, 1);
@@ -142,12 +145,12 @@ impl PatchContact {
         upper.is_finite().then(|| both(&joined(nu, &s)))
     }
 
-    /// Friction for the normal impulse `nu`, from `s`, and its derivative by `nu`.
+    /// Returns the friction for the normal impulse `nu`, starting from `s`, and its derivative by `nu`.
     fn friction(&self, nu: f64, s: &Parts) -> (Parts, Option<Parts>) {
         let w_ss = self.matrix.fixed_view::<5, 5>(1, 1).into_owned();
         let w_sn = self.matrix.fixed_view::<5, 1>(1, 0).into_owned();
         let q = self.q.fixed_rows::<5>(1) + w_sn * nu;
-        // Below the reciprocal of the largest eigenvalue.
+        // A gradient step below the reciprocal of the largest eigenvalue.
         let step = w_ss.trace().recip();
         let step = if step.is_finite() { step } else { 1.0 };
         let kept = SMatrix::<f64, 5, 5>::identity() - w_ss * step;
@@ -195,7 +198,8 @@ mod tests {
                         (0..4).map(|k| (k / 2, k % 2, w.fixed_view::<3, 3>(3 * (k / 2), 3 * (k % 2)).into_owned()));
                     let matrix = BlockMatrix::from_blocks(2, blocks).unwrap();
                     let r = both(&solve_patch(&matrix, 0, &pair(&q), mu, reach, &pair(&start)));
-                    // The residual in the unit of the matrix, and what rounding of velocities is in the law.
+                    // The residual in the unit of the matrix, and the effect of rounding errors of velocities on the
+                    // law.
                     let cone = PatchCone { mu, reach };
                     let rounding = 16.0 * f64::EPSILON * (w.norm() * r.norm() + q.norm());
                     let (u, r) = (pair(&(w * r + q)), r * unit);

@@ -1,34 +1,35 @@
-//! The cone of Lorentz, `L = { x : |x_t| <= x_0 }`, with its Jordan algebra, as interior-point methods need it (Nesterov and Todd
-//! 1997; Vandenberghe 2010, *The CVXOPT linear and quadratic cone program solvers*). Friction cones and their duals become this cone
-//! in the coordinates `z = (mu r_n, r_t)` and `s = (y_n/mu, y_t)`. Without friction only the normal components count, on the half-line.
+//! The Lorentz (second-order) cone, `L = { x : |x_t| <= x_0 }`, with its Jordan algebra, as interior-point methods
+//! need it (Nesterov and Todd 1997; Vandenberghe 2010, *The CVXOPT linear and quadratic cone program solvers*).
+//! Friction cones and their duals become this cone in the coordinates `z = (mu r_n, r_t)` and `s = (y_n/mu, y_t)`.
+//! Without friction only the normal components count, on the half-line.
 
 use super::cone::{join, tangent};
 use nalgebra::{Matrix3, Vector3};
 
-/// `J x`, with the tangential part reversed.
+/// Returns `J x` with `J = diag(1, -1, -1)`: the vector with its tangential part reversed.
 fn reflect(x: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(x.x, -x.y, -x.z)
 }
 
-/// `x^T J x`, positive inside the cone.
+/// Returns `x^T J x` with `J = diag(1, -1, -1)`, which is positive inside the cone.
 fn determinant(x: &Vector3<f64>) -> f64 {
     let slip = tangent(x).norm();
     (x.x - slip) * (x.x + slip)
 }
 
-/// The product `a o b`.
+/// Returns the Jordan product `a o b`.
 pub(super) fn product(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
     join(a.dot(b), tangent(b) * a.x + tangent(a) * b.x)
 }
 
-/// The solution `d` of `l o d = b`.
+/// Returns the solution `d` of `l o d = b` with the Jordan product.
 pub(super) fn quotient(b: &Vector3<f64>, l: &Vector3<f64>) -> Vector3<f64> {
     let normal = (l.x * b.x - tangent(l).dot(&tangent(b))) / determinant(l);
     join(normal, (tangent(b) - tangent(l) * normal) / l.x)
 }
 
 /// The scaling of Nesterov and Todd, the symmetric matrix `V` with `V z = V^-1 s` that maps the cone onto itself:
-/// `V = beta (2 v v^T - J)`.
+/// `V = beta (2 v v^T - J)` with `J = diag(1, -1, -1)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NtScaling {
     beta: f64,
@@ -36,7 +37,7 @@ pub(super) struct NtScaling {
 }
 
 impl NtScaling {
-    /// The scaling of two points inside the cone.
+    /// Returns the scaling of two points inside the cone.
     pub fn of(z: &Vector3<f64>, s: &Vector3<f64>) -> Self {
         let [of_z, of_s] = [z, s].map(|x| determinant(x).sqrt());
         let (z, s) = (z / of_z, s / of_s);
@@ -44,24 +45,24 @@ impl NtScaling {
         Self { beta: (of_s / of_z).sqrt(), v: (w + Vector3::x()) / (2.0 * (w.x + 1.0)).sqrt() }
     }
 
-    /// `V x`.
+    /// Returns the product `V x` with the Nesterov-Todd scaling `V`.
     pub fn times(&self, x: &Vector3<f64>) -> Vector3<f64> {
         (self.v * (2.0 * self.v.dot(x)) - reflect(x)) * self.beta
     }
 
-    /// `V^-1 x`.
+    /// Returns the product `V^-1 x` with the inverse of the Nesterov-Todd scaling.
     pub fn divide(&self, x: &Vector3<f64>) -> Vector3<f64> {
         let v = reflect(&self.v);
         (v * (2.0 * v.dot(x)) - reflect(x)) / self.beta
     }
 
-    /// `V^2`.
+    /// Returns the square `V^2` of the Nesterov-Todd scaling.
     pub fn square(&self) -> Matrix3<f64> {
         Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|e| self.times(&self.times(&e))))
     }
 }
 
-/// The largest `a <= 1` for which `x + a dx` lies in the cone, from an `x` inside it.
+/// Returns the largest `a <= 1` for which `x + a dx` lies in the cone, for `x` inside the cone.
 pub(super) fn longest(x: &Vector3<f64>, dx: &Vector3<f64>) -> f64 {
     // The first positive root of (x + a dx)^T J (x + a dx) = c + 2 b a + d a^2, in the form that does not cancel.
     let (c, d) = (determinant(x), determinant(dx));

@@ -11,7 +11,7 @@
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
 //! block Gauss-Seidel, an interior-point method, proximal Newton and ADMM in turn, depending on the residual.
 //!
-//! A contact on a patch, with drilling and rolling friction, takes two block rows with a set of its own.
+//! A contact patch, with drilling and rolling friction, takes two block rows with an admissible set of its own.
 
 mod admm;
 mod alart_curnier;

@@ -7,9 +7,9 @@
 //! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*; for friction Acary, Bremond and Huber
 //! 2018, section 4.5). The proximal term regularises a singular `W`, and changes the solution only as long as the
 //! iteration has not converged. Each inner problem takes a few Newton steps on the [Alart-Curnier
-//! function](super::alart_curnier) with a line search on its norm. If no length decreases the norm the full step is
-//! taken, since shorter ones meet the same kinks; the outer iteration globalises: an iterate that does not lower the
-//! residual of the original problem is rejected, and `alpha` raised.
+//! function](super::alart_curnier) with a line search on its norm. If no step length decreases the norm the full step
+//! is taken, since shorter steps meet the same kinks; the outer iteration globalises: an iterate that does not lower
+//! the residual of the original problem is rejected, and `alpha` raised.
 
 use super::alart_curnier::{self, Linearised};
 use super::linear::BlockSystem;
@@ -18,35 +18,36 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
 
-/// Largest number of Newton steps for one inner problem, which either has the correct contact states after five or is
-/// chattering.
+/// Largest number of Newton steps for one inner problem, which either has the correct contact states after five steps
+/// or is chattering.
 const INNER: usize = 10;
 
-/// An inner problem is easy if solved in this number of steps: then `alpha` shrinks fast.
+/// An inner problem is easy if solved in `EASY` Newton steps: then the proximal weight `alpha` is multiplied by
+/// `SHRINK_FAST`, otherwise by `SHRINK`, and after a failure by `RAISE`.
 const EASY: usize = 5;
 const SHRINK_FAST: f64 = 0.1;
 const SHRINK: f64 = 0.3;
 const RAISE: f64 = 10.0;
 
-/// Bounds of `alpha`, which follows the residual, in units of the scaled diagonal. Below the least value it is lost in
-/// the rounding of `W`.
+/// Bounds of the proximal weight `alpha`, which follows the residual, in units of the scaled diagonal. Below
+/// `ALPHA_LEAST` it is lost in the rounding of `W`.
 const ALPHA_BY_RESIDUAL: f64 = 10.0;
 const ALPHA_FIRST: [f64; 2] = [1e-8, 1e-2];
 const ALPHA_LEAST: f64 = 1e-11;
 
-/// An outer step must lower the residual to this fraction; after `FAILURES` failures in a row another method takes
-/// over.
+/// An outer step must lower the residual to the fraction `OUTER_DECREASE`; after `FAILURES` failures in a row another
+/// method takes over.
 const OUTER_DECREASE: f64 = 0.5;
 const FAILURES: usize = 3;
 
-/// The inner residual at the level of rounding, relative to `|q| + |r|`.
+/// Residual of an inner problem at the level of rounding, relative to `|q| + |r|`.
 const INNER_ACCURACY: f64 = 1e-14;
 
 /// Armijo's fraction, and the shortest step length.
 const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-3;
 
-/// Proximal Newton for problems of one pattern; allocates when built.
+/// Proximal Newton for problems of one block pattern; allocates when built.
 pub(super) struct ProximalNewton {
     system: BlockSystem,
     linearised: Vec<Linearised>,
@@ -59,7 +60,7 @@ pub(super) struct ProximalNewton {
 }
 
 impl ProximalNewton {
-    /// A solver for the pattern of a scaled problem; `None` if memory does not suffice.
+    /// Creates a solver for the pattern of a scaled problem; returns `None` if memory does not suffice.
     pub fn new(scaling: &Scaling) -> Option<Self> {
         let n = scaling.problem.contacts();
         let zero = Linearised { value: Vector3::zeros(), by_u: Default::default(), by_r: Default::default() };
@@ -74,8 +75,8 @@ impl ProximalNewton {
         })
     }
 
-    /// Improves `r`, which has the residual `residual`, within `budget` factorisations; returns the number used and the
-    /// new residual.
+    /// Improves the impulses `r`, whose residual is `residual`, within `budget` factorisations; returns the number
+    /// used and the new residual.
     pub fn improve(
         &mut self,
         task: &Task<'_>,
@@ -104,7 +105,8 @@ impl ProximalNewton {
         (used, residual)
     }
 
-    /// Iterates on the inner problem, from the centre into `iterate`; returns the number of factorisations used.
+    /// Iterates on the inner problem, from the proximal centre into `iterate`; returns the number of factorisations
+    /// used.
     fn inner(&mut self, scaling: &Scaling, alpha: f64) -> usize {
         self.iterate.copy_from_slice(&self.centre);
         let size = norm(scaling.problem.q()) + norm(&self.centre);
@@ -129,7 +131,7 @@ impl ProximalNewton {
         INNER
     }
 
-    /// Linearises at the iterate; returns the norm of the function there.
+    /// Linearises the Alart-Curnier function at the iterate; returns its norm.
     fn linearise(&mut self, scaling: &Scaling, alpha: f64) -> f64 {
         let problem = &scaling.problem;
         let mut sum = 0.0;
@@ -174,7 +176,8 @@ impl ProximalNewton {
         factored && self.system.solve(&mut self.direction)
     }
 
-    /// Writes the point at this length along the direction to `trial`; returns the norm of the function there.
+    /// Writes the point at this length along the direction to `trial`; returns the norm of the Alart-Curnier function
+    /// at that point.
     fn norm_along(&mut self, scaling: &Scaling, alpha: f64, length: f64) -> f64 {
         let problem = &scaling.problem;
         for ((trial, r), d) in self.trial.iter_mut().zip(&self.iterate).zip(self.direction.chunks_exact(3)) {

@@ -1,15 +1,16 @@
-//! The set of impulses of a contact on a patch: two block rows, of the force `(r_n, f_1, f_2)`, and of the torque
-//! `(tau, m_1, m_2)` in drilling and rolling, which have their units,
+//! The admissible set of impulses of a contact patch: two block rows, of the force `(r_n, f_1, f_2)`, and of the
+//! torque `(tau, m_1, m_2)` in drilling and rolling,
 //!
 //! ```text
 //! K = { r : (f, tau / a) in mu r_n L,  |m| <= b r_n },    u_n + mu sigma(u_f, a u_tau) + b |u_m|  in place of  u_n + mu |u_t|
 //! ```
 //!
-//! with the [limit surface](super::limit_surface) `L`. It is Coulomb's law with another set: friction has the largest power
-//! in `r_n S`, and de Saxce's term is the support function of `S`. Torques are divided by a length, and angular velocities
-//! multiplied: one that makes them comparable with forces, such as a radius of gyration. `a` and `b` are the radius of the
-//! patch and the coefficient of rolling friction in that length. Divided by these two themselves, torques on a tiny patch
-//! would have rows that almost vanish, and those on a huge one rows that outweigh the force.
+//! with the [limit surface](super::limit_surface) `L`. With the set `S` of all `(f, tau, m)` that are admissible for
+//! `r_n = 1`, Coulomb's law holds in a general form: friction has the largest power in `r_n S`, and de Saxce's term
+//! is the support function of `S`. Torques are divided by a length, and angular velocities multiplied by it, that
+//! makes them comparable with forces, such as a radius of gyration; `a` and `b` are the radius of the patch and the
+//! coefficient of rolling friction in units of that length. If torques were divided by `a` and `b` themselves, a tiny
+//! patch would have rows that almost vanish, and a huge one rows that outweigh the force.
 
 use super::alart_curnier::Linearised;
 use super::limit_surface::{Point, mean_speed};
@@ -18,42 +19,43 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 /// The role of a block row.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Role {
-    /// A contact at a point.
+    /// The force of a point contact.
     #[default]
     Point,
-    /// The force of a contact on a patch; the torque follows in the next row.
+    /// The force of a contact patch; its torque follows in the next row.
     Force(Reach),
-    /// The torque of a contact on a patch.
+    /// The torque of a contact patch.
     Torque,
 }
 
-/// The lengths of a patch, in the length by which its torques are divided.
+/// The lengths of a contact patch, in units of the length by which its torques are divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
-    /// `a`, for the radius of the patch: drilling.
+    /// The radius `a` of the patch, for drilling.
     pub drill: f64,
-    /// `b`, for the coefficient of rolling friction.
+    /// The coefficient `b` of rolling friction.
     pub roll: f64,
 }
 
-/// Both block rows of a contact on a patch.
+/// Both block rows of a contact patch: force and torque.
 pub(super) type Pair = [Vector3<f64>; 2];
 
-/// The set of one contact on a patch.
+/// The admissible set of one contact patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PatchCone {
     pub mu: f64,
     pub reach: Reach,
 }
 
-/// Limit on iterations for the normal impulse of a projection, and its relative accuracy.
+/// Largest number of iterations for the normal impulse of a projection, and its relative accuracy.
 const ITERATIONS: usize = 100;
 const ACCURACY: f64 = 1e-15;
 
-/// The components `(f_1, f_2, tau, m_1, m_2)`.
+/// The friction components `(f_1, f_2, tau, m_1, m_2)` of a contact patch.
 pub(super) type Parts = SMatrix<f64, 5, 1>;
 
-/// The projection onto `rho S`, and its derivatives by the point and by `rho`.
+/// The projection of a point onto `rho S`, with the set `S` of friction admissible for unit normal impulse, and its
+/// derivatives by the point and by `rho`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projected {
     pub value: Parts,
@@ -62,27 +64,27 @@ pub(super) struct Projected {
 }
 
 impl PatchCone {
-    /// `mu sigma(u_f, a u_tau) + b |u_m|`.
+    /// Returns the support function `mu sigma(u_f, a u_tau) + b |u_m|` of the admissible friction.
     pub fn support(self, u: &Pair) -> f64 {
         let Reach { drill, roll } = self.reach;
         self.mu * mean_speed(u[0].y.hypot(u[0].z), drill * u[1].x) + roll * u[1].y.hypot(u[1].z)
     }
 
-    /// The point of `scale L` next to the force and the torque of these sizes, and its distance; without a radius, forces
-    /// alone. `None` if there is none outside.
+    /// Returns the point of `scale L` nearest to a force and a torque of the given sizes, and its distance; `None` if
+    /// both lie inside. For a patch without a radius only the force counts.
     fn nearest(self, slide: f64, drill: f64, scale: f64) -> Option<(Point, f64)> {
         let a = self.reach.drill;
         if a > 0.0 { Point::nearest(slide, drill, scale, a) } else { Point::nearest(slide, 0.0, scale, 1.0) }
     }
 
-    /// The velocity augmented by the support function.
+    /// Returns the velocity augmented by the support function.
     pub fn augment(self, mut u: Pair) -> Pair {
         u[0].x += self.support(&u);
         u
     }
 
-    /// The projection onto the cone. Its normal impulse `nu` is the root of
-    /// `nu - v_n = mu sigma(d_f) + b |d_m|`, with the distances `d` of the other components from `nu S`.
+    /// Returns the projection onto the cone. Its normal impulse `nu` is the root of `nu - v_n = mu sigma(d_f) + b
+    /// |d_m|`, with the distances `d` of the other components from `nu S`.
     pub fn project(self, v: Pair) -> Pair {
         let (slide, drill, roll) = (v[0].y.hypot(v[0].z), v[1].x.abs(), v[1].y.hypot(v[1].z));
         let (most, b) = (self.support(&v), self.reach.roll);
@@ -119,14 +121,14 @@ impl PatchCone {
         joined(nu, &self.onto(&parts(&v), nu).value)
     }
 
-    /// The natural map; zero if and only if the law holds.
+    /// Returns the natural map, which is zero if and only if the contact law of the patch holds.
     pub fn natural_map(self, r: &Pair, u: &Pair) -> Pair {
         let augmented = self.augment(*u);
         let projected = self.project([r[0] - augmented[0], r[1] - augmented[1]]);
         [r[0] - projected[0], r[1] - projected[1]]
     }
 
-    /// The projection onto `rho S`.
+    /// Returns the projection of `y` onto `rho S`.
     pub fn onto(self, y: &Parts, rho: f64) -> Projected {
         let mut of = Projected { value: *y, by_point: SMatrix::identity(), by_rho: Parts::zeros() };
         let scale = self.mu * rho;
@@ -166,7 +168,7 @@ impl PatchCone {
         of
     }
 
-    /// The function of Alart and Curnier with this set: `r_n - [y_n]_+` and `r_s - P_{[y_n]_+ S}(y_s)`, `y = r - u`.
+    /// Returns the Alart-Curnier function of the patch: `r_n - [y_n]_+` and `r_s - P_{[y_n]_+ S}(y_s)`, `y = r - u`.
     pub fn value(self, r: &Pair, u: &Pair) -> Pair {
         let y = [r[0] - u[0], r[1] - u[1]];
         if y[0].x <= 0.0 {
@@ -176,7 +178,8 @@ impl PatchCone {
         [r[0] - projected[0], r[1] - projected[1]]
     }
 
-    /// The function and its derivative by `y`; those by `u` and `r` are that, and the unit matrix less that.
+    /// Returns the Alart-Curnier function and its derivative `P` by `-y`: its derivatives are `P` by `u` and `I - P`
+    /// by `r`.
     pub fn linearise(self, r: &Pair, u: &Pair) -> (Vector6<f64>, Matrix6<f64>) {
         let y = [r[0] - u[0], r[1] - u[1]];
         let mut by_y = Matrix6::zeros();
@@ -191,7 +194,8 @@ impl PatchCone {
         (both(&[r[0] - at[0], r[1] - at[1]]), by_y)
     }
 
-    /// The function linearised by block rows: for each row, its value, the derivatives by itself, and those by the other row.
+    /// Linearises the Alart-Curnier function by block rows: for each row, its value, the derivatives by the row
+    /// itself, and those by the other row.
     pub fn linearise_rows(self, r: &Pair, u: &Pair) -> [(Linearised, [Matrix3<f64>; 2]); 2] {
         let (value, by_y) = self.linearise(r, u);
         let by_r = Matrix6::identity() - by_y;
@@ -233,7 +237,7 @@ mod tests {
         a[0].dot(&b[0]) + a[1].dot(&b[1])
     }
 
-    /// Moreau's decomposition: the projection is orthogonal to the rest, which lies in the polar cone.
+    /// Moreau's decomposition: the projection is orthogonal to the remainder, which lies in the polar cone.
     #[test]
     fn projections_split_vectors_between_the_cone_and_its_polar() {
         let mut random = Random(7);
@@ -243,7 +247,7 @@ mod tests {
                 let v = any_pair(&mut random);
                 let z = cone.project(v);
                 let rest = [v[0] - z[0], v[1] - z[1]];
-                // Distances along the torque weigh by its reach.
+                // Scale by the support function: distances along the torque weigh by the reach of the patch.
                 let size = 1.0 + cone.support(&v);
                 assert!(dot(&z, &rest).abs() < 1e-12 * size, "{mu} {reach:?} {v:?} {z:?}");
                 assert!(rest[0].x + cone.support(&rest) < 1e-12 * size, "{mu} {reach:?} {v:?}");

@@ -1,17 +1,18 @@
-//! A portfolio of methods, in turn, depending on the residual.
+//! A portfolio of methods for Coulomb's law, run in turn depending on the residual.
 //!
 //! 1. One contact: its exact solution.
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
-//! 3. Proximal Newton, from the best point so far, if contacts are few: its contact states are often those of the solution.
-//! 4. The interior-point method, which finds the contact states, then Newton again if digits are missing; not if there are
-//!    contacts on patches.
-//! 5. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
-//!    state, so that nothing is lost if Newton fails again.
+//! 3. Proximal Newton, from the best point so far, if contacts are few: its contact states are often those of the
+//!    solution.
+//! 4. The interior-point method, which finds the contact states, then Newton again if the tolerance is not reached; not
+//!    if there are contact patches.
+//! 5. If Newton stalls, ADMM for a while, then Newton from its result, and so on with ever longer runs. ADMM keeps its
+//!    own state, so that nothing is lost if Newton fails again.
 //!
-//! If contacts are too many for a factorisation, sweeps only, up to their limit; where the operator is known in factors,
-//! [`ProximalSweeps`](super::ProximalSweeps) go on.
+//! If contacts are too many for a factorisation, only sweeps are made, up to their limit; if the operator is known in
+//! factored form, [`ProximalSweeps`](super::ProximalSweeps) continue.
 //!
-//! No method decides on its own success: the residual is recomputed from the problem.
+//! No method judges its own success: the residual is recomputed from the problem.
 
 use super::admm::Admm;
 use super::anderson::Anderson;
@@ -27,11 +28,11 @@ use problem::Control;
 /// Number of sweeps between two evaluations of the residual.
 pub(super) const SWEEPS_AT_ONCE: usize = 10;
 
-/// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
+/// ADMM iterations before Newton's second attempt, and the percentage by which later runs of ADMM grow.
 const FIRST_RUN: usize = 100;
 const RUN_GROWTH_PERCENT: usize = 60;
 
-/// Bounds on the work of one solve.
+/// Limits on the work of one solve of Coulomb's law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// The relative natural map, both with each contact in its own unit and in the user's units, at which the solve
@@ -40,15 +41,15 @@ pub struct Limits {
     /// Gauss-Seidel continues only while its rate predicts the tolerance within this number of further sweeps, or
     /// within the number that costs as much as one dense factorisation. Default 100.
     pub sweeps: usize,
-    /// Largest number of factorisations in one attempt of Newton's method, and from one start of the interior-point method.
-    /// Default 40.
+    /// Largest number of factorisations in one attempt of Newton's method, and from one start of the interior-point
+    /// method. Default 40.
     pub factorisations: usize,
-    /// Largest total number of ADMM iterations, and of sweeps. Default 30,000; a problem without a solution uses all of
-    /// them.
+    /// Largest total number of ADMM iterations, and of sweeps. Default 30,000; a problem without a solution uses all
+    /// of them.
     pub iterations: usize,
     /// Largest number of contacts for a factorisation. Default unlimited.
     pub factorised: usize,
-    /// Largest number of accelerated sweeps above that number of contacts. Default 300.
+    /// Largest number of accelerated sweeps for more contacts than can be factorised. Default 300.
     pub accelerated: usize,
 }
 
@@ -65,28 +66,28 @@ impl Default for Limits {
     }
 }
 
-/// The number of contacts up to which Newton's method goes before the interior-point method: it needs fewer factorisations, and the
-/// contact states at the start are then often those of the solution. Of many contacts with many solutions the interior-point
-/// method finds a central one, from which later solves start well.
+/// Largest number of contacts for which Newton's method precedes the interior-point method: it needs fewer
+/// factorisations, and for few contacts the contact states at the start are often those of the solution. For many
+/// contacts with many solutions the interior-point method finds a central one, from which later solves start well.
 const NEWTON_FIRST: usize = 50;
 
-/// A method of the portfolio.
+/// A method of the portfolio for Coulomb's law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// The cases of Coulomb's law for one contact.
+    /// Exact solution of one contact, by the cases of Coulomb's law.
     Exact,
-    /// Block Gauss-Seidel.
+    /// Block Gauss-Seidel sweeps over the contacts.
     GaussSeidel,
-    /// Nonsmooth Newton in a proximal iteration.
+    /// Nonsmooth Newton in a proximal-point iteration.
     ProximalNewton,
     /// A primal-dual interior-point method.
     InteriorPoint,
-    /// ADMM.
+    /// The alternating direction method of multipliers (ADMM).
     Admm,
 }
 
 impl Method {
-    /// The name in the diagnostics.
+    /// Returns the name of the method in the diagnostics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact",
@@ -98,21 +99,21 @@ impl Method {
     }
 }
 
-/// One turn of a method.
+/// One turn of a method of the portfolio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The method.
+    /// The method of the turn.
     pub method: Method,
-    /// Sweeps, Newton steps or ADMM iterations.
+    /// The number of sweeps, Newton steps or ADMM iterations.
     pub iterations: usize,
-    /// The residual before the turn: the largest of the relative natural maps in the user's units and with each contact
-    /// in its own unit, and of the latter relative to velocities alone.
+    /// The residual before the turn: the largest of the relative natural map in the user's units, that with each
+    /// contact in its own unit, and the latter relative to velocities alone.
     pub before: f64,
-    /// The residual after the turn.
+    /// The residual after the turn, defined as the residual before it.
     pub after: f64,
 }
 
-/// The input of an iterative method.
+/// The input of an iterative method of the portfolio.
 pub(super) struct Task<'a> {
     pub scaling: &'a Scaling,
     pub tolerance: f64,
@@ -126,10 +127,11 @@ impl Task<'_> {
     }
 }
 
-/// The result of a solve, with its accuracy.
+/// The result of a solve of Coulomb's law, with its accuracy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// `Solved`, `Limit` (a bound or `Control` ended it; the best point is returned) or `Breakdown`.
+    /// `Solved`, `Limit` (a limit on the work or `Control` ended the solve; the best point is returned) or
+    /// `Breakdown`.
     pub outcome: Outcome,
     /// The residuals of Coulomb's law, in the user's units.
     pub evidence: Evidence,
@@ -137,10 +139,10 @@ pub struct Report {
     pub attempts: Vec<Attempt>,
 }
 
-/// The portfolio. Its workspace grows to the size of the largest problem and is reused.
+/// The portfolio for Coulomb's law. Its workspace grows to the size of the largest problem and is reused.
 #[derive(Debug, Default)]
 pub struct Coulomb {
-    /// Bounds on the work.
+    /// Limits on the work of one solve.
     pub limits: Limits,
     scaling: Scaling,
     /// Scaled impulses: the best so far, and those of the current method.
@@ -153,15 +155,15 @@ pub struct Coulomb {
 }
 
 impl Coulomb {
-    /// Creates a portfolio with these limits.
+    /// Creates a portfolio with the given limits.
     pub fn new(limits: Limits) -> Self {
         Self { limits, ..Self::default() }
     }
 
-    /// Solves from the impulses `r`, and writes the best result there. Polls `control` throughout.
+    /// Solves from the impulses `r`, and writes the best result to `r`. Polls `control` throughout.
     ///
     /// # Panics
-    /// If `r` is not one impulse for each contact.
+    /// Panics if `r` does not have one impulse for each contact.
     pub fn solve(&mut self, problem: &CoulombProblem, r: &mut [Vector3<f64>], control: &Control) -> Report {
         assert_eq!(r.len(), problem.contacts(), "one impulse for each contact");
         self.attempts.clear();
@@ -209,7 +211,7 @@ impl Coulomb {
         self.residual.strict <= self.limits.tolerance || control.poll().is_some()
     }
 
-    /// Records a turn that ended with `work`, and keeps `work` if it is the best.
+    /// Records a turn that ended with the impulses `work`, and keeps `work` if it is the best.
     fn record(&mut self, method: Method, iterations: usize, before: Residual, after: Residual) {
         self.attempts.push(Attempt { method, iterations, before: before.strict, after: after.strict });
         if after.strict < self.residual.strict {
@@ -218,8 +220,8 @@ impl Coulomb {
         }
     }
 
-    /// Makes sweeps with Anderson's acceleration. If Newton's method can follow, they continue only while their rate so
-    /// far predicts the tolerance within the number of sweeps that are cheaper.
+    /// Makes sweeps with Anderson's acceleration. If Newton's method can follow, sweeps continue only while their
+    /// rate so far predicts the tolerance within the number of sweeps that are cheaper.
     fn sweep(&mut self, control: &Control) {
         if self.is_over(control) {
             return;
@@ -260,9 +262,9 @@ impl Coulomb {
         self.attempts.push(Attempt { method, iterations: sweeps, before, after });
     }
 
-    /// Runs the interior-point method.
+    /// Runs the interior-point method, unless there are contact patches.
     fn pass_through_the_interior(&mut self, control: &Control) {
-        // Its barrier is that of second-order cones, which the set of a patch is not.
+        // The barrier of the method is that of second-order cones; the set of a patch is no such cone.
         if self.scaling.problem.has_patches() {
             return;
         }
@@ -274,7 +276,8 @@ impl Coulomb {
         self.record(Method::InteriorPoint, steps, before, after);
     }
 
-    /// Runs the interior-point method, at the end of the first turn if contacts are few, and Newton's method and ADMM in turn.
+    /// Runs Newton's method and ADMM in turn, with the interior-point method once: first for many contacts, otherwise
+    /// after Newton's first attempt.
     fn alternate(&mut self, control: &Control) {
         if self.is_over(control) {
             return;

@@ -6,53 +6,54 @@ use super::patch::{PatchCone, Role};
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-/// `W`, `q` and `mu` of `n` contacts. `W` may be of any rank, and slightly nonsymmetric.
+/// The data `W`, `q` and `mu` of `n` contacts. `W` may be of any rank, and slightly nonsymmetric.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoulombProblem {
     matrix: BlockMatrix,
     q: Vec<Vector3<f64>>,
     mu: Vec<f64>,
-    /// The roles of the block rows; empty if all are contacts at points.
+    /// The roles of the block rows; empty if all are point contacts.
     roles: Vec<Role>,
 }
 
 /// The reason why data are not a contact problem.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoulombProblemError {
-    /// Lengths do not agree.
+    /// The lengths of `W`, `q` and `mu` do not agree.
     #[error("{contacts} contacts need {contacts} vectors q and {contacts} coefficients, got {q} and {mu}")]
     Shape {
-        /// Block rows of `W`.
+        /// The number of block rows of `W`.
         contacts: usize,
-        /// Length of `q`, in contacts.
+        /// The length of `q`, in contacts.
         q: usize,
-        /// Length of `mu`.
+        /// The length of `mu`.
         mu: usize,
     },
-    /// A row or column index, or the row pointers, do not fit the shape.
+    /// A row or column index, or the row pointers, do not fit the shape of `W`.
     #[error("the indices of W do not fit {contacts} contacts")]
     Index {
-        /// Block rows of `W`.
+        /// The number of block rows of `W`.
         contacts: usize,
     },
     /// An entry of `W` or `q` is NaN or infinite.
     #[error("W and q must be finite")]
     NotFinite,
-    /// The row of the force of a patch is not followed by that of its torque, or that of a torque has none before it.
+    /// The row of the force of a patch is not followed by that of its torque, or the row of a torque is not preceded
+    /// by that of a force.
     #[error("the force of a patch and its torque must be neighbours")]
     Roles,
-    /// A coefficient is negative, NaN or infinite.
+    /// A coefficient of friction is negative, NaN or infinite.
     #[error("the coefficient of contact {contact} must be a number >= 0, got {value}")]
     Coefficient {
-        /// Its contact.
+        /// The index of the contact with the inadmissible coefficient.
         contact: usize,
-        /// The given value.
+        /// The inadmissible coefficient.
         value: f64,
     },
 }
 
 impl CoulombProblem {
-    /// Checks and keeps the data of `n = matrix.len()` contacts.
+    /// Checks and stores the data of `n = matrix.len()` contacts.
     pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, CoulombProblemError> {
         let problem = Self { matrix, q, mu, roles: Vec::new() };
         problem.check().map(|()| problem)
@@ -72,7 +73,7 @@ impl CoulombProblem {
     /// Sets the roles of the block rows.
     ///
     /// # Errors
-    /// If forces and torques are not neighbours.
+    /// Fails if the force and the torque of a patch are not in neighbouring rows, or the number of roles is wrong.
     pub fn take_roles(&mut self, roles: &[Role]) -> Result<(), CoulombProblemError> {
         let is_force = |k: usize| matches!(roles.get(k), Some(Role::Force(_)));
         let is_torque = |k: usize| roles.get(k) == Some(&Role::Torque);
@@ -91,17 +92,17 @@ impl CoulombProblem {
         Ok(())
     }
 
-    /// The role of a block row.
+    /// Returns the role of block row `k`.
     pub(super) fn role(&self, k: usize) -> Role {
         self.roles.get(k).copied().unwrap_or_default()
     }
 
-    /// Whether there is a contact on a patch.
+    /// Whether the problem has a contact patch.
     pub(super) fn has_patches(&self) -> bool {
         !self.roles.is_empty()
     }
 
-    /// The other row of a contact on a patch.
+    /// Returns the other block row of the patch to which row `k` belongs; `None` for a point contact.
     pub(super) fn partner(&self, k: usize) -> Option<usize> {
         match self.role(k) {
             Role::Point => None,
@@ -110,8 +111,8 @@ impl CoulombProblem {
         }
     }
 
-    /// Calls `of` with each row and the natural map of the law there, for impulses `r` and velocities `u`; the map of a patch
-    /// is formed once.
+    /// Calls `of` with each row and its part of the natural map, for impulses `r` and velocities `u`; the map of a
+    /// patch is computed once.
     pub(super) fn natural_maps(
         &self,
         r: impl Fn(usize) -> Vector3<f64>,
@@ -147,7 +148,7 @@ impl CoulombProblem {
         }
     }
 
-    /// Reads `W` (`3n x 3n`) from compressed rows, `q` (`3n`) contact by contact.
+    /// Reads `W` (`3n x 3n`) from compressed sparse rows, and `q` (`3n`) contact by contact.
     pub fn from_csr(
         offsets: &[usize],
         columns: &[usize],
@@ -179,32 +180,32 @@ impl CoulombProblem {
         Self::new(matrix, q.chunks_exact(3).map(Vector3::from_column_slice).collect(), mu)
     }
 
-    /// The number of contacts.
+    /// Returns the number of contacts.
     pub fn contacts(&self) -> usize {
         self.mu.len()
     }
 
-    /// `W`.
+    /// Returns the Delassus operator `W`.
     pub fn matrix(&self) -> &BlockMatrix {
         &self.matrix
     }
 
-    /// `q`, the relative velocities without impulses.
+    /// Returns the relative velocities `q` without impulses.
     pub fn q(&self) -> &[Vector3<f64>] {
         &self.q
     }
 
-    /// The coefficients of friction.
+    /// Returns the coefficients of friction.
     pub fn mu(&self) -> &[f64] {
         &self.mu
     }
 
-    /// `u_k = (W r + q)_k`.
+    /// Returns the relative velocity `u_k = (W r + q)_k` of contact `k`.
     pub fn velocity(&self, k: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
         self.matrix.row_product(k, r) + self.q[k]
     }
 
-    /// Writes `(D W D, D q, mu)` into `target`.
+    /// Writes the scaled problem `(D W D, D q, mu)` into `target`.
     pub(super) fn scale_into(&self, d: &[f64], target: &mut Self) {
         self.matrix.scale_into(d, &mut target.matrix);
         target.q.clear();

@@ -1,16 +1,17 @@
-//! Sweeps in a proximal-point iteration, for problems that are too large for a factorisation.
+//! Gauss-Seidel sweeps in a proximal-point iteration, for contact problems that are too large for a factorisation.
 //!
-//! Where contacts outnumber degrees of freedom, sweeps of Coulomb's law stall: the slip speed in the law makes it
+//! If contacts outnumber degrees of freedom, sweeps of Coulomb's law stall: the slip speed in the law makes it
 //! non-monotone. A proximal term,
 //!
 //! ```text
 //! u = W r + q + c D^-2 (r - r_0)  with Coulomb's law,    D_k = (tr W_kk / 3)^(-1/2)
 //! ```
 //!
-//! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*) restores their linear convergence. Its
-//! solution satisfies the law up to relative velocities of `c |r - r_0| / D^2`. The centre `r_0` is what the sweeps of
-//! the law itself have reached, and then the solution with the last centre, as long as that pays. The outcome is about
-//! the law with the proximal term, and the evidence about Coulomb's law itself.
+//! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*) restores their linear convergence. The
+//! solution with the proximal term satisfies the law up to relative velocities of `c |r - r_0| / D^2`. The centre
+//! `r_0` is the result of sweeps of the law itself, and then the solution with the last centre, as long as that
+//! lowers the residual. The outcome refers to the law with the proximal term, and the evidence to Coulomb's law
+//! itself.
 
 use super::anderson::Anderson;
 use super::cone::FrictionCone;
@@ -24,24 +25,25 @@ use crate::Outcome;
 use nalgebra::{Matrix3, Vector3};
 use problem::Control;
 
-/// The weight `c`: the proximal term of a contact weighs as much as the mean of its own block of `W`. Some 30 sweeps then
-/// suffice, whatever the number of contacts; smaller weights take more sweeps and hardly change the residual of the law.
+/// The weight `c`: the proximal term of a contact weighs as much as the mean of its own block of `W`. Some 30 sweeps
+/// then suffice, whatever the number of contacts; smaller weights take more sweeps and hardly change the residual of
+/// the law.
 const PROXIMAL: f64 = 1.0;
 
-/// An outer iteration must lower the residual of the law to this fraction for another to follow.
+/// An outer iteration must lower the residual of Coulomb's law to this fraction for another to follow.
 const OUTER_DECREASE: f64 = 0.5;
 
-/// A solution of the proximal law.
+/// A solution of Coulomb's law with the proximal term.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProximalReport {
     /// The report, with the residuals of Coulomb's law without the proximal term.
     pub report: Report,
-    /// The residual of the law with the proximal term, which the outcome is about; relative, as
+    /// The relative residual of the law with the proximal term, to which the outcome refers; relative as
     /// [`Evidence::relative`].
     pub solved: f64,
 }
 
-/// The solver. Its workspace grows to the size of the largest problem and is reused.
+/// The solver by proximal sweeps. Its workspace grows to the size of the largest problem and is reused.
 #[derive(Debug, Default)]
 pub struct ProximalSweeps {
     /// The scales `D_k`, and the scaled data.
@@ -49,9 +51,9 @@ pub struct ProximalSweeps {
     factors: Factored,
     q: Vec<Vector3<f64>>,
     mu: Vec<f64>,
-    /// The diagonal blocks with the proximal term.
+    /// The diagonal blocks of `W` with the proximal term added.
     diagonal: Vec<Diagonal>,
-    /// `c`, and the centre `r_0`.
+    /// The weight `c` of the proximal term, and its centre `r_0`.
     weight: f64,
     centre: Vec<Vector3<f64>>,
     /// The best impulses so far, the current ones, and those from which the next sweep starts.
@@ -64,10 +66,10 @@ pub struct ProximalSweeps {
 }
 
 impl ProximalSweeps {
-    /// Solves from the impulses `r`, and writes the result there. Polls `control` throughout.
+    /// Solves from the impulses `r`, and writes the result to `r`. Polls `control` throughout.
     ///
     /// # Panics
-    /// If `q`, `mu` and `r` do not have one entry for each contact.
+    /// Panics if `q`, `mu` and `r` do not have one entry for each contact.
     pub fn solve(
         &mut self,
         factors: &Factored,
@@ -121,7 +123,7 @@ impl ProximalSweeps {
         }
     }
 
-    /// Copies and scales a problem.
+    /// Copies and scales a contact problem.
     fn fit(&mut self, factors: &Factored, q: &[Vector3<f64>], mu: &[f64]) {
         self.d.clear();
         self.d.extend((0..factors.len()).map(|k| unit(&factors.diagonal(k))));
@@ -133,7 +135,7 @@ impl ProximalSweeps {
         self.mu.extend_from_slice(mu);
     }
 
-    /// Gives the proximal term a weight, and the best impulses as its centre.
+    /// Sets the weight of the proximal term, and the best impulses as its centre.
     fn regularise(&mut self, weight: f64) {
         self.weight = weight;
         self.centre.clone_from(&self.best);
@@ -142,12 +144,13 @@ impl ProximalSweeps {
         self.diagonal.extend((0..self.factors.len()).map(|k| Diagonal::new(&(self.factors.diagonal(k) + shift))));
     }
 
-    /// `u_k` with the proximal term, for impulses `r` that give the bodies these velocities.
+    /// Returns the relative velocity `u_k` with the proximal term, for impulses `r` that give the bodies the
+    /// velocities `twists`.
     fn velocity(&self, k: usize, r: &Vector3<f64>, twists: &[Twist]) -> Vector3<f64> {
         self.factors.row_product(k, twists) + self.q[k] + (r - self.centre[k]) * self.weight
     }
 
-    /// The residual of the best impulses.
+    /// Returns the residual of the best impulses.
     fn residual(&mut self) -> Residual {
         let best = std::mem::take(&mut self.best);
         let found = self.residual_of(&best);

@@ -1,32 +1,33 @@
 //! Scaling of each contact by its own unit: `W' = D W D`, `q' = D q`, `r' = D^-1 r`, `u' = D u` with a positive `d_k`
-//! for each contact preserves every cone, and so Coulomb's law. With `d_k = (tr W_kk / 3)^(-1/2)` the diagonal blocks
-//! have unit mean eigenvalue, and `r'` and `u'` have the same unit, the square root of an energy, so that their
-//! difference in the natural map is meaningful and the parameters of every method can be pure numbers.
+//! for each contact preserves every cone, and therefore Coulomb's law. With `d_k = (tr W_kk / 3)^(-1/2)` the diagonal
+//! blocks have unit mean eigenvalue, and `r'` and `u'` have the same unit, the square root of an energy, so that
+//! their difference in the natural map is meaningful and the parameters of every method can be pure numbers.
 
 use super::CoulombProblem;
 use super::cone::FrictionCone;
 use super::patch::Role;
 use nalgebra::{Matrix3, Vector3};
 
-/// The residual of a point.
+/// The residual of Coulomb's law at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Residual {
-    /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units. It
-    /// shows progress also while heavy loads still increase the impulses.
+    /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units.
+    /// It shows progress also while heavy loads still increase the impulses.
     pub relative: f64,
-    /// The larger of `relative` and the scaled map relative to velocities: impulses that grow without bound, if no
-    /// solution exists, would hide the failure from `relative`. A point is a solution if this is small.
+    /// The larger of `relative` and the scaled natural map relative to velocities: if no solution exists, impulses
+    /// grow without bound, and would hide the failure from `relative`. A point is a solution if this residual is
+    /// small.
     pub strict: f64,
 }
 
-/// Tolerance of `strict` for impulses: scaled impulses have the size of scaled velocities, or are larger by the ratio
-/// of masses that press on each other, and so is the rounding in `W r`. A residual relative to velocities is therefore
-/// allowed this fraction of `|r|`, and at most this multiple of `|q|`, so that ratios up to 1e8 can reach residuals of
-/// 1e-10.
+/// Scale of impulses in the strict residual. Scaled impulses have the size of scaled velocities, or are larger by the
+/// ratio of masses that press on each other, and so are the rounding errors of `W r`. The residual relative to
+/// velocities is therefore allowed the fraction `IMPULSE_ROOM` of `|r|`, and at most the multiple `LARGEST_ROOM` of
+/// `|q|`, so that mass ratios up to 1e8 can reach residuals of 1e-10.
 const IMPULSE_ROOM: f64 = 1e-4;
 const LARGEST_ROOM: f64 = 1e4;
 
-/// The scales `d_k`, and the scaled problem.
+/// The scales `d_k` of the contacts, and the scaled problem.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scaling {
     pub d: Vec<f64>,
@@ -78,13 +79,13 @@ impl Scaling {
     }
 }
 
-/// The scale `d_k` of a contact with the block `W_kk`.
+/// Returns the scale `d_k` of a contact with the diagonal block `W_kk`.
 pub(super) fn unit(diagonal: &Matrix3<f64>) -> f64 {
     let d = (diagonal.trace() / 3.0).powf(-0.5);
     if d.is_finite() && d > 0.0 { d } else { 1.0 }
 }
 
-/// The residual of contacts with their cone, `d`, and the scaled `r`, `u` and `q`.
+/// Returns the residual of contacts, each given by its cone, its scale `d`, and the scaled `r`, `u` and `q`.
 pub(super) fn residual(
     contacts: impl Iterator<Item = (FrictionCone, f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
 ) -> Residual {
@@ -100,7 +101,7 @@ pub(super) fn residual(
 }
 
 impl Residual {
-    /// The residual from the squared norms of map, `q`, `r` and `u`.
+    /// Computes the residual from the squared norms of the natural map, `q`, `r` and `u`.
     fn of(scaled: [f64; 4], plain: [f64; 4]) -> Self {
         let [map, q, r, u] = scaled.map(f64::sqrt);
         if map == 0.0 || map.is_nan() {

@@ -1,4 +1,5 @@
-//! The path: from a start with some basic variables outside their intervals, covered by `theta d`, to `theta = 0`.
+//! The path of complementary pivoting: from a start where `theta d` moves all basic variables into their intervals,
+//! to `theta = 0`.
 
 use super::ratio::{Block, Motion, NOISE, first_block};
 use super::{Ending, Face, Lemke, PIVOTS, PIVOTS_PER_VARIABLE, start};
@@ -6,7 +7,7 @@ use crate::{AffineVi, is_interrupted};
 use problem::Control;
 
 impl Lemke {
-    /// Builds the tableau of the guessed active set and follows the path from there.
+    /// Builds the tableau of the guessed active set and follows the path from that basis.
     pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>, control: &Control) -> Ending {
         self.load(vi);
         if !self.free_rows.is_empty() {
@@ -24,7 +25,7 @@ impl Lemke {
         if self.cover() { self.follow(control) } else { Ending::Complementary }
     }
 
-    /// Writes the scaled problem with all `z` nonbasic.
+    /// Writes the scaled problem into the tableau, with all `z` nonbasic.
     fn load(&mut self, vi: &AffineVi<'_>) {
         let m = self.tableau.m;
         let (row, column) = (&self.equilibration.row, &self.equilibration.column);
@@ -52,8 +53,8 @@ impl Lemke {
         self.free_columns.clone_from(&self.free_rows);
     }
 
-    /// The interval of a basic variable. It is unbounded for variables that never block: `w` of a point interval, and
-    /// `w` of a free variable, which is basic only if its equation is redundant.
+    /// Returns the interval of a basic variable. It is unbounded for variables that never block the path: `w` of a
+    /// point interval, and `w` of a free variable, which is basic only if its equation is redundant.
     fn interval(&self, variable: usize) -> (f64, f64) {
         let m = self.tableau.m;
         if variable < m {
@@ -69,9 +70,9 @@ impl Lemke {
         }
     }
 
-    /// Chooses `d`, of size one and directed into the intervals, and `theta` such that all basic variables lie inside:
-    /// a variable between two bounds moves no further than the middle. The last variable to reach its interval leaves
-    /// the basis for `theta`. False if all are inside for `theta = 0`.
+    /// Chooses the covering vector `d`, of size one and directed into the intervals, and `theta` such that all basic
+    /// variables lie inside: a variable between two bounds moves no further than the middle. The last variable to
+    /// reach its interval leaves the basis for `theta`. Returns false if all are inside for `theta = 0`.
     fn cover(&mut self) -> bool {
         let m = self.tableau.m;
         let mut theta = 0.0;
@@ -83,7 +84,7 @@ impl Lemke {
             self.perturbation.variable[row] = self.tableau.basic[row];
             let from_below = lower > f64::NEG_INFINITY && (upper == f64::INFINITY || value - lower < upper - value);
             self.perturbation.sense[row] = if from_below { 1.0 } else { -1.0 };
-            // Among rows with the same distance, the least perturbed reaches its interval last.
+            // Among rows at the same distance, the last row, which is perturbed least, reaches its interval last.
             if outside >= theta && outside > NOISE * self.tableau.magnitude[row] {
                 (theta, last) = (outside, Some(row));
             }
@@ -109,8 +110,8 @@ impl Lemke {
         true
     }
 
-    /// Exchanges row `r` with column `c`, whose variable now has `value` in `interval`; the leaving variable rests at
-    /// the bound that it reached.
+    /// Exchanges row `r` with column `c`, whose variable has `value` in `interval`; the leaving variable rests at the
+    /// bound that it reached.
     fn enter(&mut self, r: usize, c: usize, value: f64, interval: (f64, f64)) {
         let m = self.tableau.m;
         let leaving = self.tableau.basic[r];
@@ -125,7 +126,8 @@ impl Lemke {
         self.pivots += 1;
     }
 
-    /// Follows the path after `theta` took the place of the variable of column `m`, whose complement enters next.
+    /// Follows the path after `theta` has taken the place of the variable of column `m`, whose complement enters
+    /// next.
     fn follow(&mut self, control: &Control) -> Ending {
         let m = self.tableau.m;
         let theta = 2 * m;
@@ -167,9 +169,9 @@ impl Lemke {
     }
 }
 
-/// Twice the largest number of bases of a path over `m` intervals: each variable is at its lower bound, inside, or at
-/// its upper bound, and at most one of them has both `w` and its distance from a bound nonbasic. A longer path has
-/// visited a basis twice: rounding has made it cycle.
+/// Returns twice the largest number of bases of a path over `m` intervals: each variable is at its lower bound,
+/// inside, or at its upper bound, and at most one of them has both `w` and its distance from a bound nonbasic. A
+/// longer path has visited a basis twice: rounding has made it cycle.
 fn bases(m: usize) -> usize {
     let exponent = u32::try_from(m).unwrap_or(u32::MAX);
     3_usize.saturating_pow(exponent).saturating_mul(2 * (m + 1))

@@ -1,5 +1,5 @@
 //! The ratio test of complementary pivoting over intervals: the distance that the entering variable moves before a
-//! basic variable reaches a bound of its interval, or the entering one its own opposite bound.
+//! basic variable reaches a bound of its interval, or the entering variable its own opposite bound.
 //!
 //! Ties are broken as if the basic variable of row `j` at the start had been moved into its interval by `epsilon^j`,
 //! for every small `epsilon > 0`. The perturbation makes each basis nondegenerate, so that no basis recurs (Cottle,
@@ -9,7 +9,7 @@
 use super::tableau::{Tableau, Variable};
 use std::cmp::Ordering;
 
-/// Rates below this fraction of the largest in their column are rounding, and do not block.
+/// Rates below this fraction of the largest in their column are rounding, and do not block the entering variable.
 const SMALLEST_RATE: f64 = 1e-11;
 
 /// Lengths that differ by less than this fraction are a tie.
@@ -24,7 +24,7 @@ pub(super) const NOISE: f64 = 1e-13;
 /// The event that blocks the motion of the entering variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Block {
-    /// Nothing: a ray.
+    /// Nothing blocks the motion: the path ends on a ray.
     None,
     /// The entering variable reaches its own opposite bound.
     Own,
@@ -32,25 +32,26 @@ pub(super) enum Block {
     Row(usize),
 }
 
-/// The perturbations: for each row, the variable that was basic at the start and the direction into its interval.
+/// The perturbations of the ratio test: for each row, the variable that was basic at the start and the direction into
+/// its interval.
 #[derive(Debug)]
 pub(super) struct Perturbation {
     pub variable: Vec<Variable>,
     pub sense: Vec<f64>,
 }
 
-/// The motion of the variable of one column.
+/// The motion of the entering variable.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
-    /// Its column.
+    /// The column of the entering variable.
     pub column: usize,
-    /// `+1` if it rises, `-1` if it falls.
+    /// `+1` if the variable rises, `-1` if it falls.
     pub sense: f64,
-    /// The length of its own interval.
+    /// The length of the variable's own interval.
     pub range: f64,
 }
 
-/// Finds the first block of a motion, and the length of the motion up to it.
+/// Finds the first block of a motion, and the length of the motion up to the block.
 pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Perturbation) -> (Block, f64) {
     let column = tableau.column(motion.column);
     let largest = column.iter().fold(0.0_f64, |largest, t| largest.max(t.abs()));

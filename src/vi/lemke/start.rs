@@ -1,5 +1,5 @@
-//! The initial basis of the path: free variables, which must be basic at a solution, and variables that the guess
-//! places inside their intervals are exchanged with the `w` of the same index.
+//! The initial basis of the path of complementary pivoting: free variables, which must be basic at a solution, and
+//! variables that the guess places inside their intervals are exchanged with the `w` of the same index.
 //!
 //! Free variables come first, by complete pivoting in their own block. If the block is singular, as in a saddle point
 //! `[[H, -B^T], [B, 0]]` with `H` on bounded variables, each remaining pair is bordered by a bounded variable with
@@ -8,16 +8,16 @@
 use super::ratio::NOISE;
 use super::tableau::Tableau;
 
-/// A block is singular if its pivot is below this fraction of the largest.
+/// A block is singular if its pivot is below this fraction of the largest pivot.
 const SINGULAR: f64 = 1e-12;
 
-/// A diagonal pivot below this fraction of its column is replaced by a two by two one.
+/// A diagonal pivot below this fraction of its column is replaced by a two by two pivot.
 const WEAK_DIAGONAL: f64 = 0.01;
 
-/// The values of nonbasic `z`, by index.
+/// The values of the nonbasic `z`, by index.
 pub(super) type Resting = [f64];
 
-/// Drives `w` of row `r` to zero by the `z` of column `c`, and exchanges the two.
+/// Moves the nonbasic `z` of column `c` until the `w` of row `r` is zero, and exchanges the two.
 fn drive_to_zero(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     let change = -tableau.value[r] / tableau.entry(r, c);
     let entering = tableau.nonbasic[c];
@@ -27,13 +27,13 @@ fn drive_to_zero(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     tableau.magnitude[r] = resting[entering].abs().max(change.abs());
 }
 
-/// The row of `w_i` and the column of `z_i`, if `w_i` is basic and `z_i` is not.
+/// Returns the row of `w_i` and the column of `z_i`, if `w_i` is basic and `z_i` is nonbasic.
 fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
     Some((tableau.row_of(tableau.m + i)?, tableau.column_of(i)?))
 }
 
-/// Makes the free variables basic, with their `w` in `rows` and their `z` in `columns`. False if their equations are
-/// singular and not redundant.
+/// Makes the free variables basic, with their `w` in `rows` and their `z` in `columns`. Returns false if their
+/// equations are singular and not redundant.
 pub(super) fn enter_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let mut largest = 0.0;
     for done in 0..rows.len() {
@@ -60,7 +60,8 @@ pub(super) fn enter_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [u
     true
 }
 
-/// Makes the free variables of `rows` and `columns`, whose common block is zero, basic together with bounded variables.
+/// Makes the free variables of `rows` and `columns`, whose common block is zero, basic together with bounded
+/// variables.
 fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let m = tableau.m;
     for done in 0..rows.len() {

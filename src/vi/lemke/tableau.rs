@@ -5,24 +5,24 @@
 //! ```
 //!
 //! An exchange swaps a basic and a nonbasic variable (Cottle, Pang and Stone 1992, *The Linear Complementarity
-//! Problem*, section 2.3). Instead of the constant the values of the basic variables are stored, since nonbasic ones
-//! may rest at either bound of an interval.
+//! Problem*, section 2.3). The values of the basic variables are stored instead of the constant, since nonbasic
+//! variables may rest at either bound of an interval.
 
 /// The index of a variable: `z_i` is `i`, `w_i` is `m + i`, `theta` is `2 m`.
 pub(super) type Variable = usize;
 
-/// The tableau; see the module.
+/// The condensed tableau of complementary pivoting.
 #[derive(Debug)]
 pub(super) struct Tableau {
-    /// `m`.
+    /// The number of basic variables, `m`.
     pub m: usize,
-    /// The columns of `T`, each of length `m`, one after the other.
+    /// The columns of the matrix `T`, each of length `m`, one after the other.
     entries: Vec<f64>,
     /// The basic variable of each row.
     pub basic: Vec<Variable>,
     /// The nonbasic variable of each column.
     pub nonbasic: Vec<Variable>,
-    /// The row of each basic variable, `m +` the column of each nonbasic one.
+    /// The row of each basic variable, and `m` plus the column of each nonbasic variable.
     place: Vec<usize>,
     /// The values of the basic variables, by row.
     pub value: Vec<f64>,
@@ -88,18 +88,18 @@ impl Tableau {
         self.entries[c * self.m + r]
     }
 
-    /// `w_i` for `z_i`, and `z_i` for `w_i`.
+    /// Returns the complement of a variable: `w_i` for `z_i`, and `z_i` for `w_i`.
     pub fn complement(&self, variable: Variable) -> Variable {
         if variable < self.m { variable + self.m } else { variable - self.m }
     }
 
-    /// The row of a basic variable.
+    /// Returns the row of a basic variable; `None` for a nonbasic one.
     pub fn row_of(&self, variable: Variable) -> Option<usize> {
         let place = self.place[variable];
         (place < self.m).then_some(place)
     }
 
-    /// The column of a nonbasic variable.
+    /// Returns the column of a nonbasic variable; `None` for a basic one.
     pub fn column_of(&self, variable: Variable) -> Option<usize> {
         self.place[variable].checked_sub(self.m)
     }

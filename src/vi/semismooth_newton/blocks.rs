@@ -8,10 +8,11 @@
 //! ```
 //!
 //! (Facchinei and Pang 2003, section 7.5; for cones `V` is that of the Jordan-algebra projection). `mu` is small
-//! relative to `|F|` and keeps the matrix regular if `A` is singular. The full step is taken if it lowers `|F|` enough;
-//! otherwise Armijo's search along it on the D-gap function decides (Peng and Fukushima 1999, *A hybrid Newton method
-//! for solving the variational inequality problem via the D-gap function*). If that fails too, some iterations of
-//! Douglas-Rachford splitting give a new start, from a sequence of its own that converges for every monotone problem.
+//! relative to `|F|` and keeps the matrix regular if `A` is singular. The full step is taken if it lowers `|F|`
+//! enough; otherwise Armijo's search along it on the D-gap function decides (Peng and Fukushima 1999, *A hybrid
+//! Newton method for solving the variational inequality problem via the D-gap function*). If that search fails too,
+//! some iterations of Douglas-Rachford splitting give a new start; the splitting continues its own sequence, which
+//! converges for every monotone problem.
 
 use crate::d_gap::Gap;
 use crate::residual::Gauge;
@@ -23,26 +24,27 @@ use problem::{Control, Derivative, Workspace};
 /// Largest total number of Newton steps.
 const ITERATIONS: usize = 200;
 
-/// Fast convergence: a step lowers the residual to this fraction.
+/// Convergence is fast if a step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
-/// A full step must lower `|F|` to this fraction of the least so far.
+/// A full step must lower `|F|` to this fraction of the least value so far.
 const DECREASE: f64 = 0.9;
 
-/// Values of `mu` as fractions of `|F| / |z|`, tried in turn until a direction lowers the merit function.
+/// Values of the proximal term `mu` as fractions of `|F| / |z|`, tried in turn until a direction lowers the merit
+/// function.
 const PROXIMAL: [f64; 4] = [1e-6, 1e-3, 1e-1, 1.0];
 
-/// Armijo's fraction of the slope, the largest number of halvings of a step, and the fraction to which the search must
-/// lower the merit function.
+/// Armijo's fraction of the slope, the largest number of halvings of a step, and the fraction to which the search
+/// must lower the merit function.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 12;
 const WORTHWHILE: f64 = 0.99;
 
-/// Number of splitting iterations at a time, and the largest number of times.
+/// Number of splitting iterations at a time, and the largest number of such runs.
 const SPLITTING: usize = 100;
 const SPLITTINGS: usize = 50;
 
-/// Semismooth Newton over any set; see the module. The workspace grows with the problems.
+/// Semismooth Newton over any closed convex set. Its workspace grows with the problems.
 #[derive(Debug, Default)]
 pub(crate) struct BlockNewton {
     gauge: Gauge,
@@ -51,7 +53,7 @@ pub(crate) struct BlockNewton {
     work: Workspace,
     z: Vec<f64>,
     w: Vec<f64>,
-    /// `-F`.
+    /// The negative natural map, `-F`.
     defect: Vec<f64>,
     direction: Vec<f64>,
     gradient: Vec<f64>,
@@ -63,7 +65,7 @@ pub(crate) struct BlockNewton {
 }
 
 impl BlockNewton {
-    /// Solves from `z`, and writes the result there.
+    /// Solves from `z`, and writes the result to `z`.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
@@ -131,8 +133,8 @@ impl BlockNewton {
         vi.set.project_all(&mut self.z, &mut self.work);
     }
 
-    /// Measures `P_K(z - S w)`, which lies exactly on the active face of the limit of the iterates, and keeps it in `z`
-    /// if it is the best so far.
+    /// Measures the projected point `P_K(z - S w)`, which lies exactly on the active face of the limit of the
+    /// iterates, and keeps it in `z` if it is the best so far.
     fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
         vi.product(&self.z, &mut self.w);
         for (((trial, z), w), s) in self.trial.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -149,7 +151,7 @@ impl BlockNewton {
         }
     }
 
-    /// Computes `w`, `-F` and `V` at the iterate; returns the norm of `F`.
+    /// Computes `w`, `-F` and `V` at the iterate; returns the norm of the natural map `F`.
     fn linearise(&mut self, vi: &AffineVi<'_>) -> f64 {
         vi.product(&self.z, &mut self.w);
         for (((x, z), w), s) in self.defect.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -160,7 +162,7 @@ impl BlockNewton {
         length(&self.defect, &self.gap.scale)
     }
 
-    /// Moves the iterate along a Newton direction; false if no direction lowers the merit function.
+    /// Moves the iterate along a Newton direction; returns false if no direction lowers the merit function.
     fn newton(&mut self, vi: &AffineVi<'_>, least: f64) -> bool {
         let norm = length(&self.defect, &self.gap.scale);
         let size = length(&self.z, &self.gap.scale);
@@ -193,12 +195,12 @@ impl BlockNewton {
         false
     }
 
-    /// Solves for the direction. False if the matrix is singular.
+    /// Solves for the Newton direction with the proximal term `mu`. Returns false if the matrix is singular.
     fn direction(&mut self, vi: &AffineVi<'_>, mu: f64) -> bool {
         let m = self.z.len();
         let Some(lu) = &mut self.lu else { return false };
         for (j, out) in lu.entries().chunks_exact_mut(m.max(1)).enumerate() {
-            // Column j is e_j + V (S A + mu I - I) e_j.
+            // Column `j` of the matrix is e_j + V (S A + mu I - I) e_j.
             let source = &vi.matrix.as_slice()[j * m..][..m];
             for ((x, a), s) in self.column.iter_mut().zip(source).zip(&self.gap.scale) {
                 *x = s * a;
@@ -219,7 +221,7 @@ impl BlockNewton {
         vi.product(&self.trial, &mut self.trial_w);
     }
 
-    /// `|F|` at the trial point.
+    /// Returns the norm of the natural map `F` at the trial point.
     fn defect_at_trial(&mut self, vi: &AffineVi<'_>) -> f64 {
         for (((x, z), w), s) in self.column.iter_mut().zip(&self.trial).zip(&self.trial_w).zip(&self.gap.scale) {
             *x = z - s * w;
@@ -230,7 +232,7 @@ impl BlockNewton {
     }
 }
 
-/// `sqrt(sum x_i^2 / s_i)`
+/// Returns the scaled norm `sqrt(sum x_i^2 / s_i)`.
 fn length(x: &[f64], scale: &[f64]) -> f64 {
     x.iter().zip(scale).map(|(x, s)| x * x / s).sum::<f64>().sqrt()
 }

@@ -6,15 +6,16 @@
 //!
 //! An element of the B-subdifferential of the natural map has the row `e_i` where `z - S w` lies outside the interval
 //! and `(S A)_i` inside, so that a Newton step solves one system in the variables inside and sets the others to their
-//! bounds. It ends after finitely many steps, but alone it may cycle. A step is therefore taken only if it lowers
+//! bounds. The iteration ends after finitely many steps, but alone it may cycle. A step is therefore taken only if it
+//! lowers
 //!
 //! ```text
 //! Psi(z) = 1/2 |psi(z_i, (S w)_i)|^2
 //! ```
 //!
-//! enough; otherwise the Newton direction of `psi` with Armijo's line search is taken, or the steepest descent if that
-//! is not a direction of descent (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution
-//! of nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
+//! enough; otherwise the Newton direction of `psi` with Armijo's line search is taken, or the steepest descent if
+//! that direction is not one of descent (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the
+//! solution of nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
 
 use crate::elimination::solve_augmented;
 use crate::equilibration::Equilibration;
@@ -26,7 +27,7 @@ use problem::Control;
 /// Iteration limit; practical problems take five to thirty Newton steps.
 const ITERATIONS: usize = 100;
 
-/// Fast convergence: a step lowers the residual to this fraction.
+/// Convergence is fast if a step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
 /// A natural-map step must lower the norm of `psi` to this fraction.
@@ -40,25 +41,26 @@ const DESCENT: f64 = 0.01;
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// A diagonal entry of the equilibrated matrix below this is too small to scale its row.
+/// A diagonal entry of the equilibrated matrix below this value is too small to scale its row.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
-/// The proximal term `mu I`, as fractions of `|psi|`, which keeps the Jacobian regular if `A` is singular; it vanishes
-/// with `|psi|`, and so preserves the order. A small one lets the direction run along the kernel, a large one turns it
-/// away from descent; the next is tried if the last has not lowered `|psi|` to the fraction `SUFFICIENT_DECREASE`.
+/// The proximal term `mu I`, as fractions of `|psi|`, which keeps the Jacobian regular if `A` is singular; it
+/// vanishes with `|psi|`, and so preserves the order. A small term lets the direction run along the kernel, a large
+/// one turns it away from descent; the next value is tried if the last has not lowered `|psi|` to the fraction
+/// `SUFFICIENT_DECREASE`.
 const PROXIMAL: [f64; 3] = [1e-1, 1e-3, 1e-6];
 const SUFFICIENT_DECREASE: f64 = 0.7;
 
-/// Semismooth Newton over intervals; see the module.
+/// Semismooth Newton over intervals.
 #[derive(Debug)]
 pub struct IntervalNewton {
     equilibration: Equilibration,
-    /// The scaled problem: `S R A C`, `S R q` and the intervals; `S` is absorbed.
+    /// The scaled problem: `S R A C`, `S R q` and the intervals, where `R` and `C` equilibrate `A`.
     matrix: Vec<f64>,
     q: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// The iterate and `S w` there, `psi` and its generalised gradient.
+    /// The iterate `z` and the scaled value `S w`, `psi` and its generalised gradient.
     z: Vec<f64>,
     w: Vec<f64>,
     psi: Vec<f64>,
@@ -102,7 +104,7 @@ impl IntervalNewton {
 }
 
 impl IntervalNewton {
-    /// Solves from `z`, and writes the result there.
+    /// Solves from `z`, and writes the result to `z`.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
@@ -113,8 +115,8 @@ impl IntervalNewton {
         let mut iterations = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // Continue with a problem solved in every row as long as steps converge fast, and with one solved except for
-        // rows whose terms are small relative to those of the others as long as steps are left.
+        // Continue with a problem solved in every row as long as steps converge fast. While rows with relatively
+        // small terms are still unsolved, continue as long as steps are left.
         while iterations < ITERATIONS && best.componentwise > EXACT && (converging || best.componentwise > TOLERANCE) {
             if is_interrupted(control, iterations) {
                 failure = Outcome::Interrupted;
@@ -218,7 +220,7 @@ impl IntervalNewton {
         }
     }
 
-    /// Computes into `trial` the Newton step of the natural map. False if its system is singular.
+    /// Computes into `trial` the Newton step of the natural map. Returns false if its system is singular.
     fn natural_step(&mut self) -> bool {
         let m = self.q.len();
         self.inside.clear();
@@ -231,7 +233,7 @@ impl IntervalNewton {
             }
         }
         let k = self.inside.len();
-        // With zeros inside, the variables inside must cancel `w` at the trial point.
+        // With the variables inside set to zero, their solution must cancel `w` at the trial point.
         evaluate(&self.matrix, &self.q, &self.trial, &mut self.direction);
         let storage = &mut self.augmented[..k * (k + 1)];
         for (target, &j) in storage.chunks_exact_mut(k.max(1)).zip(&self.inside) {
@@ -252,7 +254,7 @@ impl IntervalNewton {
         self.trial.iter().all(|z| z.is_finite())
     }
 
-    /// `|psi|` at the trial point.
+    /// Returns the norm `|psi|` at the trial point.
     fn residual_norm_at_trial(&mut self) -> f64 {
         let w = &mut self.work[0];
         evaluate(&self.matrix, &self.q, &self.trial, w);
@@ -264,8 +266,8 @@ impl IntervalNewton {
         sum.sqrt()
     }
 
-    /// Makes a step by Armijo's line search along the Newton direction of `psi`, else along the steepest descent of
-    /// `Psi`. False if neither lowers `Psi`.
+    /// Makes a step by Armijo's line search along the Newton direction of `psi`, or along the steepest descent of
+    /// `Psi = 1/2 |psi|^2`. Returns false if neither lowers `Psi`.
     fn descend(&mut self, norm: f64) -> bool {
         let m = self.q.len();
         let work = &mut self.work[0];
@@ -297,7 +299,7 @@ impl IntervalNewton {
         reached < norm
     }
 
-    /// Solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi`.
+    /// Solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi` for the Newton direction `d`.
     fn newton_direction(&mut self, mu: f64) -> bool {
         let m = self.q.len();
         for (j, column) in self.matrix.chunks_exact(m.max(1)).enumerate() {
@@ -317,8 +319,8 @@ impl IntervalNewton {
         self.direction.iter().all(|d| d.is_finite())
     }
 
-    /// Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if its norm is below
-    /// `record`, and returns the smaller of the two norms.
+    /// Makes Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if its norm is
+    /// below `record`, and returns the smaller of the two norms.
     fn search(&mut self, norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {
@@ -339,7 +341,7 @@ impl IntervalNewton {
     }
 }
 
-/// `w = A z + q`.
+/// Computes `w = A z + q`.
 fn evaluate(matrix: &[f64], q: &[f64], z: &[f64], w: &mut [f64]) {
     w.copy_from_slice(q);
     for (column, &z) in matrix.chunks_exact(q.len().max(1)).zip(z) {

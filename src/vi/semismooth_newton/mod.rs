@@ -10,7 +10,7 @@ use super::{AffineVi, Report, ViSolver};
 use intervals::IntervalNewton;
 use problem::Control;
 
-/// Semismooth Newton for every set.
+/// Semismooth Newton for affine variational inequalities over every set.
 #[derive(Debug)]
 pub struct SemismoothNewton {
     size: usize,

@@ -1,5 +1,5 @@
-//! The active set method: obstacle problems with known solutions, agreement with Lemke's method, cycles and singular
-//! matrices.
+//! Tests of the active set method: obstacle problems with known solutions, agreement with Lemke's method, cycles and
+//! singular matrices.
 
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
@@ -17,7 +17,7 @@ fn from_dense(matrix: &DMatrix<f64>) -> SparseMatrix {
     sparse(n, (0..n * n).map(|k| (k % n, k / n, matrix[k])).filter(|&(_, _, value)| value != 0.0))
 }
 
-/// `shift I - c Laplacian` on a grid of unit spacing with zero values around it.
+/// Returns the matrix `shift I - c Laplacian` on a grid of unit spacing with zero values around it.
 fn laplacian(shape: [usize; 2], c: f64, shift: f64) -> SparseMatrix {
     let [rows, columns] = shape;
     let mut entries = Vec::new();
@@ -53,7 +53,8 @@ fn solve(solver: &mut ActiveSet, q: &[f64], set: &ConvexSet) -> (Vec<f64>, Repor
 
 #[test]
 fn a_string_lies_on_a_parabola_between_its_tangents_from_the_ends() {
-    // phi(x) = a - (x - 1/2)^2; the line from (0, 0) touches it at c with phi(c) = c phi'(c): c^2 = 1/4 - a.
+    // With the obstacle phi(x) = a - (x - 1/2)^2, the line from (0, 0) touches it at c with phi(c) = c phi'(c): c^2 =
+    // 1/4 - a.
     let (a, n) = (0.1, 999);
     let h = 1.0 / (n + 1) as f64;
     let phi = |x: f64| a - (x - 0.5) * (x - 0.5);
@@ -65,14 +66,15 @@ fn a_string_lies_on_a_parabola_between_its_tangents_from_the_ends() {
     let (z, _) = solve(&mut solver, &vec![0.0; n], &set);
     for (i, z) in z.iter().enumerate() {
         let exact = if x(i).min(1.0 - x(i)) < c { slope * x(i).min(1.0 - x(i)) } else { phi(x(i)) };
-        // The node of first contact is off by less than h, an error of second order along a tangent.
+        // The node of first contact is off by less than h, which is an error of second order along a tangent.
         assert!((z - exact).abs() < h * h, "{z} instead of {exact} at {}", x(i));
     }
 }
 
 #[test]
 fn a_string_of_a_million_nodes_lies_flat_where_the_exact_one_does() {
-    // -u'' = -1, u >= -1/16, u = 0 at the ends, times h^2: u = x^2/2 - a x down to x = a = sqrt(1/8), then flat.
+    // The problem -u'' = -1, u >= -1/16, u = 0 at the ends, times h^2, has the solution u = x^2/2 - a x down to x =
+    // a = sqrt(1/8), and is flat beyond.
     let n = 1_000_000;
     let h = 1.0 / (n + 1) as f64;
     let mut solver = ActiveSet::new(&laplacian([1, n], 1.0, 0.0)).expect("an M-matrix");
@@ -82,13 +84,15 @@ fn a_string_of_a_million_nodes_lies_flat_where_the_exact_one_does() {
     for (i, u) in u.iter().enumerate() {
         let x = ((i + 1) as f64 * h).min(1.0 - (i + 1) as f64 * h);
         let exact = if x < a { x * x / 2.0 - a * x } else { -1.0 / 16.0 };
-        // A rounding of 1e-17 in each of a n equations moves the string by at most (a n)^2 / 8 of it: 2e-7.
+        // A rounding error of 1e-17 in each of a n equations moves the string by at most the fraction (a n)^2 / 8 of
+        // it: 2e-7.
         assert!((u - exact).abs() < 1e-6, "{u} instead of {exact} at {x}");
     }
 }
 
-/// A membrane over a hemisphere, with the values of the solution in the plane around the square (-2, 2)^2: the largest
-/// error and the radius of contact (Bueler 2021, `PETSc` for partial differential equations, section 12.3).
+/// Solves for a membrane over a hemisphere, with the boundary values of the solution in the plane around the square
+/// (-2, 2)^2; returns the largest error and the radius of contact (Bueler 2021, `PETSc` for partial differential
+/// equations, section 12.3).
 fn membrane(nodes: usize) -> (f64, f64) {
     const RADIUS: f64 = 0.697_965_148_223_374;
     const A: f64 = 0.680_259_411_891_719;
@@ -118,7 +122,7 @@ fn membrane(nodes: usize) -> (f64, f64) {
 
 #[test]
 fn a_membrane_over_a_hemisphere_touches_it_to_the_known_radius_with_order_two() {
-    // The position of the circle of contact on the grid decides the factor of h^2.
+    // The position of the circle of contact on the grid decides the factor of h^2 in the error.
     for nodes in [15, 31, 57, 80, 127, 200] {
         let h = 4.0 / (nodes + 1) as f64;
         let (error, radius) = membrane(nodes);
@@ -127,7 +131,7 @@ fn a_membrane_over_a_hemisphere_touches_it_to_the_known_radius_with_order_two() 
     }
 }
 
-/// A random M-matrix: nonpositive off the diagonal, and dominant by rows.
+/// Returns a random M-matrix: nonpositive off the diagonal, and diagonally dominant by rows.
 fn m_matrix(random: &mut Random, n: usize, symmetric: bool, tridiagonal: bool) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(n, n);
     for i in 0..n {
@@ -177,7 +181,8 @@ fn matrices_for_which_the_active_set_alone_is_no_method_agree_with_lemke() {
 
 #[test]
 fn the_shortest_cycle_is_left() {
-    // Ben Gharbia and Gilbert 2012: for a > 1 the active sets return to the first after three steps. z = 1 / (1 + a).
+    // In the example of Ben Gharbia and Gilbert 2012 for a > 1, the active sets return to the first after three
+    // steps; the solution is z = 1 / (1 + a).
     let a = 3.0;
     let matrix = DMatrix::from_row_slice(3, 3, &[1.0, a, 0.0, 0.0, 1.0, a, a, 0.0, 1.0]);
     let mut solver = ActiveSet::new(&from_dense(&matrix)).expect("a P-matrix");
@@ -190,7 +195,7 @@ fn the_shortest_cycle_is_left() {
 
 #[test]
 fn a_matrix_that_only_contact_makes_regular_is_solved() {
-    // A string with free ends, supported by the obstacle only: one node carries the whole load.
+    // A string with free ends is supported by the obstacle only: one node carries the whole load.
     let n = 101;
     let mut random = Random(3);
     let edges = (0..n - 1).flat_map(|i| [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)]);
@@ -215,7 +220,8 @@ fn a_matrix_that_only_contact_makes_regular_is_solved() {
     }
 }
 
-/// A bump that has moved by `s` over a string or membrane of `shape`, and a load that presses it down.
+/// Returns a bump that has moved by `s` over a string or membrane of `shape`, and a load that presses the string
+/// down.
 fn moving_front(shape: [usize; 2], s: f64) -> (Vec<f64>, ConvexSet) {
     let [rows, columns] = shape;
     let lower = (0..rows * columns).map(|node| {
@@ -304,7 +310,7 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
 
 #[test]
 fn a_problem_without_a_solution_ends_honestly() {
-    // w = z_1 - z_2 - 1, its negative: never both nonnegative.
+    // The values w_1 = z_1 - z_2 - 1 and w_2 = z_2 - z_1 + 1/2 have the sum -1/2, and are never both nonnegative.
     let matrix = sparse(2, [(0, 0, 1.0), (0, 1, -1.0), (1, 0, -1.0), (1, 1, 1.0)].into_iter());
     let mut solver = ActiveSet::new(&matrix).expect("a positive diagonal");
     let report = solver.solve(&[-1.0, 0.5], &ConvexSet::nonnegative(2), &mut [0.0; 2], &Control::new());

@@ -1,4 +1,5 @@
-//! Sets other than products of intervals: closed forms, agreement, degenerate problems.
+//! Variational inequalities over sets other than products of intervals: closed forms, agreement of solvers,
+//! degenerate problems.
 
 use super::super::{Auto, SolverKind};
 use super::*;
@@ -27,7 +28,7 @@ fn solve(problem: &Problem, solver: &mut dyn ViSolver) -> Vec<f64> {
 
 #[test]
 fn forces_that_a_matrix_hardly_opposes_push_to_a_vertex() {
-    // max z1 + z2/2 over a triangle: its vertices are (1.36, 0.32), (0.2, 0.9) and (-0.1625, -0.1875).
+    // Maximises z1 + z2/2 over a triangle with the vertices (1.36, 0.32), (0.2, 0.9) and (-0.1625, -0.1875).
     let rows = [1.0, 2.0, -3.0, 1.0, 1.0, -3.0];
     let triangle = Polyhedron::new(2, &rows, &[2.0, 0.3, 0.4]).expect("a triangle");
     for scale in [1e-2, 1e-5, 1e-8, 1e-11, 1e-14, 1e-17, 0.0] {
@@ -61,7 +62,7 @@ fn a_projection_is_the_answer_where_the_matrix_is_the_identity() {
 
 #[test]
 fn a_force_on_a_disk_opposes_the_slip() {
-    // A = 0: the solution is the point of the disk farthest along -q, whatever the size of either.
+    // With A = 0 the solution is the point of the disk farthest along -q, whatever the sizes of disk and q.
     for (radius, size) in [(1.0, 1.0), (1e-6, 1e3), (1e6, 1e-5)] {
         let q = vec![0.6 * size, -0.8 * size];
         let problem = Problem::new(DMatrix::zeros(2, 2), q, block(2, Shape::Ball { radius }));
@@ -135,7 +136,7 @@ fn semidefinite_problems_on_bounded_blocks_are_solved() {
 
 #[test]
 fn a_matrix_game_has_its_known_value() {
-    // Rock, paper, scissors with a payoff of 2 for paper: a skew problem on two simplices.
+    // The game of rock, paper, scissors with a payoff of 2 for paper is a skew problem on two simplices.
     let payoff = DMatrix::from_row_slice(3, 3, &[0.0, -2.0, 1.0, 2.0, 0.0, -1.0, -1.0, 1.0, 0.0]);
     let mut matrix = DMatrix::zeros(6, 6);
     matrix.view_mut((0, 3), (3, 3)).copy_from(&-&payoff);
@@ -163,8 +164,8 @@ fn data_are_updated_in_place_between_conic_solves() {
     }
 }
 
-/// `A (x) I` with the coefficients of Radau IIA with three stages (Hairer and Wanner 1996, table IV.5.6), and a disk a
-/// stage.
+/// Returns the matrix `A (x) I` with the coefficients `A` of Radau IIA with three stages (Hairer and Wanner 1996,
+/// table IV.5.6), and a product of disks, one for each stage.
 fn stages(radius: f64) -> (DMatrix<f64>, ConvexSet) {
     let r = 6.0_f64.sqrt();
     let a = [
@@ -179,7 +180,8 @@ fn stages(radius: f64) -> (DMatrix<f64>, ConvexSet) {
 
 #[test]
 fn sweeps_converge_on_coupled_stages_where_unrelaxed_ones_diverge() {
-    // w = 0 inside the disks, where a sweep multiplies the error by 1.33; and w = -z on one of them.
+    // Two solutions: w = 0 inside the disks, where a sweep multiplies the error by 1.33; and w = -z on one of the
+    // disks.
     let inside = [0.5, -0.25, -0.125, 0.5, 0.25, 0.75];
     let on_one = [0.5, -0.25, -0.125, 0.5, 0.6, 0.8];
     for (exact, slope) in [(inside, 0.0), (on_one, 1.0)] {
@@ -197,7 +199,8 @@ fn sweeps_converge_on_coupled_stages_where_unrelaxed_ones_diverge() {
 
 #[test]
 fn sweeps_without_prospect_end_early_and_say_so() {
-    // Forces along the recession directions of the cones: no solution exists, whatever the coupling of the blocks.
+    // The forces point along the recession directions of the cones: no solution exists, whatever the coupling of the
+    // blocks.
     let mut set = ConvexSet::free(6);
     (0..2).for_each(|i| set.bind((3 * i..3 * i + 3).collect(), Shape::SecondOrderCone));
     let matrix = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.0, 1.0, 1.0, 0.0, 1.0, 1.0]));
@@ -223,7 +226,7 @@ fn numbers_are_overwritten_in_a_nonsymmetric_conic_program() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
 
-    /// `<w, y - z> >= 0` for 1,000 points `y` of `K`.
+    /// The solution satisfies `<w, y - z> >= 0` for 1,000 points `y` of `K`.
     #[test]
     fn the_answer_satisfies_the_inequality_in_every_direction(seed in any::<u64>(), m in 1_usize..25) {
         let mut random = Random(seed);

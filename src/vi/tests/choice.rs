@@ -1,4 +1,4 @@
-//! The choice of the solver, and the attempts it reports.
+//! Tests of the choice of the solver, and of the attempts it reports.
 
 use super::super::{Attempt, Auto, SolverKind};
 use super::*;
@@ -34,8 +34,8 @@ fn pivoting_refuses_what_is_no_product_of_intervals() {
 
 #[test]
 fn the_story_names_every_solver_that_was_tried() {
-    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so. Sweeps over a
-    // single block are not tried.
+    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so. Sweeps are
+    // not tried for a single block.
     for (blocks, expected) in [
         (1, &[SolverKind::SemismoothNewton, SolverKind::Conic][..]),
         (2, &[SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]),
@@ -62,7 +62,7 @@ fn the_story_names_every_solver_that_was_tried() {
 
 #[test]
 fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
-    // -u'' = -1, u >= -1/16: the string of the exact solution, in 600 differences.
+    // The string of -u'' = -1, u >= -1/16, in 600 differences, with a known exact solution.
     let m = 600;
     let h = 1.0 / (m + 1) as f64;
     let matrix = DMatrix::from_fn(m, m, |i, j| match i.abs_diff(j) {
@@ -77,7 +77,7 @@ fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
     assert_eq!(auto.name(), "active_set");
     let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
     assert!((touching - (1.0 - 2.0 * 0.125_f64.sqrt())).abs() < 3.0 * h, "touches over {touching}");
-    // Another load: the analysis is reused, the active set moves.
+    // With another load the analysis of the matrix is reused, and the active set moves.
     let lighter = Problem::new(problem.matrix.clone(), vec![0.6; m], problem.set.clone());
     let u = lighter.solve_exactly(&mut auto);
     let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
@@ -86,7 +86,8 @@ fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
 
 #[test]
 fn long_work_is_given_up_where_nobody_waits_for_it() {
-    // Murty's family takes Lemke's method 2^12 pivots; the disks take more than a few sweeps and Newton steps.
+    // Murty's family takes Lemke's method 2^12 pivots; the problem on disks takes more than a few sweeps and Newton
+    // steps.
     let m = 12;
     let murty = DMatrix::from_fn(m, m, |i, j| if i == j { 1.0 } else { f64::from(u8::from(i < j)) * 2.0 });
     let q = (0..m).map(|i| 2.0_f64.powi(i as i32) - 2.0_f64.powi(m as i32)).collect();

@@ -1,4 +1,4 @@
-//! Problems whose solutions are known by hand.
+//! Variational inequalities whose solutions are known in closed form.
 
 use super::super::{Auto, SolverKind};
 use super::*;
@@ -12,7 +12,7 @@ fn a_problem_without_variables_is_solved() {
 
 #[test]
 fn one_variable_stops_at_the_right_end() {
-    // a z + q = 0 at z = -q/a, clamped to the interval.
+    // The solution of a z + q = 0 is z = -q/a, clamped to the interval.
     for (a, q, lower, upper, z) in [
         (2.0, -3.0, 0.0, INFINITY, 1.5),
         (2.0, 3.0, 0.0, INFINITY, 0.0),
@@ -49,7 +49,7 @@ fn all_free_is_a_linear_system() {
 
 #[test]
 fn a_free_block_with_a_zero_diagonal_is_pivoted_off_it() {
-    // A cyclic permutation: every one by one and two by two principal minor is zero.
+    // For a cyclic permutation, every one by one and two by two principal minor is zero.
     let matrix = DMatrix::from_row_slice(3, 3, &[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]);
     for z in Problem::new(matrix, vec![1.0, 2.0, 3.0], ConvexSet::free(3)).solve_by_all() {
         assert!(largest_difference(&z, &[-3.0, -1.0, -2.0]) < 1e-14);
@@ -68,8 +68,9 @@ fn all_points_leave_nothing_to_choose() {
 
 #[test]
 fn the_four_diode_bridge_conducts_through_one_pair() {
-    // Unknowns: the currents of D1, D3 and the voltages over the others; G = 1 mS across. With v > 0 at its input the
-    // rows say w3 = z1 - v and w4 = z2 + v, so z1 = v, and by row 1, z3 = v / 1000; with v < 0 it is the other pair.
+    // The unknowns are the currents of D1, D3 and the voltages over the other diodes; G = 1 mS across. With v > 0 at
+    // the input the rows say w3 = z1 - v and w4 = z2 + v, so z1 = v, and by row 1, z3 = v / 1000; with v < 0 the
+    // other pair conducts.
     #[rustfmt::skip]
     let matrix = DMatrix::from_row_slice(4, 4, &[
         0.001, 0.001, -1.0, 0.0,
@@ -93,8 +94,8 @@ fn the_four_diode_bridge_conducts_through_one_pair() {
 
 #[test]
 fn a_saddle_point_finds_the_point_of_the_simplex_nearest_to_another() {
-    // min |z - p|^2 / 2 on z >= 0, sum z = 1: z = max(p - s, 0) with s such that the sum is one (Held, Wolfe and
-    // Crowder 1974). The multiplier of the sum is free, and its diagonal entry is zero.
+    // The problem min |z - p|^2 / 2 on z >= 0, sum z = 1, has the solution z = max(p - s, 0) with s such that the sum
+    // is one (Held, Wolfe and Crowder 1974). The multiplier of the sum is free, and its diagonal entry is zero.
     let p = [0.9, 0.6, -0.4, 0.2];
     let mut matrix = DMatrix::identity(5, 5);
     matrix[(4, 4)] = 0.0;
@@ -111,8 +112,9 @@ fn a_saddle_point_finds_the_point_of_the_simplex_nearest_to_another() {
 
 #[test]
 fn a_transport_plan_with_a_redundant_equation_is_the_cheapest() {
-    // Two mines of 3 and 4 tons, two mills of 5 and 2, costs ((1, 4), (3, 2)): ship 3 along the first, 2 and 2 along
-    // the second row, at cost 3 + 6 + 4. The four balances sum to zero, so their block has rank three.
+    // With two mines of 3 and 4 tons, two mills of 5 and 2, and costs ((1, 4), (3, 2)), the cheapest plan ships 3
+    // along the first row and 2 and 2 along the second row, at cost 3 + 6 + 4. The four balances sum to zero, so
+    // their block has rank three.
     let mut matrix = DMatrix::zeros(8, 8);
     let balances: [[f64; 4]; 4] =
         [[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0], [-1.0, 0.0, -1.0, 0.0], [0.0, -1.0, 0.0, -1.0]];

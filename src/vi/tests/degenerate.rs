@@ -4,8 +4,9 @@ use super::*;
 
 #[test]
 fn murtys_family_is_solved_though_its_paths_grow_exponentially() {
-    // Murty 1978, Computational complexity of complementary pivot methods: M upper triangular, 1 on the diagonal and 2
-    // above. With q_i = 2^i - 2^m the last variable alone works: z_m = 2^(m-1), and w_i = 2^i for the others.
+    // Murty 1978, Computational complexity of complementary pivot methods: M is upper triangular with 1 on the
+    // diagonal and 2 above. With q_i = 2^i - 2^m only the last variable is nonzero: z_m = 2^(m-1), and w_i = 2^i for
+    // the others.
     for m in 1..=12_u8 {
         let power = |k: u8| 2.0_f64.powi(i32::from(k));
         let size = usize::from(m);
@@ -27,8 +28,8 @@ fn murtys_family_is_solved_though_its_paths_grow_exponentially() {
 
 #[test]
 fn kostrevas_example_does_not_cycle() {
-    // Kostreva 1979, Cycling in linear complementarity problems: all ratios tie, and plain rules cycle. The row sums
-    // are three, so z = (1, 1, 1) / 3.
+    // Kostreva 1979, Cycling in linear complementarity problems: all ratios tie, and plain pivoting rules cycle. The
+    // row sums are three, so z = (1, 1, 1) / 3.
     let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 2.0, 2.0, 0.0, 1.0]);
     for z in Problem::complementarity(matrix, vec![-1.0; 3]).solve_by_all() {
         assert!(largest_difference(&z, &[1.0 / 3.0; 3]) < 1e-14, "{z:?}");
@@ -46,7 +47,8 @@ fn a_row_in_a_small_unit_is_solved_beside_one_in_a_large_unit() {
 
 #[test]
 fn contacts_that_share_a_body_have_one_motion() {
-    // w = J (J^T z + v): the impulses z are not unique, the velocity J^T z + v is (strict convexity in it).
+    // For w = J (J^T z + v) the impulses z are not unique, whereas the velocity J^T z + v is (strict convexity in the
+    // velocity).
     let mut random = Random(3);
     for m in [2, 3, 4, 6, 10, 20, 50, 100] {
         for _ in 0..if m > 20 { 3 } else { 40 } {
@@ -63,7 +65,7 @@ fn contacts_that_share_a_body_have_one_motion() {
 
 #[test]
 fn ties_in_every_ratio_do_not_cycle() {
-    // Copies of one contact, whose ratios tie at every pivot.
+    // In a problem of identical copies of one contact, the ratios tie at every pivot.
     for m in [2, 5, 20, 80] {
         let problem = Problem::complementarity(DMatrix::from_element(m, m, 1.0), vec![-1.0; m]);
         for z in problem.solve_by_all() {
@@ -86,9 +88,9 @@ fn a_right_hand_side_of_zeros_ties_at_zero() {
 
 #[test]
 fn an_obstacle_is_touched_where_the_exact_string_touches_it() {
-    // -u'' = -1, u >= -1/16 on (0, 1), u = 0 at the ends: u = x^2/2 - a x with a^2 / 2 = 1/16 down to x = a, and flat
-    // between a and 1 - a (a = sqrt(1/8)). Differences of second order are exact on parabolas, so only the place
-    // of a, to a mesh width, is in error.
+    // The string of -u'' = -1, u >= -1/16 on (0, 1), u = 0 at the ends, is u = x^2/2 - a x with a^2 / 2 = 1/16 down
+    // to x = a, and flat between a and 1 - a (a = sqrt(1/8)). Differences of second order are exact on parabolas, so
+    // only the position a has an error, of up to a mesh width.
     for m in [63, 255] {
         let h = 1.0 / (m + 1) as f64;
         let matrix = DMatrix::from_fn(m, m, |i, j| match i.abs_diff(j) {
@@ -135,7 +137,7 @@ fn rows_and_columns_of_any_size_are_solved_each_to_its_own_digits() {
 
 #[test]
 fn a_small_force_is_not_lost_beside_a_large_one() {
-    // Two decoupled problems, one with |q| = 1e9, the other with 1e-5; the second row has a tenth of the third
+    // Two decoupled problems, one with |q| = 1e9, the other with 1e-5; the second row contains a tenth of the third
     // variable.
     let mut matrix = DMatrix::identity(4, 4);
     matrix[(1, 2)] = 0.1;

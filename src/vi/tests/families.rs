@@ -1,4 +1,4 @@
-//! Random families of every size.
+//! Random families of variational inequalities of every size.
 
 use super::super::Auto;
 use super::*;
@@ -95,7 +95,8 @@ fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
 
 #[test]
 fn degenerate_contacts_of_every_size_are_solved() {
-    // Half the rank, and a third of the contacts just touching: their rows of q cancel the others' contribution.
+    // The matrix has half the rank, and a third of the contacts just touch: their rows of q cancel the contribution
+    // of the others.
     let mut random = Random(13);
     for m in [1, 2, 3, 10, 50, 200, 500] {
         let j = random.matrix(m, m.div_ceil(2));

@@ -1,4 +1,5 @@
-//! References for the solvers: enumeration of faces, closed forms, feasible directions, and agreement with each other.
+//! Tests of the solvers of variational inequalities by enumeration of faces, closed forms, feasible directions, and
+//! agreement with each other.
 
 mod active_set;
 mod blocks;
@@ -17,7 +18,7 @@ use problem::{Control, ConvexSet, Polyhedron, Shape, Workspace};
 
 const INFINITY: f64 = f64::INFINITY;
 
-/// The data of a problem.
+/// The data of an affine variational inequality.
 #[derive(Clone, Debug)]
 struct Problem {
     matrix: DMatrix<f64>,
@@ -44,14 +45,14 @@ impl Problem {
         w.as_slice().to_vec()
     }
 
-    /// The natural-map residual over `max(1, |q|, |A| |z|)`.
+    /// Returns the natural-map residual relative to `max(1, |q|, |A| |z|)`.
     fn scaled_residual(&self, z: &[f64]) -> f64 {
         let size = self.matrix.abs() * DVector::from_column_slice(z).abs();
         let q = self.q.iter().fold(1.0_f64, |x, q| x.max(q.abs()));
         self.set.natural_residual(z, &self.w(z)) / size.amax().max(q)
     }
 
-    /// Solves from zero by each solver, asserts a small residual, and returns the answers.
+    /// Solves from zero by each solver, asserts a small residual, and returns the solutions.
     fn solve_by_all(&self) -> Vec<Vec<f64>> {
         solvers(self.q.len()).into_iter().map(|mut solver| self.solve_exactly(&mut *solver)).collect()
     }
@@ -65,7 +66,7 @@ impl Problem {
         z
     }
 
-    /// The solutions determined by the `3^m` faces of `K`.
+    /// Returns the solutions determined by the `3^m` faces of `K`.
     fn solutions_by_enumeration(&self) -> Vec<Vec<f64>> {
         let m = self.q.len();
         (0..3_usize.pow(u32::try_from(m).expect("small"))).filter_map(|code| self.solution_on_face(code)).collect()
@@ -114,7 +115,7 @@ impl Random {
         x ^ (x >> 31)
     }
 
-    /// Uniform in `[-1, 1)`.
+    /// Returns a uniform random number in `[-1, 1)`.
     fn number(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
@@ -127,14 +128,14 @@ impl Random {
         DMatrix::from_fn(rows, columns, |_, _| self.number())
     }
 
-    /// `B B^T / m + 0.1 I`.
+    /// Returns a random positive definite matrix `B B^T / m + 0.1 I`.
     fn positive_definite(&mut self, m: usize) -> DMatrix<f64> {
         let b = self.matrix(m, m);
         &b * b.transpose() / m as f64 + DMatrix::identity(m, m) * 0.1
     }
 
-    /// Positive definite plus skew, its columns scaled by positive numbers: a P-matrix, far from symmetric and not
-    /// positive definite.
+    /// Returns a random matrix that is positive definite plus skew, its columns scaled by positive numbers: a
+    /// P-matrix, far from symmetric and not positive definite.
     fn nonsymmetric_p(&mut self, m: usize) -> DMatrix<f64> {
         let s = self.matrix(m, m);
         let mut p = self.positive_definite(m) + (&s - s.transpose()) / (m as f64).sqrt();
@@ -144,7 +145,7 @@ impl Random {
         p
     }
 
-    /// Intervals of every kind: free, one-sided, two-sided and points.
+    /// Returns random intervals of every kind: free, one-sided, two-sided and points.
     fn intervals(&mut self, m: usize) -> ConvexSet {
         let mut set = ConvexSet::free(m);
         for i in 0..m {
@@ -160,7 +161,8 @@ impl Random {
         set
     }
 
-    /// Balls, cones, simplices and polyhedra of up to five dimensions, with intervals between them.
+    /// Returns a random set of balls, cones, simplices and polyhedra of up to five dimensions, with intervals between
+    /// them.
     fn blocks(&mut self, m: usize) -> ConvexSet {
         let mut set = self.intervals(m);
         let mut places: Vec<usize> = (0..m).collect();
@@ -188,7 +190,7 @@ impl Random {
         set
     }
 
-    /// A point of `K` near zero.
+    /// Returns a random point of `K` near zero.
     fn member(&mut self, set: &ConvexSet) -> Vec<f64> {
         let mut z: Vec<f64> = (0..set.dimension()).map(|_| 3.0 * self.number()).collect();
         set.project_all(&mut z, &mut Workspace::default());

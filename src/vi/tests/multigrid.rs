@@ -1,4 +1,4 @@
-//! Multigrid on grids of several dimensions, against prescribed solutions.
+//! Tests of multigrid on grids of several dimensions, against prescribed solutions.
 
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
@@ -7,7 +7,7 @@ use faer::sparse::Triplet;
 
 const SHAPES: [&[usize]; 2] = [&[160, 131], &[35, 31, 23]];
 
-/// `I - c Laplacian` on a grid, with zero differences across its sides.
+/// Returns the matrix `I - c Laplacian` on a grid, with zero differences across its sides.
 fn matrix(shape: &[usize], c: f64) -> SparseMatrix {
     let nodes = shape.iter().product();
     let mut triplets: Vec<Triplet<usize, usize, f64>> = (0..nodes).map(|i| Triplet::new(i, i, 1.0)).collect();
@@ -21,7 +21,7 @@ fn matrix(shape: &[usize], c: f64) -> SparseMatrix {
     SparseMatrix::try_new_from_triplets(nodes, nodes, &triplets).expect("places inside the matrix")
 }
 
-/// The distance from the middle of the grid, relative to that of its sides.
+/// Returns the distance of node `i` from the middle of the grid, relative to that of the sides.
 fn radius(shape: &[usize], mut i: usize) -> f64 {
     let square = shape.iter().rev().map(|&length| {
         let at = i % length;
@@ -31,7 +31,7 @@ fn radius(shape: &[usize], mut i: usize) -> f64 {
     square.sum::<f64>().sqrt()
 }
 
-/// `q` and its solution `z`, which grows from a ball of contact; the pressure grows towards the centre.
+/// Returns `q` and its solution `z`, which grows from a ball of contact; the pressure grows towards the centre.
 fn problem(shape: &[usize], matrix: &SparseMatrix) -> (Vec<f64>, Vec<f64>) {
     let nodes = matrix.nrows();
     let z: Vec<f64> = (0..nodes).map(|i| (radius(shape, i) - 0.6).max(0.0).powi(2)).collect();

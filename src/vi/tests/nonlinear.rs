@@ -1,9 +1,9 @@
-//! Nonlinear variational inequalities.
+//! Tests of solvers of nonlinear variational inequalities.
 
 use super::super::{JosephyNewton, NonlinearVi, SolverKind};
 use super::*;
 
-/// `F(z)_i = sum_j A_ij z_j + c z_i^3 + q_i`.
+/// The cubic function `F(z)_i = sum_j A_ij z_j + c z_i^3 + q_i`.
 struct Cubic {
     affine: Problem,
     c: f64,

@@ -1,4 +1,4 @@
-//! Properties of every problem that has a solution.
+//! Properties of every variational inequality that has a solution.
 
 use super::super::SolverKind;
 use super::*;
@@ -7,7 +7,7 @@ use proptest::prelude::*;
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
 
-    /// `<w, y - z> >= 0` for 1,000 points `y` of `K`.
+    /// The solution satisfies `<w, y - z> >= 0` for 1,000 points `y` of `K`.
     #[test]
     fn the_answer_satisfies_the_inequality_in_every_direction(seed in any::<u64>(), m in 1_usize..25) {
         let mut random = Random(seed);
@@ -22,7 +22,8 @@ proptest! {
         }
     }
 
-    /// Monotone problems on boxes have solutions, and all solvers find one; `w` of the symmetric ones is unique.
+    /// Monotone problems on boxes have solutions, and all solvers find one; `w = A z + q` of the symmetric ones is
+    /// unique.
     #[test]
     fn a_semidefinite_matrix_on_a_box_has_one_w(seed in any::<u64>(), m in 1_usize..12) {
         let mut random = Random(seed);

@@ -5,7 +5,8 @@ use super::*;
 
 const SIZES: [usize; 7] = [1, 2, 3, 10, 50, 200, 500];
 
-/// `[H -H; -H H]`, with a row and column of zeros if `m` is odd: its columns sum to zero, without rounding.
+/// Returns the matrix `[H -H; -H H]`, with a row and column of zeros if `m` is odd: its columns sum to zero, without
+/// rounding.
 fn balanced(half: &DMatrix<f64>, m: usize) -> DMatrix<f64> {
     let k = half.nrows();
     let mut matrix = DMatrix::zeros(m, m);

@@ -1,5 +1,5 @@
-//! Tests of the independent methods against closed forms: a diode bridge, a bouncing ball, a sliding relay, a
-//! projection.
+//! Tests of the independent reference methods against closed forms: a diode bridge, a bouncing ball, a sliding relay,
+//! a projection.
 
 use crate::differential::linear::{Linear, Shape};
 use crate::differential::reference::{Membrane, Stop, by_modes, by_projection};
@@ -14,7 +14,8 @@ fn times(end: f64) -> Vec<f64> {
     (1..=40).map(|k| end * f64::from(k) / 40.0).collect()
 }
 
-/// `v' = -i/C - |v|/(R C)`, `i' = v/L`: each half wave is that of a damped oscillation, of half the period.
+/// A diode bridge, `v' = -i/C - |v|/(R C)`, `i' = v/L`: each half wave of the voltage is half a period of a damped
+/// oscillation.
 #[test]
 fn four_diodes_damp_an_oscillation() {
     let (resistance, capacity, inductance) = (1e3, 1e-6, 1e-2);
@@ -43,7 +44,7 @@ fn four_diodes_damp_an_oscillation() {
     assert!(far < 1e-8, "{far:e}");
 }
 
-/// A peak detector holds the largest voltage so far, less the discharge.
+/// A peak detector holds the largest voltage so far, reduced by its discharge.
 #[test]
 fn a_detector_holds_the_peaks() {
     let tau = 10.0;
@@ -60,7 +61,8 @@ fn a_detector_holds_the_peaks() {
         gap: vec![below],
         set: vec![(Shape::Nonnegative, 1)],
     };
-    // While the diode is off, the voltage decays, from the time at which the source falls faster: tan(w t) = -w tau.
+    // While the diode blocks, the voltage decays from the time at which the source begins to fall faster: tan(w t) =
+    // -w tau.
     let omega = 100.0 * PI;
     let off = (PI - (omega * tau).atan()) / omega;
     let level = 10.0 * (omega * off).sin();
@@ -73,7 +75,7 @@ fn a_detector_holds_the_peaks() {
     }
 }
 
-/// `x' = 0.3 - sgn x` from 2: zero is reached at 2/0.7, and the solution slides there.
+/// The relay `x' = 0.3 - sgn x` from 2 reaches zero at 2/0.7, and slides there.
 #[test]
 fn a_relay_slides() {
     let relay = Linear {
@@ -95,7 +97,7 @@ fn a_relay_slides() {
     assert!(far < stepped.accuracy[0] && stepped.accuracy[0] < 1e-2, "{far:e} {:e}", stepped.accuracy[0]);
 }
 
-/// `x'' = -sgn x` from rest at 1: parabolas, a period of `4 sqrt 2`.
+/// The relay `x'' = -sgn x` from rest at 1 moves along parabolas, with the period `4 sqrt 2`.
 #[test]
 fn a_relay_after_two_integrations_oscillates() {
     let relay = Linear {
@@ -120,7 +122,7 @@ fn a_relay_after_two_integrations_oscillates() {
     assert!(far < 1e-8, "{far:e}");
 }
 
-/// A ball dropped from `h` loses `1 - e^2` of its height at each bounce, and comes to rest.
+/// A ball dropped from the height `h` loses `1 - e^2` of its height at each bounce, and comes to rest.
 #[test]
 fn a_ball_bounces() {
     let (g, e) = (9.81, 0.5);
@@ -153,7 +155,8 @@ fn a_ball_bounces() {
     assert!(far < 1e-9, "{far:e}");
 }
 
-/// `x' = -x + z_0`, with `z` the projection of a rotating vector on a cone: the apex for half of the time.
+/// The system `x' = -x + z_0`, where `z` is the projection of a rotating vector onto a cone: the apex for part of the
+/// time.
 #[test]
 fn a_cone_is_projected_on() {
     let wave = |phase: f64| Signal { constant: 0.0, waves: vec![Wave { amplitude: -1.0, omega: 1.0, phase }] };
@@ -176,7 +179,7 @@ fn a_cone_is_projected_on() {
         let (steps, mut x) = (20_000, 0.0);
         let h = t / f64::from(steps);
         for k in 0..steps {
-            // The midpoint rule for x = int exp(s - t) z(s).
+            // Evaluates x = int exp(s - t) z(s) by the midpoint rule.
             let s = (f64::from(k) + 0.5) * h;
             x += h * (s - t).exp() * z(s);
         }
@@ -186,8 +189,8 @@ fn a_cone_is_projected_on() {
     assert!(far < 1e-6, "{far:e}");
 }
 
-/// A membrane with free ends stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the
-/// source changes sign at `pi/2`, falls to -0.5 and stays again.
+/// A membrane with free ends stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays there
+/// until the source changes sign at `pi/2`, falls to -0.5 and stays again.
 #[test]
 fn a_membrane_rises_and_falls_between_two_obstacles() {
     let membrane = Membrane {

@@ -1,8 +1,9 @@
-//! Derivatives of random problems: numbers of the specification become parameters, and the derivatives of all fields by
-//! some of them, in forward and in adjoint mode, are compared with central differences of runs at a tolerance that is ten
-//! thousand times tighter. A derivative that is off by more than a hundred tolerances, times the largest growth of a
-//! relative change, is wrong: silently if the verdict trusts it. Differences are taken only where the events follow each
-//! other in one order on both sides, and where two of them, one twice as far, agree.
+//! Differential testing of derivatives: numbers in random problems become parameters, and the derivatives of all
+//! fields by some of them, in forward and in adjoint mode, are compared with central differences of runs at a
+//! tolerance that is ten thousand times tighter. A derivative is wrong if its error exceeds a hundred tolerances,
+//! times the largest growth of a relative change; it is silently wrong if the verdict trusts it. Differences are
+//! taken only if the events have one order for all changes of the parameter, and only if two differences, one with
+//! twice the change, agree.
 
 use super::problem::{Kind, Problem, View, generate};
 use super::random::Random;
@@ -20,22 +21,23 @@ use std::time::{Duration, Instant};
 /// The kinds of problems that have derivatives in both modes.
 pub const KINDS: [Kind; 5] = [Kind::Complementarity, Kind::Circuit, Kind::Filippov, Kind::Sets, Kind::Mechanical];
 
-/// The allowed distance in tolerances, times the growth.
+/// Permitted error of a derivative in tolerances, to be multiplied by the growth of a relative change.
 const TOLERANCES: f64 = 100.0;
-/// The ratio of the tolerances of the derivatives and of the runs that are differenced.
+/// Ratio of the tolerance of the derivatives to that of the runs for central differences.
 const TIGHTER: f64 = 1e4;
-/// The tolerance at which both modes are compared with each other, and the allowed difference, times the growth.
+/// Tolerance at which forward and adjoint derivatives are compared with each other, and their permitted difference,
+/// to be multiplied by the growth of a relative change.
 const EXACT: f64 = 1e-11;
 const ALIKE: f64 = 1e-9;
-/// Problems in which a relative change grows more are not judged.
+/// Largest growth of a relative change: problems with a larger one are not judged.
 const MOST_GROWTH: f64 = 1e4;
-/// The absolute tolerance of a field, relative to `rtol` and the scale of the problem.
+/// Absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
-/// The most parameters of a problem, and how many of these are compared with differences.
+/// Largest number of parameters of a problem, and the number of them whose derivatives are compared with differences.
 const PARAMETERS: usize = 5;
 const DIFFERENCED: usize = 2;
 
-/// A problem some of whose numbers are parameters.
+/// A problem in which some numbers are replaced by parameters.
 struct Parametric {
     document: Value,
     values: Vec<f64>,
@@ -44,7 +46,7 @@ struct Parametric {
 impl Parametric {
     fn new(problem: &dyn Problem, random: &mut Random) -> Self {
         let mut document = problem.document(&View::default());
-        // A start on a joint must stay on it.
+        // Initial values of a system with joints are no parameters, since they must satisfy the constraints.
         let is_held = problem.starts() == 0;
         let mut count = 0;
         visit(&mut document, is_held, &mut |_| {
@@ -70,7 +72,7 @@ impl Parametric {
         (0..self.values.len()).map(|k| format!("par{k}")).collect()
     }
 
-    /// The problem with these values, and an integral if that is wanted.
+    /// Returns the problem with the given parameter values and, if given, the integral of an expression.
     fn with(&self, values: &[f64], integral: Option<&str>) -> Value {
         let mut document = self.document.clone();
         let parameters: Map<String, Value> =
@@ -85,7 +87,7 @@ impl Parametric {
     }
 }
 
-/// Shows each number that may be a parameter, and puts a name in its place if one is returned.
+/// Calls `name` for each number that may become a parameter, and replaces the number by the name that it returns.
 fn visit(value: &mut Value, is_held: bool, name: &mut dyn FnMut(f64) -> Option<String>) {
     match value {
         Value::Number(number) => {
@@ -125,31 +127,33 @@ fn visit(value: &mut Value, is_held: bool, name: &mut dyn FnMut(f64) -> Option<S
     }
 }
 
-/// The judgement of the derivatives of a problem in one mode.
+/// Judgement of the derivatives of a problem in one mode, forward or adjoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finding {
     Right,
-    /// Right and not trusted.
+    /// The derivatives are right and not trusted.
     Alarm,
-    /// Wrong and trusted.
+    /// The derivatives are wrong and trusted.
     Silent,
     Caught,
-    /// There are no derivatives, and the run says why.
+    /// There are no derivatives, and the error message says why.
     Refused,
-    /// The run failed for another reason, or did not end in time.
+    /// The run failed for a reason other than a missing derivative, or exceeded its time limit.
     Failed,
-    /// Nothing to compare with: the order of events changes, differences do not agree, or changes grow too much.
+    /// The derivatives have no reference: the order of events changes, differences do not agree, or changes grow too
+    /// much.
     Dropped,
 }
 
-/// Counts of a campaign.
+/// Numbers of derivatives in a campaign, by kind of problem, mode and judgement.
 #[derive(Debug, Default)]
 pub struct Tally {
     counts: BTreeMap<(Kind, &'static str, Finding), u64>,
     reasons: BTreeMap<(Finding, String), (u64, Vec<String>)>,
-    /// The largest difference of both modes, where both are trusted, at the tight tolerance, as a part of the size and the growth.
+    /// Largest difference of forward and adjoint derivatives that are both trusted, at the tight tolerance, relative
+    /// to the size of the field and the growth of a relative change.
     pub apart: f64,
-    /// Problems whose modes differ by more than is allowed, though both are trusted.
+    /// Problems whose forward and adjoint derivatives differ by more than is permitted, although both are trusted.
     pub unlike: Vec<String>,
 }
 
@@ -165,12 +169,12 @@ impl Tally {
         }
     }
 
-    /// The number of derivatives with this judgement.
+    /// Returns the number of derivatives with this judgement.
     pub fn of(&self, finding: Finding) -> u64 {
         self.counts.iter().filter(|((_, _, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
 
-    /// The part that is dropped.
+    /// Returns the fraction of derivatives that have no reference.
     pub fn dropped(&self) -> f64 {
         self.of(Finding::Dropped) as f64 / self.counts.values().sum::<u64>().max(1) as f64
     }
@@ -201,7 +205,7 @@ impl Display for Tally {
     }
 }
 
-/// Compares derivatives of `count` problems from a seed on.
+/// Compares derivatives of `count` random problems, whose seeds start at `first`.
 pub fn run(count: u64, first: u64, kinds: &[Kind], time: Duration, threads: usize, tells: bool) -> Tally {
     let (next, tally) = (AtomicU64::new(0), Mutex::new(Tally::default()));
     thread::scope(|scope| {
@@ -221,7 +225,7 @@ pub fn run(count: u64, first: u64, kinds: &[Kind], time: Duration, threads: usiz
     tally.into_inner().expect("a tally")
 }
 
-/// Solves a document; the error is the finding with its reason.
+/// Solves a specification; the error is the judgement of a failed run, with its reason.
 fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)> {
     let specification = Specification::from_json(document.to_string().as_bytes()).map_err(|errors| {
         let first = errors.first();
@@ -234,7 +238,7 @@ fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)
     match (solution.status, &solution.error) {
         (Status::Completed, _) => Ok(solution),
         (_, Some(error)) if error.code == "no_derivative" => {
-            // Without the time at which they end.
+            // The reason from the error message, without the time at which derivatives end.
             let why = error.message.split_once(" from t = ").map_or("", |(_, why)| why);
             let why = why.split_once(": ").map_or("", |(_, why)| why);
             Err((Finding::Refused, why.split_once("; without").map_or(why, |(why, _)| why).to_owned()))
@@ -243,7 +247,7 @@ fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)
     }
 }
 
-/// The values at the end, the largest values, and the events without their times.
+/// Final values of the fields, their largest magnitudes, and the events without their times.
 struct End {
     values: Vec<f64>,
     sizes: Vec<f64>,
@@ -265,7 +269,7 @@ fn exceeds(value: f64, most: f64) -> bool {
     value > most || value.is_nan()
 }
 
-/// Compares the derivatives of one problem.
+/// Compares the derivatives of one problem, and records the judgements in `tally`.
 fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
     let (kind, seed) = case;
     let problem = generate(kind, seed);
@@ -328,7 +332,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         let of = |field: usize| (slope(&found, field, by) * values[by]).abs() / size(field);
         (0..fields.len()).map(of).fold(1.0, f64::max)
     };
-    // Both modes, at a tolerance at which their steps, which differ, hardly matter.
+    // Compares both modes at a tolerance at which the difference between their step sequences hardly matters.
     if let [Ok(forward), Ok(adjoint)] = [forward(EXACT), adjoint(EXACT)].map(|document| solve(&document, time)) {
         let is_trusted = forward.verdict.trusted && adjoint.verdict.trusted;
         for (by, name) in names.iter().enumerate().filter(|_| is_trusted) {
@@ -362,7 +366,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             return drop_both("order of events");
         }
         for field in 0..fields.len() {
-            // Of a change of the parameter by its own size.
+            // Differences are scaled to a change of the parameter by its own size.
             let near = (above.values[field] - below.values[field]) / (2.0 * part);
             let far = (far_above.values[field] - far_below.values[field]) / (4.0 * part);
             let allowed = TOLERANCES * rtol * growth * size(field);

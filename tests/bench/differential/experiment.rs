@@ -9,11 +9,11 @@ use serde_json::{Map, Value, json};
 use std::cell::Cell;
 use std::time::Duration;
 
-/// One run of a problem.
+/// One run of a problem, with its label.
 #[derive(Clone, Debug)]
 pub struct Run {
     pub label: String,
-    /// The relative tolerance, or the step size.
+    /// The relative tolerance of the run, or its step size.
     pub accuracy: f64,
     pub specification: Value,
     pub outcome: Outcome,
@@ -28,7 +28,7 @@ impl Run {
     }
 }
 
-/// The runs of a problem, and the scales of their comparison.
+/// The runs of a problem, with the scales by which their differences are measured.
 #[derive(Clone, Debug)]
 pub struct Experiment {
     pub way: Way,
@@ -39,7 +39,7 @@ pub struct Experiment {
     /// The largest magnitude of each field, and its largest rate of change.
     pub sizes: Vec<f64>,
     pub rates: Vec<f64>,
-    /// The absolute tolerance of each field, as a multiple of `accuracy`.
+    /// The absolute tolerance of each field, as a multiple of the relative tolerance.
     pub floors: Vec<f64>,
     pub runs: Vec<Run>,
     /// The growth factor of a small perturbation of the initial values: at least one, infinite if it could not be
@@ -48,7 +48,7 @@ pub struct Experiment {
     pub reference: Option<Values>,
 }
 
-/// The seed of the random choices, and the limits.
+/// Seed and limits of the runs of a problem.
 pub struct Conditions {
     pub seed: u64,
     /// The time limit of each solve.
@@ -57,22 +57,23 @@ pub struct Conditions {
     pub reference: bool,
 }
 
-/// The numbers of comparison times on steps of the first run, and at random times.
+/// Numbers of times at which runs are compared: ends of steps of the first run, and random times.
 const ON_STEPS: usize = 10;
 const ANYWHERE: usize = 14;
-/// The number of random times for steps over impacts, whose errors may last for a small part of a run.
+/// Number of random comparison times of a time-stepping method, whose errors at impacts may last for a small part of
+/// a run.
 const ANYWHERE_OF_STEPS: usize = 200;
-/// The absolute tolerance of a field, relative to `rtol` and the scale of the problem.
+/// Absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
-/// The ratio of the tolerances of the first and of the tight run.
+/// Ratio of the tolerance of the first run to that of the tight run.
 const TIGHTER: f64 = 100.0;
-/// The smallest relative perturbation of the initial values: smaller ones are lost in rounding.
+/// Smallest relative perturbation of the initial values: smaller ones are lost in rounding.
 const LEAST_CHANGE: f64 = 1e-7;
 
-/// The number of runs of a problem that may exceed the time limit before the remaining runs are skipped.
+/// Number of runs of a problem that may exceed the time limit before the remaining runs are skipped.
 const MOST_LATE: u32 = 2;
 
-/// Makes specifications of a problem and solves them.
+/// Writes specifications of a problem and solves them.
 struct Maker<'a> {
     problem: &'a dyn Problem,
     way: Way,
@@ -83,7 +84,7 @@ struct Maker<'a> {
     late: Cell<u32>,
 }
 
-/// The parameters of a run.
+/// Settings in which the runs of a problem differ.
 #[derive(Clone)]
 struct Variant<'a> {
     label: &'a str,
@@ -91,7 +92,7 @@ struct Variant<'a> {
     stages: Value,
     view: View,
     end: f64,
-    /// The output times; the steps if empty.
+    /// The output times; if empty, the ends of steps.
     times: &'a [f64],
 }
 
@@ -137,11 +138,11 @@ impl Maker<'_> {
     }
 }
 
-/// Solves a problem in all ways.
+/// Solves a problem with all variants of settings, and measures the growth of perturbations.
 pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment {
     let mut random = Random::new(conditions.seed ^ 0x5bd1_e995);
     let (way, fields, end) = (problem.way(), problem.fields(), problem.end());
-    // The absolute tolerance of a velocity is that of a length, divided by a tenth of the horizon.
+    // The absolute tolerance of a velocity is that of a length, divided by a tenth of the end time.
     let floors: Vec<f64> =
         fields.iter().map(|field| FLOOR * problem.smallest() * (0.1 * end).powi(field.time)).collect();
     let maker = Maker {
@@ -154,7 +155,8 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     };
     let (accuracy, tight) = match way {
         Way::Step(step) => (step, step / 4.0),
-        // The method is of first order in the step: two decades would take a hundred times as long.
+        // The solver for problems with memory is of first order in the step: a tolerance tighter by two decades would
+        // take a hundred times as long.
         Way::Mean => {
             let rtol = random.scale(3e-4, 1e-2);
             (rtol, rtol / 4.0)
@@ -181,7 +183,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     times.push(end);
     times.retain(|t| *t > 0.0 && *t <= end);
     times.sort_by(f64::total_cmp);
-    // Nearer times would coincide in other units.
+    // Comparison times that are closer would coincide in other units.
     times.dedup_by(|later, earlier| *later - *earlier < 1e-12 * end);
     let between = Variant { label: "tight", accuracy: tight, stages: json!("auto"), times: &times, ..plain.clone() };
     let mut runs = vec![maker.run(&between), first];
@@ -197,7 +199,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     let view = View { time: random.scale(1e-4, 1e4), size: random.scale(1e-4, 1e4), change: Vec::new() };
     runs.push(maker.run(&Variant { label: "units", accuracy, stages: any(&mut random), view, ..between.clone() }));
     let later = end * random.uniform(2.0, 5.0);
-    // With memory, the mesh depends on the horizon, so that a later end changes the steps.
+    // In problems with memory the mesh depends on the end time, so that a later end changes the steps.
     runs.push(maker.run(&Variant {
         label: "later end",
         accuracy,
@@ -227,7 +229,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     };
     experiment.measure_growth(&changed, &change);
     experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
-    // An implausible growth factor may come from a wrong run; an independent method decides that as well.
+    // An implausible growth factor may come from a wrong run; an independent method measures the growth as well.
     let doubtful = experiment.kappa >= 30.0 || experiment.kappa.is_nan();
     if conditions.reference || doubtful {
         experiment.reference = problem.reference(&[], &times);
@@ -239,10 +241,10 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
 }
 
 impl Experiment {
-    /// A small perturbation of every initial value, as large as the error that the tolerance allows.
+    /// Returns a small perturbation of every initial value, as large as the error that the tolerance permits.
     fn change(&self, problem: &dyn Problem, random: &mut Random, accuracy: f64) -> Vec<f64> {
         let relative = match self.way {
-            // The change within one step, the error of a first-order method.
+            // The relative change of a field within one step, which is the error of a first-order method.
             Way::Step(step) => {
                 let parts = self.rates.iter().zip(&self.sizes).map(|(rate, size)| rate * step / size);
                 parts.fold(LEAST_CHANGE, f64::max).min(1e-2)
@@ -265,8 +267,8 @@ impl Experiment {
         self.kappa = largest.map_or(f64::INFINITY, |growth| growth.max(1.0));
     }
 
-    /// The largest distance of two solutions from perturbed initial values, relative to the perturbation, both in the
-    /// norm in which each field is divided by its size. Fields that jump are left out.
+    /// Returns the largest distance of two solutions whose initial values differ by `change`, relative to that
+    /// change, in the norm in which each field is divided by its size. Fields that jump are excluded.
     fn growth(&self, one: &[Vec<f64>], other: &[Vec<f64>], change: &[f64]) -> f64 {
         let start = change.iter().zip(&self.sizes).map(|(x, size)| x.abs() / size).fold(0.0, f64::max);
         let mut largest = 0.0_f64;

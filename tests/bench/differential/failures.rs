@@ -1,4 +1,4 @@
-//! Wrong runs as files: the specification of the run, with the correct values at the time of the largest distance.
+//! Files of wrong runs: the specification of the run, with the correct values at the time of its largest error.
 
 use super::experiment::Experiment;
 use super::judgement::{Finding, Judgement};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::PathBuf;
 
-/// The folder for wrong runs.
+/// The folder in which wrong runs are stored.
 pub struct Failures {
     folder: Option<PathBuf>,
 }
@@ -20,7 +20,7 @@ impl Failures {
         Self { folder }
     }
 
-    /// Writes the worst wrong run of a problem, if there is one, preferring trusted (silent) ones.
+    /// Writes the worst wrong run of a problem, if there is one, with a preference for trusted (silent) ones.
     pub fn keep(&self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) {
         let Some(folder) = &self.folder else { return };
         let of = |wanted: Finding| {

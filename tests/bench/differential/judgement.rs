@@ -1,39 +1,40 @@
-//! The judgement of the runs of a problem. The truth is the solution by an independent method if there is one, and
+//! Judgement of the runs of a problem. The reference is the solution by an independent method if there is one, and
 //! otherwise the run with which most others agree (trusted ones only, if there are any; the tightest among equals). A
-//! run is wrong if its distance from the truth exceeds a hundred tolerances, times the growth of small perturbations. A
-//! run in steps of a given size is also held to what its verdict permits: an estimate of the error counts as right within a
-//! factor of four.
+//! run is wrong if its distance from the reference exceeds a hundred tolerances, times the growth of small
+//! perturbations. The error of a run with steps of a given size is also compared with the error that its verdict
+//! permits, where the verdict's estimate counts as right within a factor of four.
 
 use super::experiment::{Experiment, Run};
 use super::problem::Way;
 use super::solving::{Answer, Outcome};
 use dvi::solution::CheckCode;
 
-/// The allowed distance in tolerances, times `kappa`.
+/// Permitted distance in tolerances, to be multiplied by the growth `kappa` of perturbations.
 const TOLERANCES: f64 = 100.0;
-/// The allowed distance of first-order methods in steps times the largest rate, plus one for each event, times `kappa`:
-/// over a horizon of some periods, the errors of steps accumulate.
+/// Permitted distance of first-order methods in steps times the largest rate, plus one step for each event, to be
+/// multiplied by the growth `kappa` of perturbations. Over an end time of several periods the errors of steps
+/// accumulate.
 const STEPS: f64 = 30.0;
-/// The rounding error of a coordinate at rest, relative to the largest coordinate of the same unit.
+/// Rounding error of a coordinate at rest, relative to the largest coordinate of the same unit.
 const ROUNDING: f64 = 1e-9;
-/// The factor by which an estimate of an error may differ from it.
+/// Factor by which an error estimate may differ from the true error.
 const ESTIMATE: f64 = 4.0;
-/// Problems with a larger growth of small perturbations are not judged.
+/// Largest growth of small perturbations: problems with a larger one are not judged.
 pub const MOST_GROWTH: f64 = 1e4;
 
-/// The judgement of a run.
+/// Judgement of a single run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finding {
-    /// Correct and trusted.
+    /// The run is correct and trusted.
     Right,
-    /// Correct and not trusted.
+    /// The run is correct and not trusted.
     FalseAlarm,
-    /// Correct as far as it is compared, and not trusted for what happens behind: over the compared times alone, the same run is
-    /// trusted.
+    /// The run is correct up to the end of the comparison and not trusted because of what follows: runs with the same
+    /// method that end there are trusted.
     Behind,
-    /// Wrong and trusted.
+    /// The run is wrong and trusted.
     Silent,
-    /// Wrong and not trusted.
+    /// The run is wrong and not trusted.
     Caught,
     Failed,
     TimedOut,
@@ -59,7 +60,7 @@ impl Finding {
     ];
 }
 
-/// Why a problem is not judged.
+/// Reason why a problem is not judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Apart {
     /// The growth of small perturbations is too large, or unknown.
@@ -70,17 +71,17 @@ pub enum Apart {
     Alone,
 }
 
-/// The judgement of a problem.
+/// Judgement of all runs of a problem.
 #[derive(Clone, Debug)]
 pub struct Judgement {
     pub apart: Option<Apart>,
-    /// For each run, the judgement, and the distance from the truth in units of the allowed distance.
+    /// For each run, its judgement, and its distance from the reference in units of the permitted distance.
     pub findings: Vec<(Finding, f64)>,
-    /// Whether the truth comes from an independent method.
+    /// Whether the reference comes from an independent method.
     pub by_reference: bool,
-    /// Whether all runs agree with each other and none with the independent method, which is then suspect.
+    /// Whether all runs agree with each other and disagree with the independent method, which is then suspect.
     pub reference_alone: bool,
-    /// For each field, the values taken for the truth.
+    /// For each field, the reference values at the comparison times.
     pub truth: Vec<Vec<f64>>,
 }
 
@@ -90,7 +91,7 @@ impl Judgement {
     }
 }
 
-/// A run at the comparison times.
+/// A run with its values at the comparison times.
 struct Sample<'a> {
     run: &'a Run,
     answer: &'a Answer,
@@ -114,8 +115,8 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         None
     };
     let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
-    // The first run among those with the most votes: the tight run comes first. A run that lacks values at some of the
-    // times is no candidate, and an untrusted run has no vote beside trusted ones.
+    // Index of the run that most runs agree with; among equals the first one, which is the tight run. A run without
+    // values at some of the comparison times is no candidate, and an untrusted run has no vote if others are trusted.
     let is_any_trusted = complete.iter().any(|sample| sample.answer.trusted);
     let votes = |sample: &Sample<'_>| sample.answer.trusted || !is_any_trusted;
     let is_whole = |sample: &Sample<'_>| votes(sample) && !sample.columns.iter().flatten().any(|value| value.is_nan());
@@ -178,8 +179,8 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
     Judgement { apart, findings, by_reference, reference_alone, truth }
 }
 
-/// Whether a run goes on behind the compared times, and the runs that end there and have the same method are trusted: its doubts
-/// are then about what is not compared.
+/// Whether a run continues beyond the last comparison time, and the runs with the same method that end there are
+/// trusted: its verdict then concerns times that are not compared.
 fn is_doubted_behind(experiment: &Experiment, run: &Run) -> bool {
     let ends_with = |other: &Run| other.specification["time"]["end"].as_f64() == Some(experiment.end);
     let same = |other: &&Run| ends_with(other) && other.specification["method"] == run.specification["method"];
@@ -187,7 +188,7 @@ fn is_doubted_behind(experiment: &Experiment, run: &Run) -> bool {
     !ends_with(run) && same.peek().is_some() && same.all(|answer| answer.trusted)
 }
 
-/// The values of a run at the comparison times; NaN at times without output.
+/// Returns the values of a run at the comparison times; NaN at times without output.
 fn sample<'a>(experiment: &Experiment, run: &'a Run, answer: &'a Answer) -> Sample<'a> {
     let slack = 1e-11 * experiment.end;
     let place = |t: f64| {
@@ -200,7 +201,7 @@ fn sample<'a>(experiment: &Experiment, run: &'a Run, answer: &'a Answer) -> Samp
     Sample { run, answer, columns: columns.collect(), times: experiment.times.clone() }
 }
 
-/// The largest distance of two runs, or of a run from the reference, in units of the allowed distance.
+/// Returns the largest distance of two runs, or of a run from the reference, in units of the permitted distance.
 fn distance(
     experiment: &Experiment,
     sample: &Sample<'_>,
@@ -208,7 +209,7 @@ fn distance(
     reference: Option<&super::reference::Values>,
 ) -> f64 {
     let Experiment { way, fields, sizes, rates, floors, kappa, .. } = experiment;
-    // Problems with a larger growth are not judged anyway.
+    // Problems in which perturbations grow more are not judged.
     let kappa = kappa.min(MOST_GROWTH);
     let accuracy = sample.run.accuracy + other.map_or(0.0, |other| other.run.accuracy);
     let events = sample.answer.events.len();
@@ -238,7 +239,7 @@ fn distance(
             .map(|((a, b), _)| (a - b).abs())
             .collect();
         let apart = match way {
-            // The tolerance refers to the mean over time.
+            // The tolerance of this method applies to the mean error over time.
             Way::Mean => apart.iter().sum::<f64>() / apart.len().max(1) as f64,
             _ => apart.into_iter().fold(0.0, f64::max),
         };
@@ -247,8 +248,8 @@ fn distance(
     largest
 }
 
-/// The error of a run of first order, by its distance from the best one. That of the best one itself is extrapolated from
-/// its distance from the others.
+/// Returns the error of a run of a first-order method: its distance from the best run or, for the best run itself, an
+/// extrapolation from its distances to the others.
 fn error_of_first_order(experiment: &Experiment, run: &Sample<'_>, best: &Sample<'_>, all: &[&Sample<'_>]) -> f64 {
     let of = |sample: &Sample<'_>| relative_error(experiment, sample, &best.columns);
     if !std::ptr::eq(run, best) {
@@ -259,8 +260,9 @@ fn error_of_first_order(experiment: &Experiment, run: &Sample<'_>, best: &Sample
     longer.map(|other| of(other) * step / (other.run.accuracy - step)).fold(0.0, f64::max)
 }
 
-/// The largest error of fields without jumps. A verdict on steps is relative to the largest change of a field, or its largest
-/// value if that is smaller, and to the largest of the places of a body, which are asked for together.
+/// Returns the largest relative error of the fields without jumps. As in verdicts on steps of a given size, errors
+/// are relative to the largest change of a field, or to its largest value if that is smaller; the position components
+/// of a body share the largest of their scales.
 fn relative_error(experiment: &Experiment, sample: &Sample<'_>, truth: &[Vec<f64>]) -> f64 {
     let fields = &experiment.fields;
     let start = |k: usize| sample.answer.columns[k].first().copied().unwrap_or(0.0);
@@ -278,8 +280,8 @@ fn relative_error(experiment: &Experiment, sample: &Sample<'_>, truth: &[Vec<f64
     errors.fold(0.0, f64::max)
 }
 
-/// Whether an event is so near `t` that it may lie on the other side of `t` in the other run: within the allowed error
-/// as a fraction of the horizon.
+/// Whether an event is so near to the time `t` that another run may have it on the other side of `t`: within the
+/// permitted error, `part` times the tolerances, as a fraction of the end time.
 fn is_near_event(experiment: &Experiment, one: &Sample<'_>, other: Option<&Sample<'_>>, t: f64, part: f64) -> bool {
     let window = (TOLERANCES * part).max(1e-9) * experiment.end;
     let events = one.answer.events.iter().chain(other.into_iter().flat_map(|other| &other.answer.events));

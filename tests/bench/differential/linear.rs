@@ -6,7 +6,7 @@ use super::signal::Signal;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// A factor of `K`.
+/// A factor of the set `K`, which is a Cartesian product.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     Free,
@@ -15,7 +15,7 @@ pub enum Shape {
     Ball(f64),
     Cone,
     Simplex,
-    /// `A z <= b`.
+    /// A polyhedron `A z <= b`, given by `A` and `b`.
     Polyhedron(Vec<Vec<f64>>, Vec<f64>),
 }
 
@@ -28,9 +28,9 @@ pub struct Linear {
     pub b: Vec<Vec<f64>>,
     pub c: Vec<Vec<f64>>,
     pub d: Vec<Vec<f64>>,
-    /// `a(t)`.
+    /// The forcing terms `a(t)` of the rates.
     pub drive: Vec<Signal>,
-    /// `g(t)`.
+    /// The forcing terms `g(t)` of the inequalities.
     pub gap: Vec<Signal>,
     pub set: Vec<(Shape, usize)>,
 }
@@ -44,7 +44,7 @@ impl Linear {
         self.gap.len()
     }
 
-    /// The problem as an `lcs`.
+    /// Returns the problem as an `lcs`, written in matrices.
     pub fn as_matrices(&self, view: &View) -> Value {
         let scaled = |matrix: &[Vec<f64>], factor: f64| -> Vec<Vec<f64>> {
             matrix.iter().map(|row| row.iter().map(|entry| factor * entry).collect()).collect()
@@ -61,7 +61,7 @@ impl Linear {
         }})
     }
 
-    /// The problem as a `dvi`.
+    /// Returns the problem as a `dvi`, written in expressions.
     pub fn as_expressions(&self, view: &View) -> Value {
         let row = |signal: &Signal, factor: f64, x: &[f64], x_factor: f64, z: &[f64]| {
             let mut text = signal.expression(factor, view.time);
@@ -112,7 +112,7 @@ impl Linear {
     }
 }
 
-/// The product of two matrices.
+/// Returns the product of two matrices.
 pub fn product(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let columns = b.first().map_or(0, Vec::len);
     let entry = |row: &[f64], j: usize| row.iter().zip(b).map(|(x, other)| x * other[j]).sum();

@@ -1,9 +1,9 @@
-//! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. Environment variables change that:
+//! The differential fuzz: `cargo bench --bench differential` for 20,000 random problems. Environment variables:
 //! `COUNT=500 SEED=7 KIND=circuit` select problems, `REFERENCE=1` compares all of them with an independent method,
-//! `SECONDS=3` limits the time of each solve, `THREADS=2` solves problems in parallel, `TELL=1` reports each finding as
-//! it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
-//! without it they go to a temporary folder. `KIND=derivatives OF=circuit,sets` compares derivatives of problems of these
-//! kinds with differences of runs.
+//! `SECONDS=3` limits the time of each solve, `THREADS=2` solves problems in parallel, `TELL=1` reports each wrong
+//! run immediately, and `FAILURES=folder` (or the folder as an argument) stores wrong runs as specifications for `dvi
+//! solve`; without it they go to a temporary folder. `KIND=derivatives OF=circuit,sets` compares derivatives of
+//! problems of these kinds with central differences of runs.
 
 #[path = "mod.rs"]
 mod differential;
@@ -48,7 +48,8 @@ fn main() {
     }
 }
 
-/// Compares derivatives with differences of runs.
+/// Compares derivatives with central differences of runs, and exits with an error if one is silently wrong or the two
+/// modes differ.
 fn compare_derivatives(number: &dyn Fn(&str, u64) -> u64) {
     let of = std::env::var("OF").ok();
     let is_chosen = |kind: &Kind| of.as_ref().is_none_or(|names| names.split(',').any(|name| name == kind.name()));

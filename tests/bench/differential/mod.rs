@@ -1,10 +1,11 @@
-//! Differential testing: the solution of a problem must not depend on the way in which it is solved.
+//! Differential testing: the solution of a problem must not depend on how it is solved.
 //!
 //! Random problems of every kind are solved at two tolerances, with every number of stages, with output at the steps
-//! and between them, in other units, and to a later end; every tenth problem also by an independent method. A run that
-//! disagrees by more than a hundred tolerances, times the measured growth of small perturbations, is wrong: silently if
-//! its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm; one to a later end is compared up
-//! to the end of the others only, so that its doubts count where those with the same method have them too.
+//! and between them, in other units, and to a later end; every tenth problem also by an independent method. A run is
+//! wrong if it disagrees by more than a hundred tolerances, times the measured growth of small perturbations:
+//! silently wrong if its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm. A
+//! run to a later end is compared up to the end of the others only, so that it is a false alarm only if runs with the
+//! same method that end there are not trusted either.
 
 pub mod derivatives;
 mod experiment;
@@ -38,18 +39,18 @@ pub struct Campaign {
     pub kinds: Vec<Kind>,
     /// The time limit of each solve.
     pub time: Duration,
-    /// One problem out of this many is compared with an independent method.
+    /// The ratio of all problems to those that are compared with an independent method.
     pub reference_every: u64,
     /// The folder for specifications of wrong runs.
     pub failures: Option<PathBuf>,
-    /// Whether each finding is reported as it comes.
+    /// Whether each wrong run is reported immediately.
     pub tells: bool,
     /// The number of problems solved in parallel.
     pub threads: usize,
 }
 
 impl Campaign {
-    /// Solves all problems, with the kinds taking turns.
+    /// Solves all problems, cycling through the kinds.
     pub fn run(&self) -> Tally {
         let (failures, next) = (Failures::new(self.failures.clone()), AtomicU64::new(0));
         let mut tally = Tally::default();
@@ -60,7 +61,7 @@ impl Campaign {
         tally
     }
 
-    /// Takes and solves problems until none is left.
+    /// Solves problems in a thread until none is left.
     fn work(&self, next: &AtomicU64, failures: &Failures) -> Tally {
         let mut tally = Tally::default();
         loop {

@@ -1,11 +1,11 @@
-//! A random problem: how it is written in any units and from perturbed initial values, and the known properties of its
-//! solution.
+//! The interface of a random problem: how it is written in any units and from perturbed initial values, and the known
+//! properties of its solution.
 
 use super::random::Random;
 use super::reference::Values;
 use serde_json::Value;
 
-/// The kinds of problems, each a row of the table.
+/// Kinds of random problems, each a row of the table of results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Complementarity,
@@ -50,11 +50,11 @@ impl Kind {
 /// The units and the initial values in which a problem is written.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The unit of time, in the generator's unit.
+    /// The unit of time, as a multiple of the generator's unit.
     pub time: f64,
-    /// The unit of the states, in the generator's unit: metres, or volts and amperes.
+    /// The unit of the states, as a multiple of the generator's unit: metres, or volts and amperes.
     pub size: f64,
-    /// The perturbation of each initial value, in the generator's units; none if empty.
+    /// The perturbation of each initial value, in the generator's units; empty without perturbations.
     pub change: Vec<f64>,
 }
 
@@ -74,7 +74,7 @@ impl View {
 #[derive(Clone, Debug)]
 pub struct Field {
     pub name: String,
-    /// The powers of the units of size and of time in the unit of the field.
+    /// Exponents of the units of size and of time in the unit of the field.
     pub size: i32,
     pub time: i32,
     /// Whether the field jumps at events, so that it is not compared close to them.
@@ -82,66 +82,66 @@ pub struct Field {
 }
 
 impl Field {
-    /// A field in the unit of size.
+    /// Returns a field that has the unit of size.
     pub fn sized(name: impl Into<String>) -> Self {
         Self { name: name.into(), size: 1, time: 0, jumps: false }
     }
 
-    /// A variable of a problem with memory: after a switch it jumps, or has an infinite slope.
+    /// Returns the field of a variable of a problem with memory: after a switch it jumps, or has an infinite slope.
     pub fn switching(name: impl Into<String>) -> Self {
         Self { jumps: true, ..Self::sized(name) }
     }
 
-    /// A velocity, which jumps at impacts.
+    /// Returns the field of a velocity, which jumps at impacts.
     pub fn velocity(name: impl Into<String>) -> Self {
         Self { name: name.into(), size: 1, time: -1, jumps: true }
     }
 
-    /// The unit of the field in a view, in the generator's units.
+    /// Returns the unit of the field in a view, as a multiple of the generator's unit.
     pub fn unit(&self, view: &View) -> f64 {
         view.size.powi(self.size) * view.time.powi(self.time)
     }
 }
 
-/// The settings that control the accuracy of a method.
+/// Settings by which the accuracy of a method is controlled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Way {
-    /// A tolerance and the number of stages.
+    /// A tolerance and the number of Radau IIA stages.
     Stages,
     /// A tolerance alone.
     Tolerance,
-    /// A tolerance on the mean over time.
+    /// A tolerance on the mean error over time.
     Mean,
-    /// A step size.
+    /// A fixed step size.
     Step(f64),
 }
 
-/// A random problem.
+/// A random problem and the known properties of its solution.
 pub trait Problem {
-    /// The value of `problem` in a specification.
+    /// Returns the value of `problem` in a specification.
     fn document(&self, view: &View) -> Value;
 
-    /// The fields that are compared: the states, or functions of them.
+    /// Returns the fields that are compared: the states, or functions of them.
     fn fields(&self) -> Vec<Field>;
 
-    /// The number of initial values that [`View::change`] perturbs, which belong to the first fields.
+    /// Returns the number of initial values that [`View::change`] perturbs, which belong to the first fields.
     fn starts(&self) -> usize {
         self.fields().len()
     }
 
-    /// The end time, many times the shortest time scale.
+    /// Returns the end time, many times the shortest time scale.
     fn end(&self) -> f64;
 
     fn way(&self) -> Way;
 
-    /// The scale of the smallest relevant state, from which the absolute tolerance is derived.
+    /// Returns the scale of the smallest relevant state, from which the absolute tolerance is derived.
     fn smallest(&self) -> f64;
 
-    /// Whether the theory guarantees unique states, whether or not `dvi` certifies it.
+    /// Whether the theory guarantees unique states, even if `dvi` does not certify it.
     fn is_unique(&self) -> bool;
 
-    /// A theoretical bound on the growth of small perturbations, in the norm in which each field is divided by its
-    /// size.
+    /// Returns a theoretical bound on the growth of small perturbations, in the norm in which each field is divided
+    /// by its size.
     fn most_growth(&self, _sizes: &[f64]) -> f64 {
         f64::INFINITY
     }
@@ -151,14 +151,14 @@ pub trait Problem {
         false
     }
 
-    /// The fields at `times` by an independent method, from perturbed initial values; `None` if there is none, or it
-    /// gives up.
+    /// Returns the fields at `times` by an independent method, from perturbed initial values; `None` if there is no
+    /// such method, or it fails.
     fn reference(&self, _change: &[f64], _times: &[f64]) -> Option<Values> {
         None
     }
 }
 
-/// The problem of a kind with this seed.
+/// Returns the random problem of a kind with this seed.
 pub fn generate(kind: Kind, seed: u64) -> Box<dyn Problem> {
     let mut random = Random::new(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ kind as u64);
     super::generators::generate(kind, &mut random)

@@ -2,7 +2,7 @@
 
 use fastrand::Rng;
 
-/// A seeded generator.
+/// A seeded generator of random numbers.
 #[derive(Clone, Debug)]
 pub struct Random(Rng);
 
@@ -11,17 +11,17 @@ impl Random {
         Self(Rng::with_seed(seed))
     }
 
-    /// Uniform in `[low, high)`.
+    /// Returns a uniform number in `[low, high)`.
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.0.f64()
     }
 
-    /// Log-uniform in `[low, high)`.
+    /// Returns a log-uniform number in `[low, high)`.
     pub fn scale(&mut self, low: f64, high: f64) -> f64 {
         self.uniform(low.ln(), high.ln()).exp()
     }
 
-    /// A uniform integer from `low` to `high`, both included.
+    /// Returns a uniform integer from `low` to `high`, both included.
     pub fn whole(&mut self, low: usize, high: usize) -> usize {
         self.0.usize(low..=high)
     }
@@ -30,7 +30,7 @@ impl Random {
         self.0.f64() < probability
     }
 
-    /// One or minus one.
+    /// Returns one or minus one.
     pub fn sign(&mut self) -> f64 {
         if self.0.bool() { 1.0 } else { -1.0 }
     }
@@ -39,7 +39,7 @@ impl Random {
         &from[self.whole(0, from.len() - 1)]
     }
 
-    /// A vector with entries of order one.
+    /// Returns a vector with uniform entries in `[-1, 1)`.
     pub fn vector(&mut self, n: usize) -> Vec<f64> {
         (0..n).map(|_| self.uniform(-1.0, 1.0)).collect()
     }

@@ -4,7 +4,7 @@
 use super::random::Random;
 use std::fmt::Write;
 
-/// `amplitude sin(omega t + phase)`.
+/// A sine wave, `amplitude sin(omega t + phase)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     pub amplitude: f64,
@@ -12,7 +12,7 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// A constant plus sine waves.
+/// A function of time: a constant plus sine waves.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
     pub constant: f64,
@@ -24,8 +24,8 @@ impl Signal {
         Self { constant, waves: Vec::new() }
     }
 
-    /// Up to `most` waves and a constant, of magnitude up to `size`; the frequencies of several waves may lie far
-    /// apart.
+    /// Returns up to `most` waves and a constant, of magnitude up to `size`; the frequencies of several waves may lie
+    /// far apart.
     pub fn random(random: &mut Random, size: f64, omega: f64, most: usize) -> Self {
         let waves = (0..random.whole(0, most))
             .map(|k| Wave {
@@ -42,7 +42,7 @@ impl Signal {
         self.constant + self.waves.iter().map(wave).sum::<f64>()
     }
 
-    /// Adds `factor` times another signal.
+    /// Adds `factor` times another signal to this one.
     pub fn add(&mut self, factor: f64, other: &Self) {
         self.constant += factor * other.constant;
         for wave in &other.waves {
@@ -54,7 +54,7 @@ impl Signal {
         }
     }
 
-    /// `factor` times the signal as an expression, with the time in units of `unit`.
+    /// Returns `factor` times the signal as an expression, with the time in units of `unit`.
     pub fn expression(&self, factor: f64, unit: f64) -> String {
         let mut text = format!("{:?}", factor * self.constant);
         for Wave { amplitude, omega, phase } in &self.waves {

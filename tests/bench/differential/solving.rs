@@ -1,4 +1,4 @@
-//! One solve of a specification under a deadline, and its outcome in the generator's units.
+//! Solves one specification under a deadline, and converts its outcome to the generator's units.
 
 use super::problem::{Field, View};
 use dvi::analysis::Uniqueness;
@@ -10,22 +10,22 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The stack size of the solver threads, in bytes.
+/// Stack size of the solver threads, in bytes.
 const STACK_BYTES: usize = 2 << 20;
-/// The time after the deadline from which a solve counts as hung.
+/// Time after the deadline at which a solve counts as hung.
 const LATE: Duration = Duration::from_secs(20);
 
-/// The outcome of a solve.
+/// Outcome of solving a specification.
 #[derive(Clone, Debug)]
 pub enum Outcome {
-    /// The specification was rejected, with this code.
+    /// The specification was rejected, with this error code.
     Refused(String),
     Panicked,
     /// The run was skipped, since other runs of the problem had exceeded the time limit.
     Skipped,
-    /// The solve did not heed its deadline.
+    /// The solve did not end at its deadline.
     Hung,
-    /// A limit stopped the solve, with this code.
+    /// A limit stopped the solve, with this error code.
     Stopped(String),
     Failed(String),
     Answered(Answer),
@@ -35,19 +35,19 @@ pub enum Outcome {
 #[derive(Clone, Debug)]
 pub struct Answer {
     pub t: Vec<f64>,
-    /// The fields, in the generator's units.
+    /// Values of the compared fields at the output times, in the generator's units.
     pub columns: Vec<Vec<f64>>,
-    /// The times of events, in the generator's units.
+    /// Times of events, in the generator's units.
     pub events: Vec<f64>,
     pub trusted: bool,
     pub because: Vec<CheckCode>,
-    /// The permitted error of steps of a given size, relative to the largest values.
+    /// Permitted relative error of a run with steps of a given size.
     pub permitted: Option<f64>,
     pub is_certified: bool,
     pub is_finite: bool,
 }
 
-/// Solves a specification on a thread of its own.
+/// Solves a specification on a separate thread.
 pub fn solve(specification: &Value, fields: &[Field], view: &View, time: Duration) -> Outcome {
     let text = specification.to_string();
     let (send, receive) = sync_channel(1);
@@ -56,7 +56,7 @@ pub fn solve(specification: &Value, fields: &[Field], view: &View, time: Duratio
             Err(errors) => Err(errors.iter().map(|error| error.code.to_string()).collect::<Vec<_>>().join(" ")),
             Ok(specification) => Ok(dvi::solve(&specification, &Control::with_deadline(Instant::now() + time))),
         };
-        // Fails if the receiver has given up.
+        // Sending fails if the receiver has given up waiting.
         let _ = send.send(solved);
     };
     thread::Builder::new().stack_size(STACK_BYTES).spawn(solving).expect("a thread");

@@ -1,4 +1,5 @@
-//! The table of a campaign: for each kind, the numbers of problems, of those not judged, and of runs by judgement.
+//! The table of a campaign of random problems: for each kind, the numbers of problems, of those not judged, and of
+//! runs by judgement.
 
 use super::experiment::Experiment;
 use super::judgement::{Apart, Finding, Judgement};
@@ -7,29 +8,29 @@ use super::solving::Outcome;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{Display, Formatter, Result, Write};
 
-/// Counts by kind, and the seeds of problems with wrong runs.
+/// Counts by kind of problem, and the seeds of problems with wrong runs.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
     problems: BTreeMap<Kind, u64>,
     apart: BTreeMap<(Kind, Apart), u64>,
     runs: BTreeMap<(Kind, Finding), u64>,
-    /// The problems that have a run with this judgement.
+    /// Seeds of the problems that have a run with this judgement.
     seeds: BTreeMap<(Kind, Finding), BTreeSet<u64>>,
     references: BTreeMap<Kind, u64>,
-    /// The problems on which the independent method disagrees with all runs.
+    /// Problems on which the independent method disagrees with all runs.
     alone: BTreeSet<(Kind, u64)>,
-    /// The codes for which correct runs were not trusted, and runs failed or were rejected.
+    /// Counts of the codes for which correct runs were not trusted, runs failed or specifications were rejected.
     reasons: BTreeMap<(Finding, String), u64>,
 }
 
 impl Tally {
-    /// Counts a problem; returns a line about its wrong runs, if there are any.
+    /// Counts a problem; returns a description of its wrong runs, empty if there are none.
     pub fn add(&mut self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) -> String {
         *self.problems.entry(kind).or_default() += 1;
         *self.references.entry(kind).or_default() += u64::from(judgement.by_reference);
         let mut line = String::new();
         for (run, (finding, far)) in experiment.runs.iter().zip(&judgement.findings) {
-            // Panics and values that are not finite are wrong for any problem.
+            // A panic, a value that is not finite, a rejection or a timeout is a fault of any problem, judged or not.
             let always =
                 matches!(finding, Finding::Panicked | Finding::NotFinite | Finding::Refused | Finding::TimedOut);
             if judgement.apart.is_some() && !always {
@@ -78,17 +79,17 @@ impl Tally {
         self.alone.extend(other.alone);
     }
 
-    /// The number of runs with a judgement, of all kinds.
+    /// Returns the number of runs of all kinds with this judgement.
     pub fn runs(&self, finding: Finding) -> u64 {
         self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
 
-    /// The number of problems with silently wrong runs.
+    /// Returns the number of problems with silently wrong runs.
     pub fn silent(&self) -> usize {
         self.silent_of(&Kind::ALL)
     }
 
-    /// The number of problems of these kinds with silently wrong runs.
+    /// Returns the number of problems of these kinds with silently wrong runs.
     pub fn silent_of(&self, kinds: &[Kind]) -> usize {
         kinds.iter().filter_map(|kind| self.seeds.get(&(*kind, Finding::Silent))).map(BTreeSet::len).sum()
     }
@@ -101,19 +102,19 @@ impl Tally {
         self.runs(Finding::NotFinite)
     }
 
-    /// The fraction of correct runs that are not trusted.
+    /// Returns the fraction of correct runs that are not trusted.
     pub fn false_alarms(&self) -> f64 {
         self.false_alarms_of(&Kind::ALL)
     }
 
-    /// The fraction of correct runs of these kinds that are not trusted.
+    /// Returns the fraction of correct runs of these kinds that are not trusted.
     pub fn false_alarms_of(&self, kinds: &[Kind]) -> f64 {
         let runs = |finding| kinds.iter().filter_map(|kind| self.runs.get(&(*kind, finding))).sum::<u64>() as f64;
         let (alarms, right) = (runs(Finding::FalseAlarm), runs(Finding::Right));
         if alarms == 0.0 { 0.0 } else { alarms / (alarms + right) }
     }
 
-    /// The fraction of problems that are not judged.
+    /// Returns the fraction of problems that are not judged.
     pub fn apart(&self) -> f64 {
         let apart: u64 = self.apart.values().sum();
         apart as f64 / self.problems.values().sum::<u64>().max(1) as f64

@@ -1,11 +1,11 @@
 //! Fuzzing of specifications: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 COUNT=100000 SEED=7` set other
-//! limits, of which the first to be reached applies. Also a million [`messages`] between the service and its workers,
-//! or `MESSAGES=1000`.
+//! limits, of which the first to be reached applies. Before that, a million fuzzed [`messages`] between the service
+//! and its workers; `MESSAGES=1000` sets their number.
 //!
 //! The examples are changed by [`mutation`] and parsed. A document with errors not seen before is kept and changed
-//! further, so that errors behind errors are reached. Correct documents are solved for a short time. The search ends if
-//! parsing panics, or takes more time or memory than a document of its size may; the document is left in the named
-//! file, also after a stack overflow, which ends the process.
+//! further, so that errors behind errors are reached. Correct documents are solved for a short time. The search ends
+//! if parsing panics, or takes more time or memory than a document of its size may; the document is left in a file
+//! whose name is printed, also after a stack overflow, which ends the process.
 
 mod messages;
 mod mutation;
@@ -20,18 +20,18 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The stack size of the threads on which the service parses documents, in bytes.
+/// Stack size of the threads on which the service parses documents, in bytes.
 const STACK_BYTES: usize = 2 << 20;
-/// The CPU time that parsing may take, in addition to a time for each byte.
+/// CPU time that parsing may take, as a constant plus a time for each byte of the document.
 const READING: Duration = Duration::from_secs(1);
 const READING_A_BYTE: Duration = Duration::from_micros(20);
-/// The memory that parsing may take in bytes, in addition to some for each byte of the document.
+/// Memory in bytes that parsing may take, as a constant plus an amount for each byte of the document.
 const MEMORY: u64 = 256 << 20;
 const MEMORY_A_BYTE: u64 = 4096;
-/// The time limit of a solve, and the time by which a solve may exceed it.
+/// Time limit of a solve, and the time by which a solve may exceed it.
 const SOLVE: Duration = Duration::from_millis(20);
 const LATE: Duration = Duration::from_secs(5);
-/// The size of the largest document that is kept, in bytes: larger ones slow the search down.
+/// Size of the largest document that is kept, in bytes: larger ones slow the search down.
 const LARGEST: usize = 16 << 10;
 
 fn main() {
@@ -50,7 +50,7 @@ fn main() {
 }
 
 fn search(time: Duration, count: u64, seed: u64, current: &Path) {
-    // Correct documents, and documents with errors.
+    // The corpus: correct documents, and documents with errors.
     let mut corpus = [examples(), Vec::new()];
     let mut mutation = Mutation::new(seed, &corpus[0]);
     let mut seen: HashSet<String> = HashSet::new();
@@ -91,18 +91,19 @@ fn search(time: Duration, count: u64, seed: u64, current: &Path) {
         }
     }
     println!("{read} read, {correct} correct and solved; no panic");
-    // If it cannot be removed, it stays in the temporary folder.
+    // If the file cannot be removed, it stays in the temporary folder.
     let _ = fs::remove_file(current);
 }
 
-/// The outcome of a document.
+/// Outcome of parsing a document and, if it is correct, of solving it.
 struct Outcome {
     is_correct: bool,
-    /// Words that characterise the outcome.
+    /// Words that characterise the outcome; an outcome with new ones makes its document part of the corpus.
     marks: Vec<String>,
 }
 
-/// The outcome of a document, and the CPU time and the memory that parsing it took.
+/// Parses a document and solves it if it is correct; returns the outcome, and the CPU time and the memory that
+/// parsing took.
 fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     let (mut read, start) = (None, processor_time());
     let memory = measure(|| read = Some(Specification::from_json(document)));
@@ -114,7 +115,8 @@ fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     (outcome, spent, memory.bytes_max)
 }
 
-/// The pointer and the code of an error, without names and numbers, of which there are too many.
+/// Returns the pointer and the code of an error, without names and numbers, which would make too many outcomes
+/// distinct.
 fn place_and_code(SpecificationError { pointer, code, .. }: &SpecificationError) -> String {
     let words = pointer.split('/').filter(|word| word.len() > 2 && word.bytes().all(|byte| byte.is_ascii_lowercase()));
     format!("{} {code}", words.collect::<Vec<_>>().join("/"))
@@ -128,7 +130,7 @@ fn solve(specification: &Specification) -> String {
     format!("{} {:?} {steps:?} {:?}", specification.problem(), solution.status, solution.error.map(|error| error.code))
 }
 
-/// The CPU time of this thread.
+/// Returns the CPU time of the current thread.
 fn processor_time() -> Duration {
     let figures = fs::read_to_string("/proc/thread-self/schedstat").expect("Linux");
     let nanoseconds = figures.split(' ').next().and_then(|figure| figure.parse().ok());

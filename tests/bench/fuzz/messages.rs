@@ -19,24 +19,24 @@ use tokio::time::timeout;
 
 const DOCUMENT: &[u8] = br#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
-/// The number of messages in one conversation.
+/// Number of messages in one conversation.
 const TALK: usize = 12;
 
-/// A part of a sweep, which the document is not.
+/// A range of sweep members that a task asks for, although its document is no sweep.
 const MEMBERS: Members = Members { first: 1, end: 3, lost: None, seconds: 1.0 };
 
-/// The limits of a task, low enough to notice an allocation of a declared length.
+/// Limits of a task, low enough to notice an allocation of a declared length.
 const LIMITS: Limits = Limits { steps: 100, memory: 16 << 20, wall_seconds: Some(2.0), result_bytes: 1 << 20 };
 
-/// Longer than any conversation takes.
+/// Timeout of a conversation, longer than any conversation takes.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The outcomes of all conversations.
+/// Numbers of messages sent and of tasks completed, over all conversations.
 #[derive(Debug, Default)]
 pub struct Met {
     pub orders: u64,
     pub reports: u64,
-    /// The number of reports with which the front completed a task.
+    /// Number of conversations in which the front completed its task.
     pub finished: u64,
 }
 
@@ -63,7 +63,7 @@ pub fn meet(count: u64, seed: u64) -> Met {
     met
 }
 
-/// Frames, some of them cut or with wrong lengths.
+/// Returns a conversation of frames, some of which are cut or have wrong lengths.
 fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut talk = Vec::new();
     for _ in 0..TALK {
@@ -84,7 +84,7 @@ fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     talk
 }
 
-/// Frames as above, after a valid beginning.
+/// Returns a conversation of fuzzed frames, mostly after the valid first reports of a worker.
 fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut begun = Vec::new();
     for report in &reports[0][..if mutation.below(8) == 0 { 0 } else { 2 }] {
@@ -152,7 +152,7 @@ fn orders() -> Vec<Vec<u8>> {
     orders.iter().map(|order| serde_json::to_vec(order).expect("an order")).collect()
 }
 
-/// The reports of a worker on a solve, a check, a rejection and a panic, each after `Ready` and `Taken`.
+/// Returns the reports of a worker on a solve, a check, a rejection and a panic, each after `Ready` and `Taken`.
 fn reports() -> Vec<Vec<u8>> {
     let mut orders = Vec::new();
     let order = |task, solve| {
@@ -168,7 +168,7 @@ fn reports() -> Vec<Vec<u8>> {
     }
     let said = Said::default();
     serve(io::Cursor::new(orders), said.clone(), Arc::new(dvi::solve), Confinement::default()).expect("a worker");
-    // The solver thread may still be busy.
+    // Waits for the solver thread, which may still be busy.
     thread::sleep(Duration::from_millis(200));
     let said = said.0.lock().expect("a lock").clone();
     let (mut said, mut reports) = (said.as_slice(), Vec::new());
@@ -190,7 +190,7 @@ struct Said(Arc<Mutex<Vec<u8>>>, Arc<AtomicBool>);
 
 impl Write for Said {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // A frame is written in one piece, with two lengths of four bytes before the message.
+        // A frame is written in one call, with two lengths of four bytes before the message.
         self.1.fetch_or(bytes.get(8..).is_some_and(|message| message.starts_with(b"{\"defect\"")), Relaxed);
         self.0.lock().expect("a lock").extend_from_slice(bytes);
         Ok(bytes.len())

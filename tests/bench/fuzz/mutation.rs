@@ -9,20 +9,20 @@ const WORDS: &[&str] = &[
     "step(", " ", "x^x^x", "1/0", "0/0",
 ];
 
-/// Numbers that are often overlooked.
+/// Numbers at the limits of ranges and types, which code often does not handle.
 const NUMBERS: &[f64] =
     &[0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 1e-9, 1e9, 1e17, -1e300, 1e308, 5e-324, 4_294_967_296.0, 9e15, 255.0, 1000.0];
 
-/// A source of mutations, reproducible from a seed.
+/// A generator of mutations, reproducible from a seed.
 pub struct Mutation {
     state: u64,
-    /// The keys and the values found in the examples.
+    /// Keys and values found in the examples.
     keys: Vec<String>,
     values: Vec<Value>,
 }
 
 impl Mutation {
-    /// A source seeded by `seed`, with the keys and values of `corpus`.
+    /// Creates a generator seeded by `seed`, with the keys and values of `corpus`.
     pub fn new(seed: u64, corpus: &[Vec<u8>]) -> Self {
         let mut mutation = Self { state: seed, keys: Vec::new(), values: Vec::new() };
         for document in corpus.iter().filter_map(|document| serde_json::from_slice(document).ok()) {
@@ -45,7 +45,7 @@ impl Mutation {
         self.values.push(value);
     }
 
-    /// A mutated document, more often from the first corpus than from the second.
+    /// Returns a mutated document, more often from the first corpus than from the second.
     pub fn change(&mut self, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
         let rare = usize::from(self.below(4) == 0 && !corpus[1].is_empty());
         let mut document = corpus[rare][self.below(corpus[rare].len())].clone();
@@ -64,7 +64,7 @@ impl Mutation {
         document
     }
 
-    /// Changes the value at index `place`, counted depth first.
+    /// Changes the JSON value at index `place`, counted depth first.
     fn change_at(&mut self, value: &mut Value, place: &mut usize) {
         if *place == 0 {
             *value = self.changed(value.take());
@@ -165,7 +165,7 @@ impl Mutation {
         }
     }
 
-    /// A value that occurs in an example, or a scalar.
+    /// Returns a value that occurs in an example, or a scalar.
     fn value(&mut self) -> Value {
         match self.below(3) {
             0 => self.scalar(),
@@ -201,17 +201,17 @@ impl Mutation {
         items.get(self.below(items.len())).cloned()
     }
 
-    /// Zero in half of all cases, one in a quarter, and so on.
+    /// Returns a geometrically distributed number: zero in half of all cases, one in a quarter, and so on.
     fn seldom(&mut self) -> u32 {
         self.next().trailing_zeros()
     }
 
-    /// A number below `bound`.
+    /// Returns a random number below `bound`.
     pub fn below(&mut self, bound: usize) -> usize {
         (self.next() % bound.max(1) as u64) as usize
     }
 
-    /// `SplitMix64`.
+    /// Returns the next random number of `SplitMix64`.
     fn next(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.state;
@@ -221,7 +221,7 @@ impl Mutation {
     }
 }
 
-/// The number of values in a value, itself included.
+/// Returns the number of JSON values in a value, itself included.
 fn places(value: &Value) -> usize {
     1 + match value {
         Value::Object(map) => map.values().map(places).sum(),

@@ -73,7 +73,8 @@ def run(steps):
     both = np.concatenate([across, along])
     forces = np.zeros((size, len(both)))
     forces[both, np.arange(len(both))] = h
-    # Rows of w on the floor for unit forces there.
+    # Velocities of the floor nodes after one step for unit contact forces on these
+    # nodes.
     response_all = lu_solve(factors, forces)
     response = response_all[both]
     count = len(floor)

@@ -1,20 +1,21 @@
-//! What happens up to a time does not depend on how long the run goes on: the scenes are solved to their end and to a
-//! hundred times it, with outputs at the same times, and states and events up to the end are compared.
+//! The solution up to a time does not depend on how long the run goes on: the scenes are solved to their end and to a
+//! hundred times their end, with the same output times, and states and events up to the end are compared.
 
 use super::scenes::{MultibodySystem, SCENES, Tolerances};
 use super::{Answer, solve};
 use crate::known::{Failure, Known, assert_known};
 
-/// How much further the longer run goes.
+/// Factor between the ends of the longer and the shorter run.
 const BEYOND: f64 = 100.0;
 
-/// What depends on the horizon.
+/// Scenes whose results are known to depend on the horizon.
 const KNOWN: Known = &[("rigid bodies, default step: ball thrown with spin", "events")];
 
-/// The part of its end up to which events are compared: one that falls on the end is in one run and not in the other.
+/// Fraction of the end time up to which events are compared: an event at the end itself may occur in only one of the
+/// runs.
 const BEFORE: f64 = 1.0 - 1e-6;
 
-/// The answer up to the end of the scene, where the run goes on to a multiple of it.
+/// Returns the results up to the end of the scene, from a run to `beyond` times the end.
 fn answer(scene: &MultibodySystem, beyond: f64) -> Result<Answer, String> {
     let (specification, end) = scene.specification([1.0; 3], 21, beyond);
     let mut solution = solve(&specification)?;
@@ -25,7 +26,8 @@ fn answer(scene: &MultibodySystem, beyond: f64) -> Result<Answer, String> {
     Ok(Answer::new(&solution, &vec![1.0; scene.fields.len()], end))
 }
 
-/// How the longer run differs from the shorter one up to its end, if it does: in a word, and with what was measured.
+/// Returns how the longer run differs from the shorter one up to the end of the scene, if it does: as a keyword, and
+/// with the measured difference.
 fn difference(scene: &MultibodySystem, short: &Answer) -> Option<(&'static str, String)> {
     let long = match answer(scene, BEYOND) {
         Ok(long) => long,
@@ -35,7 +37,7 @@ fn difference(scene: &MultibodySystem, short: &Answer) -> Option<(&'static str, 
     if let Some(apart) = short.events_apart(&long, scene.within) {
         return Some(("events", format!("{apart}; states differ by {distance:.1e}")));
     }
-    // Steps that are given are the same, and so is every bit.
+    // With fixed steps both runs make the same steps, so that results must agree to the last bit.
     let allowed = if matches!(scene.tolerances, Tolerances::None) { 0.0 } else { scene.within };
     (distance > allowed || distance.is_nan())
         .then(|| ("states", format!("differ by {distance:.1e} where {allowed:.0e} is allowed")))

@@ -1,4 +1,4 @@
-//! What an answer does not depend on: the units in which a scene is written, and how long the run goes on afterwards.
+//! Results must not depend on the units in which a scene is written, nor on how long the run goes on afterwards.
 
 mod horizon;
 mod scenes;
@@ -10,21 +10,21 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The computing time after which a run is given up; each takes a tenth of it at most.
+/// Computing time after which a run is stopped; each run needs at most a tenth of it.
 const ALLOWED: Duration = Duration::from_secs(if cfg!(debug_assertions) { 20 } else { 5 });
 
-/// The answer to a specification up to a time, in plain units.
+/// The results of a run up to a time, converted to the reference units.
 struct Answer {
-    /// Of each field, its values at the times of the output.
+    /// For each field, its values at the output times.
     columns: Vec<Vec<f64>>,
-    /// Of each kind of event and what it is of, its times.
+    /// For each kind of event and the object of the event, the times of the events.
     events: BTreeMap<(String, String), Vec<f64>>,
-    /// What speaks against it.
+    /// The reasons for which the verdict doubts the result.
     because: Vec<&'static str>,
     trusted: bool,
 }
 
-/// Solves a specification; why there is no answer, if there is none.
+/// Solves a specification; an error tells why there is no solution.
 fn solve(specification: &Value) -> Result<Box<Solution>, String> {
     match computing_time::solve(&specification.to_string(), ALLOWED) {
         Ended::Solved(solution) => Ok(solution),
@@ -34,7 +34,8 @@ fn solve(specification: &Value) -> Result<Box<Solution>, String> {
 }
 
 impl Answer {
-    /// What a solution says up to a time, its values over those of the units and its times over that of time.
+    /// Collects the results of a solution: values of fields divided by `units`, and times of events divided by
+    /// `time`.
     fn new(solution: &Solution, units: &[f64], time: f64) -> Self {
         let columns = solution.trajectory.fields.iter().zip(units);
         let columns = columns.map(|(field, unit)| field.values.iter().map(|value| value / unit).collect()).collect();
@@ -47,7 +48,7 @@ impl Answer {
         Self { columns, events, because, trusted: verdict.trusted }
     }
 
-    /// The largest difference of a field, as a part of its largest value.
+    /// The largest difference between values of a field in two runs, relative to the largest value of the field.
     fn distance(&self, other: &Self) -> f64 {
         let columns = self.columns.iter().zip(&other.columns).map(|(a, b)| {
             let size = a.iter().fold(0.0_f64, |size, value| size.max(value.abs()));
@@ -57,7 +58,7 @@ impl Answer {
         columns.fold(0.0, f64::max)
     }
 
-    /// How the events differ by more than a time, if they do.
+    /// Returns how the events of two runs differ, if their numbers differ or a time differs by more than `within`.
     fn events_apart(&self, other: &Self, within: f64) -> Option<String> {
         let none = Vec::new();
         self.events.keys().chain(other.events.keys()).find_map(|key| {
@@ -72,12 +73,12 @@ impl Answer {
     }
 }
 
-/// The word of a kind of event.
+/// The name of a kind of event.
 fn word(kind: EventKind) -> String {
     format!("{kind:?}")
 }
 
-/// Why a solution does not reach its end, if it does not.
+/// Returns why a solution does not reach its end, if it does not.
 fn incomplete(solution: &Solution) -> Option<String> {
     let error = solution.error.as_ref().filter(|_| solution.status != Status::Completed)?;
     Some(format!("{} at t = {:e}", error.code, error.time))

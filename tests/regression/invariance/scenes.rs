@@ -1,39 +1,39 @@
-//! A scene of every type of problem and every stepper, in any units.
+//! Test scenes for every type of problem and every stepping method, which can be written in any units.
 
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
-/// The units in which a scene is written, each in those of the plain scene: mass, length and time of mechanics; volt, ohm
-/// and second of circuits; the unit of the values, length and time of fields.
+/// The sizes of the three base units of a scene, relative to the reference units: mass, length and time for
+/// mechanics; volt, ohm and second for circuits; unit of the values, length and time for fields.
 pub type Units = [f64; 3];
 
-/// The exponents of the units that make up the unit of a value.
+/// The exponents of the three base units in the unit of a value.
 pub type Dimension = [f64; 3];
 
 /// A specification that can be written in any units.
 pub struct MultibodySystem {
     pub name: &'static str,
-    /// What the units are of.
+    /// The names of the three base units.
     pub axes: [&'static str; 3],
-    /// The problem, its end, and its method but for the absolute tolerances.
+    /// Returns the problem, its end time, and its method without the absolute tolerances.
     pub write: fn(Units) -> (Value, f64, Value),
-    /// The fields that are compared.
+    /// The compared fields, with their dimensions.
     pub fields: &'static [(&'static str, Dimension)],
-    /// The states that have absolute tolerances of their own: all, where they are compared.
+    /// How absolute tolerances are given; if each state has a tolerance of its own, all states are compared.
     pub tolerances: Tolerances,
-    /// The part of the largest value of a field, and of the time, by which it may differ: some hundred relative tolerances;
-    /// where the steps are fixed, rounding.
+    /// Permitted difference of a field relative to its largest value, and of an event time relative to the end: some
+    /// hundred relative tolerances, or rounding errors if the steps are fixed.
     pub within: f64,
 }
 
 /// How the absolute tolerances of a scene are written.
 #[derive(Clone, Copy)]
 pub enum Tolerances {
-    /// One for each of the first fields.
+    /// One tolerance for each of the first fields, as many as given.
     Fields(usize),
-    /// One for all.
+    /// One tolerance of this dimension for all states.
     All(Dimension),
-    /// None: the stepper has fixed steps.
+    /// No tolerances: the stepping method has fixed steps.
     None,
 }
 
@@ -48,7 +48,7 @@ const PER_TIME: Dimension = [0.0, 0.0, -1.0];
 const FORCE: Dimension = [1.0, 1.0, -2.0];
 const VALUE: Dimension = [1.0, 0.0, 0.0];
 
-/// Every scene.
+/// All test scenes.
 pub const SCENES: [MultibodySystem; 20] = [
     MultibodySystem {
         name: "dvi: friction on a belt",
@@ -220,8 +220,8 @@ pub const SCENES: [MultibodySystem; 20] = [
 ];
 
 impl MultibodySystem {
-    /// The scene with outputs at a number of times from its start to its end, and the length of a unit of time. The run
-    /// goes on to a multiple of the end.
+    /// Returns the specification of the scene with `count` output times up to its end, in a run to `beyond` times the
+    /// end, and the end of the scene.
     pub fn specification(&self, units: Units, count: usize, beyond: f64) -> (Value, f64) {
         let (problem, end, mut method) = (self.write)(units);
         let rtol = method["rtol"].as_f64().unwrap_or(1e-6);
@@ -233,7 +233,8 @@ impl MultibodySystem {
                 states.map(|(name, of)| ((*name).to_owned(), json!(1e-3 * rtol * unit(*of, units)))).collect()
             }
         };
-        // No time is a simple fraction of the end: variables jump at switches, where neither value is wrong.
+        // No output time is a simple fraction of the end: variables jump at switches, where both one-sided values are
+        // right.
         let times: Vec<f64> = (0..count).map(|k| end * (k as f64 + 0.618) / count as f64).collect();
         let fields: Vec<&str> = self.fields.iter().map(|(name, _)| *name).collect();
         let specification = json!({"problem": problem, "time": {"end": beyond * end}, "method": method,
@@ -242,22 +243,22 @@ impl MultibodySystem {
     }
 }
 
-/// The unit of a dimension.
+/// Returns the size of the unit with this dimension.
 pub fn unit(dimension: Dimension, units: Units) -> f64 {
     units.iter().zip(dimension).map(|(unit, exponent)| unit.powf(exponent)).product()
 }
 
-/// A mechanical problem up to an end, impact by impact.
+/// A mechanical problem and its end time, solved with each impact located.
 fn located((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({"impacts": "locate", "rtol": 1e-8}))
 }
 
-/// A problem up to an end, in a thousand fixed steps.
+/// A problem and its end time, solved with a thousand fixed steps.
 fn stepped((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({"step": end / 1000.0}))
 }
 
-/// A problem up to an end, its steps left to the solver.
+/// A problem and its end time, solved with the default method.
 fn by_default((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({}))
 }

@@ -1,20 +1,21 @@
-//! An answer is the same in any units: the scenes are written anew in units from 1e-9 to 1e9 of the plain ones, with
-//! absolute tolerances that follow, and states, events and verdict are compared after they are scaled back.
+//! Results are the same in any units: each scene is written in units from 1e-9 to 1e9 of the reference units, with
+//! absolute tolerances in proportion; states, events and verdict are compared after conversion to the reference
+//! units.
 
 use super::scenes::{MultibodySystem, SCENES, Units, unit};
 use super::{Answer, incomplete, solve};
 use crate::known::{Failure, Known, assert_known};
 
-/// The scales of one unit, the others as they are.
+/// The factors by which one base unit is scaled while the other two are unchanged.
 const SCALES: [f64; 4] = [1e-9, 1e-3, 1e4, 1e9];
 
-/// Units that are scaled together.
+/// Scalings of all three base units at once.
 const MIXED: [Units; 3] = [[1e9, 1e-6, 1e3], [1e-6, 1e6, 1e-6], [1e-3, 1e-3, 1e9]];
 
-/// What depends on the units.
+/// Scenes whose results are known to depend on the units.
 const KNOWN: Known = &[];
 
-/// The units to try, each with a name.
+/// Returns the scaled units to test, each with a name.
 fn units(scene: &MultibodySystem) -> Vec<(String, Units)> {
     let single = (0..3).flat_map(|axis| {
         SCALES.map(|scale| {
@@ -37,7 +38,8 @@ fn answer(scene: &MultibodySystem, units: Units) -> Result<Answer, String> {
     Ok(Answer::new(&solution, &of, end))
 }
 
-/// How the answer in some units is not the plain one, if it is not: in a word, and with what was measured.
+/// Returns how the result in scaled units differs from that in the reference units, if it does: as a keyword, and
+/// with the measured difference.
 fn difference(scene: &MultibodySystem, plain: &Answer, units: Units) -> Option<(&'static str, String)> {
     let found = match answer(scene, units) {
         Ok(found) => found,

@@ -1,6 +1,6 @@
-//! Problems from outside, to which nothing was tuned, each with the right answer beside it (`tests/reference/strangers`).
-//! Every one is solved as it stands and classified; those that are not right are listed, and the lists may only shrink.
-//! The list that matters most is [`SILENT`]: wrong answers that the verdict trusts.
+//! Problems from outside the project, to which nothing was tuned, each with its correct solution
+//! (`tests/reference/strangers`). Each is solved as it is and classified; those with wrong results are listed, and
+//! the lists may only shrink. The most important list is [`SILENT`]: wrong results that the verdict trusts.
 
 mod truth;
 
@@ -16,35 +16,37 @@ use truth::Problem;
 
 const FOLDER: &str = "tests/reference/strangers";
 
-/// How much more computing time than optimised, on a machine without other work, a run may take.
+/// Factor by which the computing time of a run may exceed its limit, which holds for an optimised build on an
+/// otherwise idle machine.
 const PATIENCE: u32 = if cfg!(debug_assertions) { 4 } else { 2 };
 
-/// What is not right, apart from what is wrong in silence.
+/// Known failures, except wrong results that the verdict trusts.
 const KNOWN: Known =
     &[("a9_steep_saturation", "failed"), ("block_by_long_steps", "wrong"), ("elastic_2d_hertz_slow", "stopped")];
 
-/// Wrong answers that the verdict trusts.
+/// Wrong results that the verdict trusts.
 const SILENT: Known = &[];
 
-/// Right answers that the verdict does not trust.
+/// Right results that the verdict does not trust.
 const DOUBTED: Known = &[
-    // Its energies are right; the places of its light links are not known to two digits, and with half the step they differ by more.
+    // The energies are right; but the positions of the light links are not accurate to two digits, and a run with
+    // half the step size differs by more.
     ("chain20_ball_joints_explodes", "doubted"),
 ];
 
-/// What came of a problem.
+/// The outcome of the solve of a problem.
 struct Outcome {
     name: String,
     class: char,
-    /// `right`, or how it is not.
+    /// `right`, or how the result is wrong, as a keyword.
     how: &'static str,
     detail: String,
-    /// Whether there is an answer to the end that the verdict trusts.
+    /// Whether the run has reached its end and the verdict trusts it.
     trusted: bool,
 }
 
 impl Outcome {
-    /// Whether the answer is wrong, and the verdict trusts it.
+    /// Whether the result is wrong and the verdict trusts it.
     fn is_silent(&self) -> bool {
         self.how == "wrong" && self.trusted
     }
@@ -56,14 +58,14 @@ impl Outcome {
 
 static OUTCOMES: LazyLock<Vec<Outcome>> = LazyLock::new(solve_all);
 
-/// Solves every problem, two at a time.
+/// Solves all problems, two at a time.
 fn solve_all() -> Vec<Outcome> {
     let folder = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(FOLDER)).expect("the folder");
     let mut names: Vec<String> = folder
         .map(|entry| entry.expect("an entry").path().file_stem().expect("a name").to_string_lossy().into_owned())
         .collect();
-    // From the last to the first. A run that does not stop when it is asked to goes on as long as the program does: it
-    // begins last.
+    // Threads take names from the end of the list. A run that ignores the request to stop occupies its thread for as
+    // long as the program runs: the `elastic_3d` problems, where this may happen, are therefore taken last.
     names.sort();
     names.reverse();
     names.sort_by_key(|name| !name.starts_with("elastic_3d"));

@@ -1,4 +1,5 @@
-//! What is known of a problem from outside, as it stands in its file, and the comparison of an answer with it.
+//! The known solution of a problem from outside the project, as its file states it, and the comparison of a result
+//! with it.
 
 use crate::reference::digits;
 use dvi::solution::{EventKind, Solution, Status};
@@ -7,45 +8,46 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 
-/// A file of `tests/reference/strangers`.
+/// The contents of a file in `tests/reference/strangers`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Problem {
-    /// What was found when it came: A a wrong answer, B no end, C a failure, D a wrong verdict or message, E slowness.
+    /// The kind of failure when the problem was added: A a wrong result, B no end, C an error, D a wrong verdict or
+    /// message, E slowness.
     pub class: char,
-    /// What makes it hard.
+    /// What makes the problem hard.
     #[serde(rename = "about")]
     _about: String,
-    /// Where the truth is from.
+    /// The source of the known solution.
     #[serde(rename = "source")]
     _source: String,
-    /// The seconds of computing time within which it is to end, optimised.
+    /// Limit of the computing time in seconds, for an optimised build.
     pub seconds: u32,
     pub truth: Truth,
-    /// As text: the order of names is part of a problem.
+    /// The specification as text, since the order of JSON members is part of the problem.
     pub specification: Box<RawValue>,
 }
 
-/// What a right answer is.
+/// The properties of a right result.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Truth {
-    /// Times of the output, and the values of fields there.
+    /// Output times, and the values of fields at these times.
     t: Vec<f64>,
     fields: BTreeMap<String, Values>,
-    /// All events of a kind of a variable or a contact.
+    /// The times of all events of one kind of a variable or a contact.
     events: Vec<Times>,
-    /// How many events of a kind there are, exactly or at least.
+    /// The number of events of a kind, exactly or at least.
     counts: Vec<Count>,
-    /// The least and the largest value of a field at any time.
+    /// The smallest and the largest permitted value of a field at any time.
     bounds: BTreeMap<String, [f64; 2]>,
-    /// What the diagnostics have to say.
+    /// Values that the diagnostics must contain.
     evidence: Vec<Evidence>,
-    /// The time behind which there is no solution.
+    /// The time after which no solution exists.
     no_solution_after: Option<Time>,
-    /// Whether a refusal or an end before the horizon, with its cause, is right as well.
+    /// Whether a refusal, or an early end with a stated cause, is right as well.
     pub may_be_refused: bool,
-    /// Whether the only claim is that the run stops when it is asked to.
+    /// Whether the only requirement is that the run stops when it is asked to.
     pub stops: bool,
 }
 
@@ -90,7 +92,7 @@ struct Time {
 }
 
 impl Truth {
-    /// The first thing that a completed answer has wrong.
+    /// Returns the first error of a completed result.
     pub fn fault(&self, solution: &Solution) -> Option<String> {
         if let Some(Time { t, .. }) = &self.no_solution_after {
             return Some(format!("reached the end, and there is no solution after t = {}", digits(t)));
@@ -108,7 +110,7 @@ impl Truth {
         fields.chain(bounds).chain(events).chain(counts).next()
     }
 
-    /// The first thing that the diagnostics have wrong.
+    /// Returns the first wrong value in the diagnostics.
     pub fn misleading(&self, solution: &Solution) -> Option<String> {
         let diagnostics = serde_json::to_value(&solution.diagnostics).expect("diagnostics");
         self.evidence.iter().find_map(|Evidence { at, is, at_most }| {
@@ -119,7 +121,7 @@ impl Truth {
         })
     }
 
-    /// Whether a run that ended early is right to.
+    /// Whether a run that has ended early was right to do so.
     pub fn ends_early(&self, solution: &Solution) -> bool {
         if solution.status != Status::Failed {
             return false;
@@ -129,7 +131,7 @@ impl Truth {
         self.may_be_refused || self.no_solution_after.as_ref().is_some_and(there)
     }
 
-    /// The largest error of a field, if it is more than allowed.
+    /// Returns the largest error of a field, if it exceeds the permitted one.
     fn off(&self, solution: &Solution, name: &str, Values { within, values }: &Values) -> Option<String> {
         let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
         assert_eq!(values.len(), self.t.len(), "`{name}` has a value at each time");
@@ -143,7 +145,7 @@ impl Truth {
     }
 }
 
-/// The first value of a field outside its bounds.
+/// Returns the first value of a field outside its bounds.
 fn outside(solution: &Solution, name: &str, [least, largest]: [f64; 2]) -> Option<String> {
     let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
     let found = column.iter().find(|value| !(least..=largest).contains(*value))?;
@@ -151,7 +153,7 @@ fn outside(solution: &Solution, name: &str, [least, largest]: [f64; 2]) -> Optio
 }
 
 impl Times {
-    /// How the events found differ from those due.
+    /// Returns how the events of a solution differ from the known ones, if they do.
     fn off(&self, solution: &Solution) -> Option<String> {
         let Self { kind, of, within, t } = self;
         let events = solution.trajectory.events.iter();

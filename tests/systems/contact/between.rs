@@ -1,11 +1,11 @@
-//! Events within long steps, and after very many impacts, with the default tolerances.
+//! Events within long steps and after very many impacts, at the default tolerances.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 use std::f64::consts::{PI, SQRT_2};
 
-/// The first time at which `1.1 sin(3 t)` reaches one.
+/// First time in seconds at which `1.1 sin(3 t)` reaches one.
 const BREAKS: f64 = 0.380_365_553_547_824;
 
 fn solved(problem: &Value, end: f64, output: &Value) -> Solution {
@@ -25,8 +25,9 @@ fn assert_times(found: &[f64], expected: impl Fn(usize) -> f64, count: usize) {
 
 #[test]
 fn a_slip_that_turns_on_a_slope_passes_its_least_speed_without_a_stop() {
-    // v' = g (sin a cos p - mu cos a), v p' = -g sin a sin p, with p from the line of descent: v sin p / tan(p/2)^k is
-    // conserved, k = mu/tan a.
+    // Motion of a particle with friction on a slope of the angle a, with p the angle of its velocity from the line of
+    // descent: v' = g (sin a cos p - mu cos a), v p' = -g sin a sin p. The quantity v sin p / tan(p/2)^k with k =
+    // mu/tan a is conserved.
     let problem = json!({"parameters": {"g": 9.81, "a": "30*pi/180"},
         "coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0, "velocity": -1}, "z": {"initial": 0}},
         "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "potential": "g*cos(a)*z - g*sin(a)*y",
@@ -54,7 +55,7 @@ fn a_block_that_is_pushed_to_and_fro_slips_whenever_the_force_is_more_than_frict
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.1, "slip": ["x_dot"]}}]});
     let solution = solved(&problem, 10.0, &json!([0, 10]));
     assert_times(&times(&solution, EventKind::Slip), |k| BREAKS + k as f64 * PI / 3.0, 10);
-    // Sticking begins at the root of 1.1/3 (cos 3 t_0 - cos 3 t) = t - t_0.
+    // The block sticks again at the root t of 1.1/3 (cos 3 t_0 - cos 3 t) = t - t_0.
     assert_times(&times(&solution, EventKind::Stick), |k| 0.812_816_062_743_253 + k as f64 * PI / 3.0, 9);
 }
 
@@ -79,8 +80,8 @@ fn a_ball_meets_an_obstacle_that_it_would_fly_past_in_a_thirtieth_of_a_second() 
 
 #[test]
 fn a_ball_on_a_shaking_table_rests_between_its_flights_and_never_falls_through() {
-    // The ball detaches when the table accelerates downwards with g, at 1.1 sin(w t) = 1; its rebounds end within a
-    // period.
+    // The ball detaches when the table accelerates downwards with g, at 1.1 sin(w t) = 1, and its rebounds end within
+    // one period.
     let problem = json!({"parameters": {"g": 9.81, "w": 30, "A": "1.1*g/w^2"},
         "coordinates": {"y": {"initial": 0, "velocity": "A*w"}}, "mass": [[1]], "potential": "g*y",
         "contacts": [{"name": "table", "gap": "y - A*sin(w*t)", "restitution": 0.2}]});
@@ -117,7 +118,7 @@ fn a_heavy_ball_on_a_light_one_comes_to_rest_with_both_their_weights_on_the_floo
         let solution = solve(&json!({"problem": {"mechanical": problem}, "time": {"end": 6},
             "method": {"impact_law": law}, "output": {"times": [0, 6]}}));
         assert!(last(&solution, "a").abs() < 1e-9 && (last(&solution, "b") - 0.1).abs() < 1e-9, "{mass} {law}");
-        // Between two states of rest, the floor's impulse balances gravity.
+        // Between two states of rest, the impulse of the floor balances that of gravity.
         let carried = last(&solution, "floor_impulse") / ((1.0 + mass) * 9.81 * 6.0);
         assert!((carried - 1.0).abs() < 1e-6, "{mass} {law}: {carried}");
     }
@@ -138,7 +139,8 @@ fn what_a_floor_has_carried_is_known_though_nothing_moves_within_long_steps() {
 
 #[test]
 fn a_push_whose_period_divides_the_horizon_is_seen() {
-    // All of t = 0, 1.25, .. 10 are zeros of the force, which first reaches the friction bound at asin(10/11)/(8 pi).
+    // The output times 0 and 10, and all points t = 0, 1.25, .. 10 between them, are zeros of the force, which first
+    // reaches the friction bound at asin(10/11)/(8 pi).
     let problem = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
         "potential": "10*y", "forces": {"x": "1.1*sin(8*pi*t)"},
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.1, "slip": ["x_dot"]}}]});
@@ -148,8 +150,9 @@ fn a_push_whose_period_divides_the_horizon_is_seen() {
 
 #[test]
 fn a_slip_in_space_begins_once_and_follows_the_force_that_turns() {
-    // The force (3 t, 1) reaches mu m g = 3.924; from there the reference is a fifth-order Radau run of another
-    // program, in polar coordinates of the velocity: v' = F.e - mu m g, v phi' = F.n.
+    // The force (3 t, 1) reaches the friction bound mu m g = 3.924. The motion that follows is compared with a
+    // fifth-order Radau run of an independent program, in polar coordinates of the velocity: v' = F.e - mu m g, v
+    // phi' = F.n.
     let problem = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}, "z": {"initial": 0}},
         "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "potential": "9.81*z", "forces": {"x": "3*t", "y": "1"},
         "contacts": [{"name": "plane", "gap": "z", "friction": {"coefficient": 0.4, "slip": ["x_dot", "y_dot"]}}]});
@@ -172,7 +175,7 @@ fn a_slip_in_space_begins_once_and_follows_the_force_that_turns() {
 
 #[test]
 fn a_burst_of_force_between_the_points_of_a_step_is_seen() {
-    // The impulse of exp(-((t - 5)/w)^2) is w sqrt(pi), for any horizon.
+    // The impulse of the force exp(-((t - 5)/w)^2) is w sqrt(pi), for any end time.
     for (width, end) in [(0.02, 10.0), (1e-3, 10.0), (0.02, 1000.0)] {
         let problem = json!({"coordinates": {"x": {"initial": 0}}, "mass": [[1]],
             "forces": {"x": format!("exp(-((t - 5)/{width})^2)")}, "contacts": [{"name": "wall", "gap": "x + 1"}]});
@@ -184,7 +187,8 @@ fn a_burst_of_force_between_the_points_of_a_step_is_seen() {
 
 #[test]
 fn a_pulse_of_force_lifts_a_body_at_rest_at_its_time() {
-    // 100 N for 0.02 s against a weight of 9.81 N: the floor's impulse balances gravity, minus 2 N s.
+    // A force of 100 N acts for 0.02 s against a weight of 9.81 N: the impulse of the floor is that of the weight,
+    // minus 2 N s.
     let problem = json!({"coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y",
         "forces": {"y": "100*(heaviside(t - 37.3) - heaviside(t - 37.32))"}, "contacts": [{"name": "floor", "gap": "y"}]});
     let solution = solved(&problem, 100.0, &json!([0, 100]));

@@ -5,7 +5,8 @@ use crate::systems::harness::{column, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// Energies at the end: kinetic plus potential, work of drives, dissipated by friction, lost in impacts.
+/// Returns energies at the end: kinetic plus potential energy, work of drives, energy dissipated by friction, and
+/// energy lost in impacts.
 fn balance(solution: &Solution) -> [f64; 4] {
     let energy = last(solution, "kinetic_energy") + last(solution, "potential_energy");
     let [drives, friction, impacts] =
@@ -15,7 +16,7 @@ fn balance(solution: &Solution) -> [f64; 4] {
     [energy, drives, friction, impacts]
 }
 
-/// Asserts the energy balance at the end of a problem: to rounding with located impacts, and convergent with time
+/// Asserts the energy balance at the end of a problem: up to rounding with located impacts, and convergent with time
 /// stepping.
 fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
     let size = expected.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
@@ -35,7 +36,7 @@ fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
 
 #[test]
 fn a_belt_gives_a_block_as_much_as_friction_takes() {
-    // Friction mu m g acts until the block has the velocity of the belt: half of the belt's work is dissipated.
+    // Friction mu m g accelerates the block to the velocity of the belt: half of the belt's work is dissipated.
     let belt = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 1"]}}]});
@@ -44,7 +45,7 @@ fn a_belt_gives_a_block_as_much_as_friction_takes() {
 
 #[test]
 fn a_block_held_on_a_belt_by_a_spring_loses_what_the_belt_does() {
-    // The block approaches mu m g / k only asymptotically: here it is released there, and stays.
+    // The block approaches the position mu m g / k only asymptotically, so it is released there, and stays.
     let held = json!({"coordinates": {"x": {"initial": "0.3*2*9.81/5"}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y + 5*x^2/2",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 4"]}}]});
@@ -102,7 +103,7 @@ fn a_wall_that_moves_works_in_every_impact() {
 
 #[test]
 fn a_spring_whose_end_is_pulled_gives_what_the_hand_does() {
-    // With y = x - t/10: y = -sin(2 t)/20.
+    // With y = x - t/10, the displacement relative to the moving end of the spring, the solution is y = -sin(2 t)/20.
     let pulled = json!({"coordinates": {"x": {"initial": 0}}, "mass": [[1]], "potential": "0.5*4*(x - 0.1*t)^2", "contacts": []});
     let (v, y) = (0.1 - 0.1 * 2.0_f64.cos(), -0.05 * 2.0_f64.sin());
     let energy = 0.5 * v * v + 2.0 * y * y;
@@ -111,7 +112,7 @@ fn a_spring_whose_end_is_pulled_gives_what_the_hand_does() {
 
 #[test]
 fn a_cart_on_a_given_course_drags_what_lies_on_it() {
-    // The cart, of mass 1, has the acceleration a; its load, of mass 2, is accelerated by friction up to mu g.
+    // The cart, of mass 1, has the acceleration a; friction accelerates its load, of mass 2, by at most mu g.
     for (a, mu) in [(2.0, 0.3), (6.0, 0.3)] {
         let cart = json!({"parameters": {"a": a, "mu": mu},
             "coordinates": {"cart": {"initial": 0}, "load": {"initial": 0}, "y": {"initial": 0}},

@@ -1,4 +1,4 @@
-//! Coulomb's law at contacts with a normal force that is not known in advance.
+//! Coulomb's law at contacts whose normal force is not known in advance.
 
 use super::{block, stepped};
 use crate::systems::harness::{column, distance, events, last, solve};
@@ -13,7 +13,7 @@ fn a_block_slides_to_rest_and_stays_exactly() {
     let (stop, way) = (0.764_525_993_883_792, 1.146_788_990_825_688);
     let solution = stepped(block(0.0, mu, v), 2.0, h);
     assert!((events(&solution, "slope").last().unwrap() - stop).abs() <= h);
-    // The symplectic scheme falls short by v0 h/2.
+    // The final position of the symplectic scheme is short by v0 h/2.
     assert!((last(&solution, "x") - way).abs() < 0.51 * v * h);
     assert_eq!(last(&solution, "x_dot"), 0.0);
     // All kinetic energy is dissipated by friction.
@@ -32,7 +32,7 @@ fn a_block_sticks_just_below_the_angle_of_friction_and_slides_just_above() {
     let acceleration = G * (theta.sin() - mu * theta.cos());
     let error = distance(&solution, "x_dot", |t| acceleration * t);
     assert!(error < 1e-12, "the velocity is off by {error:e}");
-    // The friction force that balances the weight of a block one degree below the angle of friction.
+    // Friction force, relative to the weight, of a block at rest on a slope one degree below the angle of friction.
     let theta = mu.atan() - 1.0_f64.to_radians();
     let solution = stepped(block(theta, mu, 0.0), 1.0, h);
     let force = -last(&solution, "slope_friction") / (2.0 * G);
@@ -47,7 +47,7 @@ fn a_spring_with_friction_stops_after_eight_half_swings() {
             "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});
         stepped(problem, 3.0, h)
     };
-    // Implicit forces damp, so the error is of first order.
+    // Time stepping with implicit forces damps the oscillation, so that the error is of first order.
     let errors = [4e-5, 2e-5].map(|h| (last(&solve_with(h), "x") - 0.02912).abs());
     assert!(errors[1] < 1e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
     let solution = solve_with(2e-5);
@@ -57,7 +57,7 @@ fn a_spring_with_friction_stops_after_eight_half_swings() {
     assert_eq!(last(&solution, "x_dot"), 0.0);
 }
 
-/// A block on a plane, launched at 25 degrees to a corner of the polygon.
+/// A block on a plane, launched at 25 degrees to a corner of the polygon that approximates the friction cone.
 fn launched(cone: Value) -> Value {
     let mut friction = json!({"coefficient": 0.3, "slip": ["x_dot", "y_dot"]});
     for (key, value) in cone.as_object().unwrap() {
@@ -88,8 +88,8 @@ fn the_exact_cone_stops_a_block_on_a_straight_line_and_four_corners_where_their_
 
 #[test]
 fn a_block_thrown_across_a_slope_turns_without_a_stop() {
-    // At an angle phi from the line of descent the speed is c tan(phi/2)^k / sin phi, with k = mu cot alpha: least
-    // where cos phi = k.
+    // For a block on a slope of the angle alpha whose velocity makes the angle phi with the line of descent, the
+    // speed is c tan(phi/2)^k / sin phi, with k = mu cot alpha; it is least where cos phi = k.
     let mu = 0.4;
     let k = mu * 3.0_f64.sqrt();
     let along = |phi: f64| (0.5 * phi).tan().powf(k) / phi.sin();
@@ -118,8 +118,8 @@ fn a_block_thrown_across_a_slope_turns_without_a_stop() {
     }
 }
 
-/// A disc or sphere of radius 0.1 on a slope; `k` is its moment of inertia divided by `m R^2`. Members of a JSON value
-/// are sorted by name: spin, x, y.
+/// A disc or sphere of radius 0.1 on a slope; `k` is its moment of inertia divided by `m R^2`. Members of a JSON
+/// object are sorted by name, so the order of coordinates in the mass matrix is spin, x, y.
 fn round(k: f64, mu: f64, theta: f64, velocity: f64) -> Value {
     json!({"parameters": {"theta": theta, "k": k, "R": 0.1},
            "coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": "R"}, "spin": {"initial": 0}},
@@ -146,7 +146,7 @@ fn disks_and_spheres_roll_down_a_slope_where_friction_suffices() {
     let acceleration = |k: f64, mu: f64| last(&stepped(round(k, mu, theta, 0.0), 1.0, 0.01), "x_dot");
     assert!((acceleration(0.5, 0.2) - 3.27).abs() < 1e-12);
     assert!((acceleration(0.4, 0.2) - 3.503_571_428_571_428_6).abs() < 1e-12);
-    // The critical coefficients of rolling without slip, approached from both sides.
+    // The acceleration on both sides of the critical friction coefficient of rolling without slip.
     for (k, critical, rolling) in
         [(0.5, 0.192_450_089_729_875_26, 3.27), (0.4, 0.164_957_219_768_464_5, 3.503_571_428_571_428_6)]
     {
@@ -165,7 +165,8 @@ fn a_sphere_that_slides_fast_never_lifts_off() {
     assert!((last(&solution, "x_dot") - 8.5285).abs() < 1e-10);
 }
 
-/// A ladder of length 2 against a wall, at an angle to the floor.
+/// A ladder of length 2 against a wall at the angle `degrees` to the floor, with the friction coefficients `floor`
+/// and `wall`.
 fn ladder(degrees: f64, floor: f64, wall: f64) -> Value {
     json!({"parameters": {"theta": degrees.to_radians()},
            "coordinates": {"x": {"initial": "cos(theta)"}, "y": {"initial": "sin(theta)"}, "a": {"initial": "theta"}},
@@ -189,7 +190,7 @@ fn a_ladder_stands_a_hundredth_of_a_degree_above_its_limit_and_slips_below() {
     }
 }
 
-/// A rod sliding on its lower end, leaning so that friction lifts it (Painleve 1895).
+/// A rod that slides on its lower end, with its friction directed so that it can lift the rod (Painleve 1895).
 fn rod(degrees: f64, mu: f64) -> Value {
     let mut problem = ladder(degrees, mu, 0.0);
     problem["contacts"].as_array_mut().unwrap().truncate(1);
@@ -207,16 +208,18 @@ fn the_paradox_of_painleve_is_met_by_an_impulse_and_named() {
         assert!(energy.kinetic_at_end <= energy.kinetic_at_start + 9.81 * 0.05);
         solution.diagnostics.warnings.iter().any(|warning| warning.code == "painleve")
     };
-    // The range of angles with a paradox for mu = 1.5, by the sign of the inclination.
+    // For mu = 1.5 the paradox occurs at inclinations of one sign only.
     assert!(warned(60.0) && !warned(120.0));
-    // The ends of the range are 50.642 and 73.048 degrees; the rod rotates little before it is first examined.
+    // The paradox occurs between 50.642 and 73.048 degrees; the rod rotates little before the solver first examines
+    // it.
     assert!(warned(50.7) && warned(73.0));
     assert!(!warned(45.0) && !warned(135.0));
 }
 
 #[test]
 fn what_rests_has_nothing_to_tell() {
-    // A bead on a rotating hoop, and a block on a belt: both stick, at velocities of the size of rounding.
+    // A bead on a rotating hoop, and a block on a belt: both stick, with relative velocities of the size of rounding
+    // errors.
     let bead = json!({"parameters": {"m": 0.3, "R": 0.5, "g": 9.81, "w": 6},
         "coordinates": {"r": {"initial": "R"}, "turn": {"initial": 0.2}}, "mass": [["m", 0], [0, "m*r^2"]],
         "potential": "-m*g*r*cos(turn) - 0.5*m*w^2*r^2*sin(turn)^2",
@@ -232,8 +235,8 @@ fn what_rests_has_nothing_to_tell() {
 
 #[test]
 fn time_stepping_tells_each_change_of_a_contact_once() {
-    // The block falls onto the floor without restitution, slides to rest from 0.4 with the deceleration mu g = 3, slips
-    // when 3 t - 3 = 3, and detaches at t = 4.
+    // The block falls onto the floor without restitution, slides to rest from the speed 0.4 with the deceleration mu
+    // g = 3, slips again when 3 t - 3 = 3, and detaches at t = 4.
     let block = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0.2}}, "mass": [[1, 0], [0, 1]],
         "potential": "10*y", "forces": {"x": "max(3*t - 3, 0)", "y": "10*max(t - 3, 0)"},
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});
@@ -249,7 +252,8 @@ fn time_stepping_tells_each_change_of_a_contact_once() {
 
 #[test]
 fn what_a_floor_and_a_wall_share_is_held_however_forces_vary() {
-    // In a corner both rows of either contact hold the same coordinates; the loads are not unique, and the rest is.
+    // In a corner the normal and friction constraints of two contacts act on the same two coordinates: contact forces
+    // are not unique, but the motion is.
     for (lift, mu) in
         [("0.6*pwm(t, 0.2, 0.6) + 0.9", 0.0), ("0.6*pwm(t, 0.2, 0.6) + 0.9", 0.2), ("6.4", 0.0), ("3*sin(7*t)", 0.3)]
     {
@@ -258,7 +262,8 @@ fn what_a_floor_and_a_wall_share_is_held_however_forces_vary() {
                 "mass": [[0.6, 0], [0, 0.6]], "potential": "5.8*y", "forces": {"x": "5", "y": lift},
                 "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": mu, "slip": ["x_dot"]}},
                     {"name": "wall", "gap": "1 - x", "friction": {"coefficient": 0.6, "slip": ["y_dot"]}}]});
-            // The lift of 6.4 exceeds the weight; only the wall holds it down, and the body begins there.
+            // The lift of 6.4 exceeds the weight, so that only the wall's friction can hold the body, which starts at
+            // the wall.
             let mut corner = corner;
             if lift == "6.4" {
                 corner["coordinates"]["x"]["initial"] = json!(1);

@@ -1,4 +1,4 @@
-//! Located impacts: as accurate as smooth motion.
+//! Event-driven integration with located impacts: as accurate as smooth motion.
 
 use super::{ball, block, located};
 use crate::systems::harness::{column, events, last, solve};
@@ -18,7 +18,7 @@ fn every_bounce_before_the_zeno_point_is_found_and_the_ball_rests_after_it() {
     let solution = located(ball(e), 10.0);
     let impacts = times(&solution, EventKind::Impact);
     let fall = (2.0 / G).sqrt();
-    // Times of the impacts: t_k = t_1 + 2 t_1 (e + .. + e^k).
+    // Times of the impacts of a bouncing ball: t_k = t_1 + 2 t_1 (e + .. + e^k).
     let exact = |k: usize| fall * (1.0 + 2.0 * (1..=k).map(|i| e.powi(i as i32)).sum::<f64>());
     assert!(impacts.len() > 150, "{} impacts", impacts.len());
     for (k, t) in impacts.iter().enumerate() {
@@ -29,7 +29,7 @@ fn every_bounce_before_the_zeno_point_is_found_and_the_ball_rests_after_it() {
     assert!(last(&solution, "y").abs() < 1e-12 && last(&solution, "y_dot").abs() < 1e-12);
     let energy = solution.diagnostics.energy.unwrap();
     assert!((energy.lost_in_impacts - G).abs() < 1e-9 && energy.largest_defect < 1e-9, "{energy:?}");
-    // At rest the floor's force equals the weight.
+    // The ball begins and ends at rest, so that the impulse of the floor over the run equals that of the weight.
     let carried = last(&solution, "floor_impulse");
     assert!((carried - 10.0 * G).abs() < 1e-7, "{carried}");
 }
@@ -71,7 +71,8 @@ fn an_elastic_ball_keeps_its_energy_over_a_thousand_bounces() {
 
 #[test]
 fn a_ball_on_a_shaking_table_locks_its_phase() {
-    // Period-one orbit for Gamma = A w^2/g = 1.2, e = 1/2: cos(w t) = pi (1 - e)/((1 + e) Gamma) at each impact.
+    // Orbit with one impact per table period, for Gamma = A w^2/g = 1.2 and e = 1/2: cos(w t) = pi (1 - e)/((1 + e)
+    // Gamma) at each impact.
     let (omega, gamma, e) = (50.0, 1.2, 0.5);
     let amplitude = gamma * G / (omega * omega);
     let phase = (std::f64::consts::PI * (1.0 - e) / ((1.0 + e) * gamma)).acos();
@@ -79,7 +80,7 @@ fn a_ball_on_a_shaking_table_locks_its_phase() {
     let problem = json!({"parameters": {"A": amplitude, "w": omega, "f": phase},
         "coordinates": {"y": {"initial": "A*sin(f)", "velocity": speed}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "table", "gap": "y - A*sin(w*t + f)", "restitution": e}]});
-    // The velocity after an impact, table plus flight, is the initial velocity of the ball.
+    // The ball starts with its velocity after an impact: the velocity of the table plus that of the flight.
     let table = amplitude * omega * phase.cos();
     let mut problem = problem;
     problem["coordinates"]["y"]["velocity"] = json!(speed);
@@ -112,7 +113,7 @@ fn a_particle_leaves_a_sphere_at_the_time_of_the_theory() {
         "potential": "9.81*y", "contacts": [{"name": "sphere", "gap": "sqrt(x^2 + y^2) - 1"}]});
     let solution = located(problem, 1.0);
     let leaves = times(&solution, EventKind::LiftOff);
-    // Within the tolerance it may touch the surface once more.
+    // Within the tolerance, the particle may touch the sphere once more after it has detached.
     assert!(!leaves.is_empty() && leaves.iter().all(|t| (t - 0.754_238_838_002_552).abs() < 1e-9), "{leaves:?}");
     assert!(solution.diagnostics.energy.unwrap().largest_defect < 1e-8);
 }
@@ -134,8 +135,8 @@ fn a_sliding_block_stops_at_the_time_of_the_theory_and_stays() {
 
 #[test]
 fn a_spinning_disk_is_stopped_by_the_friction_of_its_whole_face() {
-    // Uniform pressure: the mean of |r x w| over the face, from which the friction torque on the spin follows, is 2/3 R
-    // |w|.
+    // The friction torque on a spinning disc of uniform pressure follows from the mean of |r x w| over its face, 2/3
+    // R |w|.
     let problem = json!({"parameters": {"R": 0.1, "m": 1.5},
         "coordinates": {"angle": {"initial": 0, "velocity": 20}, "z": {"initial": 0}},
         "mass": [["m*R^2/2", 0], [0, "m"]], "potential": "9.81*m*z",
@@ -161,7 +162,7 @@ fn a_spring_with_friction_turns_at_the_points_of_the_theory() {
 
 #[test]
 fn a_rocking_block_loses_what_housner_says() {
-    // A block of half width 0.1 and half height 0.4 on its corners, rough and without restitution.
+    // A block of half width 0.1 and half height 0.4 stands on a corner, on a rough floor without restitution.
     let problem = json!({"parameters": {"b": 0.1, "h": 0.4, "m": 1, "tilt": "0.5*atan(b/h)"},
         "coordinates": {
             "angle": {"initial": "tilt"},
@@ -180,7 +181,7 @@ fn a_rocking_block_loses_what_housner_says() {
     assert!((impacts[1] - 0.820_592_229_082_600_9).abs() < 1e-8, "{impacts:?}");
     let lowest = solution.trajectory.t.iter().zip(column(&solution, "angle")).filter(|(t, _)| **t < impacts[1]);
     let least = lowest.map(|(_, angle)| *angle).fold(0.0, f64::min);
-    // The steps need not hit the extreme.
+    // Output times need not include the time of the extreme angle.
     assert!(least > -0.094_736_793_120_816_74 - 1e-9 && least < -0.08, "{least}");
     let spins: Vec<f64> = column(&solution, "kinetic_energy").to_vec();
     let at = solution.trajectory.t.iter().position(|t| *t == impacts[0]).unwrap();
@@ -233,8 +234,8 @@ fn a_pendulum_on_a_rod_is_the_pendulum_in_its_angle() {
     assert!((last(&rod, "x") - a.sin()).abs() < 1e-7 && (last(&rod, "y") + a.cos()).abs() < 1e-7);
 }
 
-/// Impacts, curvature and friction together: a ball in a rough bowl comes to rest at its bottom, and the energy balance
-/// closes.
+/// Impacts, curvature and friction together: a ball in a rough bowl comes to rest at its lowest point, and the energy
+/// balance closes.
 #[test]
 fn the_energy_of_a_ball_in_a_bowl_goes_where_the_books_say() {
     let bowl: Value = json!({"coordinates": {"x": {"initial": -0.5}, "y": {"initial": 0.5}}, "mass": [[1, 0], [0, 1]],
@@ -259,15 +260,15 @@ fn stages_beside_a_step_are_those_of_radau() {
     };
     for (stages, step, least) in [(1, 0.01, 1.9), (2, 0.1, 7.5), (3, 0.2, 30.0), (5, 1.0, 400.0)] {
         let (coarse, fine) = (error(stages, step), error(stages, step / 2.0));
-        // Orders one, three, five and nine.
+        // Radau IIA with one, two, three and five stages converges with the orders one, three, five and nine.
         assert!(coarse > least * fine && coarse < 0.3, "{stages}: {coarse} {fine}");
     }
 }
 
 #[test]
 fn a_body_whose_impact_leaves_no_force_lets_go_at_every_tolerance() {
-    // The sleeve strikes at t = 0.0779 and lets go at once: motion by exponentials of matrices in thirty digits, with all modes
-    // tried at each event (tests/peers/answers/woodpecker.py).
+    // The sleeve strikes at t = 0.0779 and detaches at once. The reference was found from matrix exponentials in
+    // thirty digits, with all contact modes tried at each event (tests/peers/answers/woodpecker.py).
     let exact = [("height", -0.007380055945847309), ("sleeve", 0.1015509159402271), ("woodpecker", 0.1156130217801562)];
     for rtol in [1e-6_f64, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13] {
         let mut toy = example("woodpecker");
@@ -287,7 +288,8 @@ fn a_body_whose_impact_leaves_no_force_lets_go_at_every_tolerance() {
 
 #[test]
 fn a_force_that_jumps_lets_go_with_the_velocities_of_its_time() {
-    // Pushed together with 1/2 up to T; then the first body is pulled back with 3, and the other flies on.
+    // A force accelerates both bodies by 1/2 up to the time `jump`; then the first body is pulled back with the force
+    // 3, and the second flies on.
     for jump in [0.3, 0.5, 0.6, 0.7, 0.847, 0.9, 1.1, 1.3] {
         for (force, rtol) in [(1.0, 1e-3), (1.0, 1e-6), (1e-6, 1e-3), (1e-7, 1e-6), (1e5, 1e-9)] {
             let solution = solve(&json!({"problem": {"mechanical": {
@@ -307,7 +309,8 @@ fn a_force_that_jumps_lets_go_with_the_velocities_of_its_time() {
 
 #[test]
 fn short_flights_are_located_beside_long_steps() {
-    // y'' = -10 - 10 y: flights from the speed v last 2/w atan(v w/10), w = sqrt 10, and each speed is half of the one before.
+    // Flights under y'' = -10 - 10 y that start with the speed v last 2/w atan(v w/10), w = sqrt 10, and each impact
+    // halves the speed.
     let w = 10.0_f64.sqrt();
     let speed = |n: i32| 30.0_f64.sqrt() * 0.5_f64.powi(n);
     let limit = std::f64::consts::FRAC_PI_3 / w + (1..60).map(|n| 2.0 / w * (speed(n) * w / 10.0).atan()).sum::<f64>();

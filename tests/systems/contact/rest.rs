@@ -1,11 +1,12 @@
-//! Bodies that come to rest on redundant contacts, and stay.
+//! Bodies that come to rest on redundant contacts, and stay at rest.
 
 use super::located;
 use crate::systems::harness::{column, last};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 
-/// A block of half width `b` and half height `h` on its two lower corners, with coordinates relative to the slope.
+/// A block of half width `b` and half height `h` on its two lower corners, with coordinates relative to the slope on
+/// which it stands.
 fn on_corners(parameters: Value, tilt: &str, potential: &str) -> Value {
     json!({"parameters": parameters,
         "coordinates": {
@@ -37,8 +38,8 @@ fn a_block_that_rocks_comes_to_rest_at_the_limit_of_its_blows_and_stays() {
     }
     let blows = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact);
     let last_blow = blows.map(|event| event.t).fold(0.0, f64::max);
-    // At an angular velocity of 1e-7 per second, 5e-7 s before the limit, corners rise by less than the rounding of
-    // their gaps.
+    // At an angular velocity of 1e-7 per second, 5e-7 s before the impacts accumulate, the corners rise by less than
+    // the rounding errors of their gaps.
     assert!((last_blow - rest).abs() < 1e-6, "{last_blow}");
 }
 
@@ -58,8 +59,8 @@ fn a_block_rests_on_a_slope_though_half_of_the_friction_is_more_than_its_upper_c
     assert!((last(&solution, "x") - 0.2).abs() < 1e-13, "{}", last(&solution, "x"));
 }
 
-/// A table of the mass 10 on four feet with friction 0.4. The centre of mass, where the force acts, is not at the centre of the
-/// feet, so that each foot has a different load.
+/// A table of the mass 10 on four feet with the friction coefficient 0.4, pushed by the force `(x, y)`. The force
+/// acts on the centre of mass, which is not at the centre of the feet, so that each foot has a different load.
 fn table_on_four_feet(x: &Value, y: &Value) -> Value {
     let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
     let contacts: Vec<Value> = feet
@@ -88,7 +89,7 @@ fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
     let limit = 0.4 * 98.1 / 13.0;
     assert!(!starts.is_empty() && starts.iter().all(|t| (t - limit).abs() < 1e-8), "{:?}, not {limit}", starts.first());
     assert!(solution.diagnostics.steps.accepted < 200, "{:?}", solution.diagnostics.steps);
-    // After slip begins, m x'' = 13 (t - limit) in the direction of the force.
+    // After slip begins at t = limit, the acceleration is x'' = 13 (t - limit)/m in the direction of the force.
     let moved = 13.0 * (4.0 - limit).powi(3) / 60.0;
     let (x, y) = (last(&solution, "x"), last(&solution, "y"));
     assert!((x - moved * 12.0 / 13.0).abs() < 1e-7 && (y - moved * 5.0 / 13.0).abs() < 1e-7, "{x} {y} {moved}");
@@ -109,8 +110,8 @@ fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
     }
 }
 
-/// A unit of weight on each contact of a body of two, or on each of two bodies; friction with the coefficient 0.5 holds what
-/// pulls along `x`, or along the coordinate of the upper body.
+/// Solves either one body on two contacts or two stacked bodies, with a unit of weight per contact or body. Friction
+/// with the coefficient 0.5 resists a `force` along `x` or along the coordinate of the upper body.
 fn pulled(bodies: &str, force: f64) -> Solution {
     let held = |name: &str, gap: &str, slip: &str| json!({"name": name, "gap": gap, "friction": {"coefficient": 0.5, "slip": [slip]}});
     let problem = match bodies {
@@ -137,7 +138,7 @@ fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
     for bodies in ["on two feet", "stacked", "beside another"] {
         for excess in [1e-3, 1e-6, 1e-8, 1e-10, -1e-10, -1e-8, -1e-3] {
             let solution = pulled(bodies, 1.0 + excess);
-            // Over 20 units of time, the acceleration is half of the excess.
+            // Over 20 units of time, the acceleration is half of the force in excess of friction.
             let (moved, exact) = (last(&solution, "x"), 100.0 * f64::max(excess, 0.0));
             assert!((moved - exact).abs() <= 1e-5 * exact + 1e-13, "{bodies}, {excess:e}: {moved:e}, not {exact:e}");
         }
@@ -146,12 +147,13 @@ fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
 
 #[test]
 fn a_table_slides_when_a_steady_push_exceeds_the_friction_of_all_feet() {
-    // Four feet carry what three could; directions of slip in space are known to the root of what the law is solved to.
+    // Four feet are one more than the loads determine, and directions of slip in space are accurate to only the
+    // square root of the friction solver's tolerance.
     for excess in [-1e-8, -1e-5, 1e-5, 1e-4] {
         let force = 0.4 * 98.1 * (1.0 + excess);
         let problem = table_on_four_feet(&json!(force * 12.0 / 13.0), &json!(force * 5.0 / 13.0));
         let solution = located(problem, 4.0);
-        // The acceleration is the excess of the force over the mass.
+        // The acceleration is the force in excess of friction divided by the mass.
         let (x, y) = (last(&solution, "x"), last(&solution, "y"));
         let exact = 8.0 * 0.4 * 9.81 * f64::max(excess, 0.0);
         assert!((x.hypot(y) - exact).abs() <= 1e-4 * exact + 1e-13, "{excess:e}: {:e}, not {exact:e}", x.hypot(y));

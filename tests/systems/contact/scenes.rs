@@ -1,4 +1,4 @@
-//! Larger systems: curved gaps, joints, a toy.
+//! Larger mechanical systems: curved gaps, joints, and the woodpecker toy.
 
 use super::stepped;
 use crate::systems::harness::{column, events, last, solve};
@@ -35,7 +35,7 @@ fn a_double_pendulum_on_rods_keeps_their_lengths_and_moves_as_one_in_angles() {
         let angles = stepped(angles.clone(), end, h);
         ([last(&rods, "x1"), last(&rods, "y1")], last(&angles, "a"))
     };
-    // Both formulations converge to the same motion, at first order.
+    // The formulations in rod coordinates and in angles converge to the same motion, at first order.
     let distance = |h: f64| {
         let ([x, y], a) = place(h);
         (x - a.sin()).hypot(y + a.cos())
@@ -52,7 +52,7 @@ fn the_woodpecker_pecks_its_way_down() {
     problem["output"] = json!({"times": "steps", "fields": ["height", "woodpecker"]});
     let solution = solve(&problem);
     let (t, bird, y) = (&solution.trajectory.t, column(&solution, "woodpecker"), column(&solution, "height"));
-    // Periods between maxima of the bird's angle, after the transient.
+    // Maxima of the bird's angle after the transient, whose distances are the periods.
     let swings: Vec<usize> = (1..t.len() - 1)
         .filter(|&i| t[i] > 0.5 && bird[i] > 0.1 && bird[i] >= bird[i - 1] && bird[i] > bird[i + 1])
         .collect();

@@ -1,5 +1,5 @@
-//! Derivatives of motions with located impacts, held to closed forms: the derivatives of these are taken along the imaginary
-//! axis, `f'(p) = Im f(p + i h)/h`, which is exact to rounding (Squire and Trapp 1998).
+//! Derivatives of motions with located impacts, compared with derivatives of closed forms. Closed forms are
+//! differentiated by the complex step `f'(p) = Im f(p + i h)/h`, which is exact to rounding (Squire and Trapp 1998).
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -18,7 +18,7 @@ fn derived(problem: Value, end: f64, asked: Value) -> Solution {
         "output": {"times": {"count": 41}}, "sensitivities": asked}))
 }
 
-/// The derivatives of `f` by each of its parameters.
+/// Returns the derivatives of `f` by each of its parameters, from complex steps.
 fn slopes<const N: usize>(values: [f64; N], f: impl Fn([C; N]) -> C) -> [f64; N] {
     std::array::from_fn(|k| {
         let mut moved = values.map(C::from);
@@ -27,7 +27,8 @@ fn slopes<const N: usize>(values: [f64; N], f: impl Fn([C; N]) -> C) -> [f64; N]
     })
 }
 
-/// Holds the columns `dof/dto` to the derivatives of `exact` at all times but those of events.
+/// Asserts that the columns `dof/dto` equal the derivatives of the closed form `exact` at all output times but those
+/// of events.
 #[track_caller]
 fn assert_slopes<const N: usize>(
     solution: &Solution,
@@ -46,8 +47,8 @@ fn assert_slopes<const N: usize>(
     }
 }
 
-/// A ball that is thrown up from a height: its height, velocity and the integral of its height over time, the times of its
-/// impacts, and that of their limit.
+/// Closed forms of a ball thrown up from a height: its height, its velocity and the integral of its height over time,
+/// the times of its impacts, and the limit of these times.
 struct Ball {
     g: C,
     e: C,
@@ -80,7 +81,7 @@ impl Ball {
         }
         let mut area = flight(self.first, self.thrown, self.height)[2];
         let (mut begin, mut speed) = (self.first, self.speed);
-        // Flights of which nothing is left to rounding.
+        // After 4000 flights the height and the duration of the next one are below rounding.
         for _ in 0..4000 {
             speed *= self.e;
             let end = begin + speed * 2.0 / self.g;
@@ -114,9 +115,9 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
     assert_slopes(&solution, "y", to, values, |t, p| ball(p).at(t)[0]);
     assert_slopes(&solution, "y_dot", to, values, |t, p| ball(p).at(t)[1]);
     assert_slopes(&solution, "area", to, values, |t, p| ball(p).at(t)[2]);
-    // The integral of the velocity is the height that is left.
+    // The integral of the velocity is the height minus its initial value.
     assert_slopes(&solution, "way", to, values, |t, p| ball(p).at(t)[0] - p[0]);
-    // Between impacts (y y')' = y'^2 - g y, and y vanishes where y' jumps.
+    // Between impacts (y y')' = y'^2 - g y, and y vanishes at the impacts, where y' jumps.
     assert_slopes(&solution, "squares", to, values, |t, p| {
         let [y, v, area] = ball(p).at(t);
         y * v - p[0] * p[1] + p[2] * area
@@ -125,14 +126,14 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
         let [y, v, _] = ball(p).at(t);
         (v * v * 0.5 + p[2] * y) * 2.0
     });
-    // Nothing depends on the mass.
+    // The motion of a bouncing ball does not depend on its mass.
     for of in ["y", "y_dot", "area"] {
         assert!(column(&solution, &format!("d{of}/dm")).iter().all(|slope| slope.abs() < 1e-12), "{of}");
     }
     let checked = solution.sensitivities.as_ref().expect("a check");
     assert!((checked.derivative - checked.finite_difference).abs() <= checked.uncertainty, "{checked:?}");
 
-    // The times of all impacts, and of their limit.
+    // Derivatives of the times of all impacts, and of their limit.
     let impacts: Vec<_> = solution.event_slopes.iter().filter(|event| event.kind == SlopedEvent::Impact).collect();
     assert!(impacts.len() > 20, "{} impacts", impacts.len());
     for (k, impact) in impacts.iter().enumerate() {
@@ -140,7 +141,7 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
             let found = impact.slopes[*name];
             assert!((found - expected).abs() <= 1e-8 * expected.abs(), "impact {k} by {name}: {found} for {expected}");
         }
-        // The gap closes at the speed of the impact.
+        // The transversality of an impact is the rate at which the gap closes, the speed of the impact.
         let speed = (0.25 + 2.0 * 9.81_f64).sqrt() * 0.6_f64.powi(k as i32);
         assert!((impact.transversality / speed - 1.0).abs() < 1e-4);
     }
@@ -155,8 +156,8 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
 
 #[test]
 fn a_ball_that_slides_while_its_impacts_accumulate() {
-    // Friction takes mu of the impulse of the floor, which is what gravity lacks to the change of the vertical velocity, so
-    // that x = u t - mu (y - h - w t + g t^2/2) before, at and after the limit.
+    // Friction acts with mu times the impulse of the floor, which is the change of the vertical velocity plus the
+    // impulse of gravity. Hence x = u t - mu (y - h - w t + g t^2/2) before, at and after the limit of the impacts.
     let (to, values) = (["h", "w", "g", "e", "mu", "u"], [1.0, 0.5, 9.81, 0.6, 0.1, 6.0]);
     let mut slides = ball();
     slides["parameters"]["mu"] = json!(0.1);
@@ -180,7 +181,8 @@ fn a_ball_that_slides_while_its_impacts_accumulate() {
 
 #[test]
 fn a_body_that_a_growing_load_lifts_off_at_a_time_without_rounding() {
-    // y'' = k t - g off the floor from t = g/k on: y = k (t - g/k)^3/6. There the acceleration is exactly zero, too.
+    // The body detaches at t = g/k and rises by y'' = k t - g: y = k (t - g/k)^3/6. At the detachment the
+    // acceleration is exactly zero, too.
     for (g, k) in [(10.0, 5.0), (9.81, 5.0), (8.0, 2.0), (1e-6, 1e-6), (3e5, 1e5)] {
         let problem = json!({"parameters": {"g": g, "k": k}, "coordinates": {"y": {"initial": 0, "velocity": 0}},
             "mass": [[1]], "forces": {"y": "k*t - g"}, "contacts": [{"name": "floor", "gap": "y"}]});
@@ -200,7 +202,7 @@ fn a_body_that_a_growing_load_lifts_off_at_a_time_without_rounding() {
 
 #[test]
 fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
-    // Forces of gravity and the rod are in proportion to the mass.
+    // The forces of gravity and of the rod are proportional to the mass.
     let problem = json!({"parameters": {"l": 1.0086, "g": 9.81, "e": 0.43, "th": 1.086, "xw": 0.286, "m": 1.36},
         "coordinates": {"x": {"initial": "l*sin(th)"}, "y": {"initial": "-l*cos(th)"}}, "mass": [["m", 0], [0, "m"]],
         "potential": "m*g*y", "forces": {}, "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
@@ -216,7 +218,7 @@ fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
 
 #[test]
 fn the_limit_of_a_ball_that_loses_little_at_each_impact() {
-    // Some two hundred impacts; flights of the last are longer than 1e-9 of the time in all.
+    // The run has some two hundred impacts; the flights after the last add up to more than 1e-9 of the end time.
     let mut slow = ball();
     slow["parameters"]["e"] = json!(0.9);
     let solution = derived(slow, 12.0, json!({"to": ["e", "g"], "of": ["y"]}));
@@ -243,7 +245,7 @@ fn a_ball_whose_run_does_not_begin_at_zero_has_the_same_derivatives() {
     }
 }
 
-/// Two balls on a line, the left one faster.
+/// Two balls on a line with the masses `left` and `right`, of which the left one catches up with the right one.
 fn two_balls(left: f64, right: f64, e: f64) -> Value {
     json!({"parameters": {"a": left, "b": right, "e": e}, "coordinates": {"x": {"initial": 0, "velocity": 2},
         "y": {"initial": 1, "velocity": -1}}, "mass": [["a", 0], [0, "b"]],
@@ -274,7 +276,8 @@ fn two_colliding_balls() {
 
 #[test]
 fn a_heavy_ball_and_a_light_one_that_it_pushes_go_on_with_the_velocity_of_the_heavy_one() {
-    // d(v1', v2')/d(v1, v2) = (1, 0; 1, 0) where the first is far heavier and nothing rebounds.
+    // The velocities after the impact have the derivatives d(v1', v2')/d(v1, v2) = (1, 0; 1, 0) if the first ball is
+    // far heavier and the impact is inelastic.
     let solution = derived(two_balls(1e12, 1.0, 0.0), 1.0, json!({"to": ["x_dot.initial", "y_dot.initial"]}));
     let slope = |of: &str, by: &str| last(&solution, &format!("d{of}_dot/d{by}_dot.initial"));
     let found = [slope("x", "x"), slope("x", "y"), slope("y", "x"), slope("y", "y")];
@@ -283,7 +286,7 @@ fn a_heavy_ball_and_a_light_one_that_it_pushes_go_on_with_the_velocity_of_the_he
     }
 }
 
-/// A block on a rough floor, pushed by a force that grows.
+/// A block on a rough floor, pushed by a force `k t` that grows with time.
 fn block() -> Value {
     json!({"parameters": {"m": 2, "g": 9.81, "mu": 0.3, "w": 2, "k": 2},
         "coordinates": {"x": {"initial": 0, "velocity": "w"}, "y": {"initial": 0}},
@@ -293,12 +296,13 @@ fn block() -> Value {
 
 #[test]
 fn a_block_slides_to_rest_and_is_pushed_off_again() {
-    // m x'' = k t - mu m g to the stop, rest while k t < mu m g, and m x'' = k t - mu m g from there on.
+    // The block slides with m x'' = k t - mu m g until it stops, rests while k t < mu m g, and then slides again with
+    // m x'' = k t - mu m g.
     let to = ["m", "g", "mu", "w", "k"];
     let values = [2.0, 9.81, 0.3, 2.0, 2.0];
     let solution = derived(block(), 4.0, json!({"to": to}));
     let stop: fn([C; 5]) -> C = |[m, g, mu, w, k]| {
-        // k s^2/2m - mu g s + w = 0.
+        // The time of the stop is the smaller root of k s^2/2m - mu g s + w = 0.
         let (a, b) = (k / m * 0.5, -mu * g);
         (-b - (b * b - a * w * 4.0).sqrt()) / (a * 2.0)
     };
@@ -335,13 +339,14 @@ fn a_block_slides_to_rest_and_is_pushed_off_again() {
 
 #[test]
 fn rounding_of_what_gravity_and_the_floor_add_up_to_is_not_taken_for_a_motion_off_it() {
-    // The weight and the force of the floor change together; their sum is zero but for rounding, with most masses.
+    // The weight and the force of the floor change together; for most masses their sum is nonzero by a rounding error
+    // only.
     for (m, g) in [(2.1, 9.80665), (0.7, 1.62), (3.3, 9.81)] {
         let mut problem = block();
         (problem["parameters"]["m"], problem["parameters"]["g"]) = (json!(m), json!(g));
         problem["forces"]["x"] = json!(0);
         let solution = derived(problem, 5.0, json!({"to": ["m", "g"]}));
-        // It stops at w^2/2 mu g.
+        // The block stops at x = w^2/2 mu g.
         assert!((last(&solution, "dx/dg") + 4.0 / (0.6 * g * g)).abs() < 1e-8);
         assert!(last(&solution, "dx/dm").abs() < 1e-8);
     }
@@ -349,7 +354,8 @@ fn rounding_of_what_gravity_and_the_floor_add_up_to_is_not_taken_for_a_motion_of
 
 #[test]
 fn a_ball_that_strikes_a_rough_floor_aslant_and_slides_on_after_its_bounces() {
-    // Each impact of speed u takes mu (1 + e) u of the slip; after the bounces mu g does. Nothing stops it within the time.
+    // Each impact of the speed u reduces the slip by mu (1 + e) u, and after the last bounce friction reduces it at
+    // the rate mu g. The slip does not reach zero within the run.
     let values = [0.2, 0.5, 9.81];
     let to = ["mu", "e", "g"];
     let problem = json!({"parameters": {"mu": 0.2, "e": 0.5, "g": 9.81},
@@ -382,7 +388,7 @@ fn a_ball_that_strikes_a_rough_floor_aslant_and_slides_on_after_its_bounces() {
 
 #[test]
 fn impacts_with_stick_turn_a_ball_that_spins() {
-    // A disk of radius r and inertia j that grips the floor as it lands: the point that touches stops.
+    // A disc of radius r and moment of inertia j that sticks to the floor as it lands: its point of contact stops.
     let values = [0.5, 0.3, 1.0, 4.0];
     let problem = json!({"parameters": {"r": 0.5, "j": 0.3, "vx": 1, "sp": 4, "e": 0.5},
         "coordinates": {"phi": {"initial": 0, "velocity": "sp"}, "x": {"initial": 0, "velocity": "vx"}, "y": {"initial": 1}},
@@ -397,7 +403,7 @@ fn impacts_with_stick_turn_a_ball_that_spins() {
         if t < hit.re {
             return [v, s, v * t, C::from(1.0) - 9.81 * 0.5 * t * t];
         }
-        // The slip v + r s is stopped by the impulse p: v + p, s + r p/j.
+        // The impulse p stops the slip v + r s: the velocity becomes v + p and the spin s + r p/j.
         let p = -(v + r * s) / (r * r / j + 1.0);
         let since = C::from(t) - hit;
         [v + p, s + r * p / j, v * hit + (v + p) * since, r + speed * 0.5 * since - since * since * (9.81 * 0.5)]
@@ -409,7 +415,8 @@ fn impacts_with_stick_turn_a_ball_that_spins() {
 
 #[test]
 fn a_pendulum_with_a_joint_that_swings_against_a_wall() {
-    // In the coordinates of a mass point held by a rod of length l; beside it the same pendulum by its angle.
+    // A pendulum in the coordinates of a mass point held by a rod of length l, compared with the same pendulum in its
+    // angle.
     let by_joint = json!({"parameters": {"l": 1, "g": 9.81, "e": 0.7}, "coordinates": {
             "x": {"initial": "l*sin(1)"}, "y": {"initial": "-l*cos(1)"}}, "mass": [[1, 0], [0, 1]], "potential": "g*y",
         "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
@@ -483,23 +490,24 @@ fn what_has_no_derivative_says_so() {
         refusal(&json!({"problem": {"mechanical": problem}, "time": {"end": end}, "method": {"impacts": "locate"},
             "sensitivities": {"to": to}}))
     };
-    // An oscillator that comes up to a wall with no speed.
+    // An oscillator that grazes a wall: it reaches the wall with zero velocity.
     let grazing = json!({"parameters": {"k": 1}, "coordinates": {"x": {"initial": 1}}, "mass": [[1]], "potential": "k*x^2/2",
         "contacts": [{"name": "wall", "gap": "x + 1", "restitution": 0.5}]});
     let message = ask(grazing, 5.0, json!(["x.initial"]));
     assert!(message.contains("grazing"), "{message}");
-    // Three balls: the outer ones reach the middle one together, and each may be the first.
+    // Two outer balls reach the middle one at the same time, and either impact may be the first after a perturbation.
     let three = json!({"coordinates": {"x": {"initial": -1, "velocity": 1}, "y": {"initial": 0},
             "z": {"initial": 1, "velocity": -1}}, "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
         "contacts": [{"name": "left", "gap": "y - x", "restitution": 0.5}, {"name": "right", "gap": "z - y", "restitution": 0.5}]});
     let message = ask(three, 2.0, json!(["x.initial"]));
     assert!(message.contains("several contacts"), "{message}");
-    // A ball at rest on the floor: lifted it falls, lowered it would be inside.
+    // A ball at rest on the floor: a positive perturbation of its height lets it fall, a negative one violates the
+    // gap.
     let resting = json!({"coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "floor", "gap": "y"}]});
     let message = ask(resting, 1.0, json!(["y.initial"]));
     assert!(message.contains("leads off it"), "{message}");
-    // Time stepping is refused as it is asked for.
+    // Sensitivities of time stepping are refused when the specification is read.
     let stepped = json!({"problem": {"mechanical": ball()}, "time": {"end": 1}, "method": {"impacts": "time_stepping", "step": 1e-3},
         "sensitivities": {"to": ["e"]}});
     let errors = Specification::from_json(stepped.to_string().as_bytes()).expect_err("errors");
@@ -508,8 +516,9 @@ fn what_has_no_derivative_says_so() {
 
 #[test]
 fn differentiated_time_stepping_is_off_by_a_part_that_no_step_makes_smaller() {
-    // Stewart and Anitescu 2010: x' in 2 - Sgn(x) from x_0 = -1. It rises at the rate 3 to zero and at the rate 1 from there:
-    // dx(2)/dx_0 = 1/3. Each step of an implicit Euler scheme that does not end in zero has the derivative 1.
+    // The inclusion x' in 2 - Sgn(x) with x_0 = -1 (Stewart and Anitescu 2010): x rises at the rate 3 to zero and at
+    // the rate 1 from there, so that dx(2)/dx_0 = 1/3. Each step of an implicit Euler scheme that does not end in
+    // zero has the derivative 1.
     let solution = solve(&json!({"problem": {"dvi": {"parameters": {"a": -1},
         "states": {"x": {"initial": "a", "rate": "2 - z"}}, "variables": {"z": {"inequality": "-x"}},
         "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}}, "time": {"end": 2}, "sensitivities": {"to": ["a"]}}));
@@ -522,8 +531,9 @@ fn differentiated_time_stepping_is_off_by_a_part_that_no_step_makes_smaller() {
         let slope = (stepped(-1.0 + 1e-9, steps) - stepped(-1.0 - 1e-9, steps)) / 2e-9;
         assert!((slope - 1.0 / 3.0).abs() > 0.3, "with {steps} steps the slope is {slope}");
     }
-    // The same of a ball on the floor: with Moreau's scheme the velocity after an impact does not depend on the height at all
-    // but for its rounding to whole steps; here it does, dv/dh = (g + e g)/u.
+    // A ball that falls on the floor: Moreau's scheme gives a velocity after the impact that depends on the initial
+    // height only through the rounding of the impact time to whole steps. The exact derivative is dv/dh = (g + e g)/u
+    // with the impact speed u.
     let mut thrown = ball();
     thrown["parameters"]["w"] = json!(0);
     let solution = derived(thrown, 0.6, json!({"to": ["h"], "of": ["y_dot"]}));
@@ -546,7 +556,7 @@ fn differentiated_time_stepping_is_off_by_a_part_that_no_step_makes_smaller() {
 
 #[test]
 fn a_push_that_sets_in_has_the_derivatives_of_its_time() {
-    // A block on a rough floor, pushed from a time on: at rest, then evenly faster.
+    // A block on a rough floor rests until the time t0, when a constant push sets in.
     let (to, values) = (["F", "mu", "t0"], [8.0, 0.5, 1.03]);
     let block = json!({"parameters": {"F": values[0], "mu": values[1], "t0": values[2]},
         "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
@@ -557,7 +567,7 @@ fn a_push_that_sets_in_has_the_derivatives_of_its_time() {
         let since = C::from(t) - t0;
         if since.re > 0.0 { (force - mu * 9.81) * since * since * 0.5 } else { C::from(0.0) }
     });
-    // A force that lifts it off.
+    // A ball that rests on the floor until a constant force lifts it off at the time t0.
     let (to, values) = (["F", "t0"], [15.0, 0.97]);
     let lifted = json!({"parameters": {"F": values[0], "t0": values[1]},
         "coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y", "forces": {"y": "F*heaviside(t - t0)"},

@@ -1,5 +1,5 @@
-//! Friction that varies with place, time, the speed and the direction of the slip, against closed forms and an
-//! independent integration.
+//! Friction coefficients that vary with the position, the time, and the speed and direction of the slip, compared
+//! with closed forms and an independent integration.
 
 use super::{located, stepped};
 use crate::systems::harness::{column, distance, events, last, solve};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// A unit mass on a floor, with a coefficient of friction and a velocity.
+/// A unit mass on a floor, with the given friction coefficient and initial velocity.
 fn on_floor(coefficient: Value, velocity: f64) -> Value {
     json!({"coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
            "potential": "9.81*y",
@@ -19,7 +19,8 @@ fn assert_trusted(solution: &Solution) {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// Asserts that the verdict estimates at least half of an error of time stepping, and finds no other fault; returns the error.
+/// Asserts that the verdict estimates at least half of an error of time stepping and finds no other fault; returns
+/// the error.
 fn assert_error_is_told(solution: &Solution, error: f64) -> f64 {
     let largest = column(solution, "x").iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let (told, _) = solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error");
@@ -29,7 +30,8 @@ fn assert_error_is_told(solution: &Solution, error: f64) -> f64 {
     error
 }
 
-/// `x'' = -g mu_0 (1 + x)` is an oscillation about -1, up to its first stop.
+/// With `mu = mu_0 (1 + x)` the sliding block obeys `x'' = -g mu_0 (1 + x)`, an oscillation about -1, until its first
+/// stop.
 #[test]
 fn a_floor_that_grows_rougher_stops_a_block_as_a_spring_would() {
     let (mu, v) = (0.2_f64, 3.0);
@@ -51,7 +53,7 @@ fn a_floor_that_grows_rougher_stops_a_block_as_a_spring_would() {
 
 #[test]
 fn a_block_slides_over_the_edge_of_a_patch() {
-    // v_1^2 = v_0^2 - 2 g mu_1 from x = 0 to 1, and v_1^2/(2 g mu_2) from there.
+    // The speed at x = 1 is v_1 with v_1^2 = v_0^2 - 2 g mu_1, and the block slides on by v_1^2/(2 g mu_2).
     let (v, first, second) = (4.0_f64, 0.1, 0.7);
     let there = (v * v - 2.0 * G * first).sqrt();
     let way = 1.0 + there * there / (2.0 * G * second);
@@ -63,7 +65,7 @@ fn a_block_slides_over_the_edge_of_a_patch() {
         let solution = stepped(on_floor(json!(coefficient), v), 2.0, 1e-3);
         assert!((last(&solution, "x") - way).abs() < 5e-3, "{} for {way}", last(&solution, "x"));
     }
-    // A narrow patch of ice within a long step is not stepped over.
+    // A long step must not skip a patch of ice that is narrow compared with it.
     let solution = located(on_floor(json!("0.3 - 0.3*exp(-((x - 0.7)/0.001)^2)"), 3.0), 2.0);
     let ice = 0.001 * std::f64::consts::PI.sqrt();
     let way = 9.0 / (2.0 * G * 0.3) + ice;
@@ -72,7 +74,7 @@ fn a_block_slides_over_the_edge_of_a_patch() {
 
 #[test]
 fn friction_that_fades_lets_a_block_go_at_its_time() {
-    // On a slope of slope 0.3 the block begins to slide where mu = 0.5 - 0.1 t is 0.3.
+    // On a slope of the gradient 0.3 the block begins to slide when mu = 0.5 - 0.1 t has fallen to 0.3.
     let slope = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*(y - 0.3*x)",
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": "0.5 - 0.1*t", "slip": ["x_dot"]}}]});
@@ -83,7 +85,7 @@ fn friction_that_fades_lets_a_block_go_at_its_time() {
     assert!(distance(&solution, "x", exact) < 1e-9);
     let solution = stepped(slope, 4.0, 1e-3);
     assert!(distance(&solution, "x", exact) < 5e-3);
-    // A moment of ice, between all points of a step at rest.
+    // Friction vanishes for an instant, between all stage points of a step at rest.
     let pulse = on_floor(json!("0.5 - 0.5*exp(-((t - 5)/0.01)^2)"), 0.0);
     let mut pushed = pulse;
     pushed["forces"] = json!({"x": 0.981});
@@ -92,7 +94,8 @@ fn friction_that_fades_lets_a_block_go_at_its_time() {
     assert_eq!(last(&solution, "x_dot"), 0.0);
 }
 
-/// With `mu = m + d exp(-v/w)` a block stops after `w/(m g) ln((m exp(v_0/w) + d)/(m + d))`.
+/// With the Stribeck law `mu = m + d exp(-v/w)` a block of the initial speed `v_0` stops after `w/(m g) ln((m
+/// exp(v_0/w) + d)/(m + d))`.
 #[test]
 fn stribecks_law_stops_a_block_when_its_integral_says() {
     let (m, d, w, v) = (0.2_f64, 0.15_f64, 0.1_f64, 1.0_f64);
@@ -100,7 +103,8 @@ fn stribecks_law_stops_a_block_when_its_integral_says() {
     let solution = located(on_floor(json!("0.2 + 0.15*exp(-slip_speed/0.1)"), v), 1.0);
     assert_trusted(&solution);
     assert!((events(&solution, "floor").last().unwrap() - stop).abs() < 1e-9);
-    // The same law in velocities, and one the other way round.
+    // The Stribeck law with the slip speed written as an absolute velocity, and with a slip in the opposite
+    // direction.
     for (coefficient, v) in [("0.2 + 0.15*exp(-abs(x_dot)/0.1)", 1.0), ("0.2 + 0.15*exp(-slip_speed/0.1)", -1.0)] {
         let solution = located(on_floor(json!(coefficient), v), 1.0);
         assert!((events(&solution, "floor").last().unwrap() - stop).abs() < 1e-8, "{coefficient}");
@@ -108,7 +112,7 @@ fn stribecks_law_stops_a_block_when_its_integral_says() {
     let errors = [4e-4, 2e-4].map(|h| {
         let solution = stepped(on_floor(json!("0.2 + 0.15*exp(-slip_speed/0.1)"), v), 1.0, h);
         assert_trusted(&solution);
-        // The way, by a quadrature of v^2/(g (m v + d v exp(-v/w))).
+        // The distance until the stop, by a quadrature of v^2/(g (m v + d v exp(-v/w))).
         let n = 200_000;
         let way: f64 =
             (0..n).map(|i| (i as f64 + 0.5) / n as f64 * v).map(|v| v / (G * (m + d * (-v / w).exp()))).sum::<f64>()
@@ -119,13 +123,14 @@ fn stribecks_law_stops_a_block_when_its_integral_says() {
     assert!(errors[1] < 1e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
-/// The fall of friction by slip: `mu(s) = 0.3/(1 + 4 s) + 0.1`.
+/// Friction coefficient that weakens with the slip speed `s`: `mu(s) = 0.3/(1 + 4 s) + 0.1`.
 fn weakening(s: f64) -> f64 {
     0.3 / (1.0 + 4.0 * s) + 0.1
 }
 
-/// A unit mass on a spring (`k = 10`) and a belt of speed 0.2, integrated from rest by the classical method of Runge and
-/// Kutta, each phase to its end by bisection: the times of sticking and slipping, and the state at the end.
+/// Integrates a unit mass on a spring (`k = 10`) and a belt of speed 0.2 from rest by the classical Runge-Kutta
+/// method, with the end of each phase found by bisection. Returns the times of stick-slip transitions, and the
+/// position and velocity at the end.
 fn on_belt(end: f64, step: f64) -> (Vec<f64>, [f64; 2]) {
     let (belt, k) = (0.2, 10.0);
     let (mut t, mut x, mut v) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -147,7 +152,8 @@ fn on_belt(end: f64, step: f64) -> (Vec<f64>, [f64; 2]) {
             if slips < end {
                 times.push(slips);
                 sticks = false;
-                // The first instant of a slip, in which it has not begun.
+                // At the onset of slip the slip velocity is zero; a perturbation of 1e-12 starts the motion relative
+                // to the belt.
                 (x, v) = advance(x, v - 1e-12, step);
                 t += step;
             }
@@ -170,7 +176,8 @@ fn on_belt(end: f64, step: f64) -> (Vec<f64>, [f64; 2]) {
     (times, [x, v])
 }
 
-/// A problem solved with impacts located, and with tolerances of velocities above the rounding of that of a belt.
+/// Solves a problem with located impacts, and with an absolute tolerance of velocities above the rounding error of
+/// the belt's velocity.
 fn on_belt_located(problem: Value, end: f64) -> Solution {
     solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end},
                   "method": {"impacts": "locate", "rtol": 1e-10, "atol": 1e-12}}))
@@ -203,8 +210,8 @@ fn a_block_on_a_belt_sticks_and_slips_as_an_independent_integration_has_it() {
     assert!(errors[1] < 5e-3, "{errors:?}");
 }
 
-/// An impact takes the coefficient of the slip that it leaves: with `J = (1 + e) |v_n|` and `mu = m/(1 + s)`,
-/// `s+ = s - m J/(1 + s+)`.
+/// The friction coefficient of an impact is that of the slip speed after it: with `J = (1 + e) |v_n|` and `mu =
+/// m/(1 + s)`, the slip speed becomes `s+ = s - m J/(1 + s+)`.
 #[test]
 fn an_impact_takes_the_friction_of_the_slip_that_it_leaves() {
     let (m, e, s, normal) = (0.4_f64, 0.5_f64, 3.0_f64, 2.0_f64);
@@ -223,13 +230,13 @@ fn an_impact_takes_the_friction_of_the_slip_that_it_leaves() {
             assert!((last(&solution, "y_dot") - 1.0).abs() < 1e-12);
         }
     }
-    // Slow, it sticks.
+    // At a low tangential velocity the ball sticks in the impact.
     for solution in [located(ball(0.5), 0.5), stepped(ball(0.5), 0.5, 1e-2)] {
         assert!(last(&solution, "x_dot").abs() < 1e-12);
     }
 }
 
-/// A unit mass on a floor with an ellipse of friction forces, half as wide in `y` as in `x`.
+/// A unit mass on a floor with elliptic friction, whose semi-axis along `y` is `ratio` times that along `x`.
 fn on_ellipse(velocity: [f64; 2], force: [f64; 2], ratio: f64) -> Value {
     json!({"coordinates": {"x": {"initial": 0, "velocity": velocity[0]}, "y": {"initial": 0, "velocity": velocity[1]},
                            "z": {"initial": 0}},
@@ -238,7 +245,8 @@ fn on_ellipse(velocity: [f64; 2], force: [f64; 2], ratio: f64) -> Value {
                          "friction": {"coefficient": 0.3, "ratio": ratio, "slip": ["x_dot", "y_dot"]}}]})
 }
 
-/// Of maximal dissipation in the ellipse, `x'' / x' = r^2 y'' / y'`: the velocity in `y` is that in `x` to the power of `r^2`.
+/// By maximal dissipation in an ellipse with the ratio `r` of its semi-axes, `x'' / x' = r^2 y'' / y'`: the velocity
+/// along `y` is proportional to a power of that along `x` with the exponent `r^2`.
 #[test]
 fn friction_in_an_ellipse_turns_a_slip_by_a_power_law() {
     let (ratio, u, v) = (0.5_f64, 1.5_f64, 1.0_f64);
@@ -251,7 +259,7 @@ fn friction_in_an_ellipse_turns_a_slip_by_a_power_law() {
         assert!((y / v - (x / u).powf(ratio * ratio)).abs() < 1e-7, "{x} {y}");
     }
     assert!(seen > 10);
-    // All energy goes into friction, whose impulses are the changes of the velocities.
+    // Friction dissipates all the kinetic energy, and its impulses are the changes of the momenta.
     assert!((last(&solution, "dissipated_by_friction") - 0.5 * (u * u + v * v)).abs() < 1e-8);
     assert!((last(&solution, "floor_friction_1") + u).abs() < 1e-8);
     assert!((last(&solution, "floor_friction_2") + v).abs() < 1e-8);
@@ -336,7 +344,8 @@ fn on_a_belt(belt: &str, end: f64, count: u32) -> Value {
     })
 }
 
-/// A belt that starts and stops at once leaves a block behind, which it had carried with it: friction is bounded.
+/// A belt that starts and stops instantaneously leaves a block behind, since friction is bounded: the block slips
+/// until it has the velocity of the belt.
 #[test]
 fn a_belt_whose_speed_jumps_does_not_take_a_block_along_at_once() {
     let solution = solve(&on_a_belt("pulse(t, 1, 2)", 6.0, 61));
@@ -357,18 +366,20 @@ fn a_belt_whose_speed_jumps_does_not_take_a_block_along_at_once() {
     );
 }
 
-/// From its corner on the belt accelerates by 4, twice what friction can transmit.
+/// The speed of the belt has a corner at t = 1, after which the belt accelerates by 4, twice what friction can
+/// transmit.
 #[test]
 fn a_belt_that_begins_to_run_faster_than_friction_moves_a_block_from_its_corner_on() {
     let solution = solve(&on_a_belt("ramp(t)", 6.0, 61));
-    // It has the speed of the belt at t = 3.
+    // The block reaches the speed of the belt at t = 3.
     let exact = |t: f64| if t < 3.0 { (t - 1.0).max(0.0).powi(2) } else { 4.0 + 4.0 * (t - 3.0) };
     let error = distance(&solution, "x", exact);
     assert!(error < 1e-8, "off by {error:e}");
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// A belt that runs one second forth and one back: the block slips all the time, and friction turns with the slip.
+/// A belt that runs forwards for one second and backwards for another: the block slips all the time, and friction
+/// reverses with the slip.
 #[test]
 fn friction_turns_where_the_belt_turns() {
     let solution = solve(&on_a_belt("if(t < 1, 3, -3)", 2.0, 21));

@@ -1,20 +1,20 @@
-//! Random mechanisms on a shaking deck, with motors, springs, bushings, limits and impacts: the balance of energy closes,
-//! whatever drives and takes it.
+//! Random mechanisms on a shaking deck, with motors, springs, bushings, limits and impacts: the energy balance closes
+//! for every kind of drive and dissipation.
 
 use crate::systems::harness::solve;
 use serde_json::{Map, Value, json};
 
-/// A number between two bounds, with so few digits that it is the same in an expression.
+/// Returns a random number between two bounds, rounded so that an expression prints it exactly.
 fn between(random: &mut fastrand::Rng, [low, high]: [f64; 2]) -> f64 {
     ((low + random.f64() * (high - low)) * 1e4).round() * 1e-4
 }
 
-/// A number between two powers of ten.
+/// Returns a random power of ten with an exponent between two bounds.
 fn power(random: &mut fastrand::Rng, exponents: [f64; 2]) -> f64 {
     10.0_f64.powf(between(random, exponents))
 }
 
-/// What drives or holds the coordinate of a hinge or a slider of the given range.
+/// Returns a random drive, spring or limit for the coordinate of a hinge or a slider of the given range.
 fn drive(random: &mut fastrand::Rng, range: f64) -> Map<String, Value> {
     let mut joint = Map::new();
     let (amplitude, rate) = (range * between(random, [0.2, 2.0]), between(random, [1.0, 6.0]));
@@ -36,7 +36,7 @@ fn drive(random: &mut fastrand::Rng, range: f64) -> Map<String, Value> {
         _ => return joint,
     };
     joint.insert(key.into(), value);
-    // What is moved as given has no limits.
+    // A coordinate with prescribed motion has no limits.
     if kind >= 2 {
         let [lower, upper, restitution] = [[-0.6, -0.1], [0.1, 0.6], [0.0, 1.0]].map(|of| between(random, of));
         let limits = json!({"lower": range * lower, "upper": range * upper, "restitution": restitution});
@@ -45,7 +45,7 @@ fn drive(random: &mut fastrand::Rng, range: f64) -> Map<String, Value> {
     joint
 }
 
-/// A tree of bars on a deck that shakes and tilts, beside a ball that falls to the floor.
+/// A random tree of bars on a deck that shakes and tilts, beside a ball that falls to the floor.
 fn mechanism(seed: u64) -> Value {
     let random = &mut fastrand::Rng::with_seed(seed);
     let [shake, tilt] = [[0.01, 0.05], [0.0, 0.1]].map(|of| between(random, of));
@@ -99,7 +99,7 @@ fn mechanism(seed: u64) -> Value {
     json!({"problem": {"rigid_bodies": members}, "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 2}}})
 }
 
-/// `DVI_MECHANISMS` is their number in place of 30.
+/// Environment variable `DVI_MECHANISMS`: the number of mechanisms in place of 30.
 #[test]
 fn the_energy_of_random_mechanisms_is_accounted_for() {
     let count = std::env::var("DVI_MECHANISMS").map_or(30, |count| count.parse().expect("a number"));
@@ -108,7 +108,7 @@ fn the_energy_of_random_mechanisms_is_accounted_for() {
         let solution = solve(&mechanism(seed));
         let energy = solution.diagnostics.energy.unwrap();
         let part = energy.lacking() / energy.size();
-        // What the steps do not resolve is not trusted.
+        // A solution whose steps are too coarse is not trusted.
         assert!(part < 1e-3 || !solution.verdict.trusted, "{seed}: {part:e}");
         defects.push(part);
     }

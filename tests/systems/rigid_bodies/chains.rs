@@ -1,4 +1,4 @@
-//! Chains, closed loops and tops: joints under tension, each compared with an answer from outside.
+//! Chains, closed loops and tops: joints under tension, each compared with an independent answer.
 
 use super::weightless;
 use crate::systems::harness::{column, last, solve};
@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// Links of 0.1 m and 0.1 kg along x from the origin, and a ball of the given mass fixed to the end of the last one.
+/// A chain of links of 0.1 m and 0.1 kg along x from the origin, with a ball of the given mass fixed to the end of
+/// the last link.
 fn chain(links: usize, ball: f64, end: f64, step: f64) -> Value {
     let turn = std::f64::consts::FRAC_1_SQRT_2;
     let mut bodies = Vec::new();
@@ -33,8 +34,8 @@ fn chain(links: usize, ball: f64, end: f64, step: f64) -> Value {
     })
 }
 
-/// Faults of energy and joints, relative to the largest kinetic energy and to a link: energy above the initial one,
-/// defect of the energy balance, and drift of joints.
+/// Returns the largest energy above the initial one and the defect of the energy balance, relative to the largest
+/// kinetic energy, and the drift of joints, relative to a link.
 fn faults(solution: &Solution) -> [f64; 3] {
     let (kinetic, potential) = (column(solution, "kinetic_energy"), column(solution, "potential_energy"));
     let largest = kinetic.iter().copied().fold(0.0, f64::max);
@@ -55,10 +56,12 @@ fn a_chain_of_light_links_with_a_heavy_end_keeps_its_energy_and_its_joints() {
     }
 }
 
-/// Reference: the three links in their angles from the vertical, by Lagrange's equations and Radau IIA.
+/// A heavy ball on three light links. Reference: the angles of the links from the vertical, by Lagrange's equations
+/// and Radau IIA.
 #[test]
 fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
-    // Distances of the centres by angle, in multiples of the length of a link, and masses.
+    // Derivatives of the positions of the centres by each angle, in multiples of the length of a link, and the
+    // masses.
     let bodies = [([0.5, 0.0, 0.0], 0.1), ([1.0, 0.5, 0.0], 0.1), ([1.0, 1.0, 0.5], 0.1), ([1.0, 1.0, 1.0], 100.0)];
     let sum = |of: &dyn Fn(&[f64; 3]) -> f64| bodies.iter().map(|(at, mass)| mass * of(at)).sum::<f64>();
     let inertia = [1e-4, 1e-4, 1e-4 + 0.036];
@@ -86,8 +89,8 @@ fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
         let solution = solve(&chain(3, 100.0, 0.5, step));
         (last(&solution, "ball.x") - x).hypot(last(&solution, "ball.z") - z)
     };
-    // The links swing under tension at some 600 rad/s: long steps do not resolve this, and the ball is right
-    // nonetheless.
+    // Under tension the links oscillate at some 600 rad/s: long steps do not resolve their motion, but that of the
+    // ball is accurate.
     let long = error(2e-3);
     assert!(long < 3e-5, "{long:e}");
     let (coarse, fine) = (error(6.25e-5), error(3.125e-5));
@@ -108,15 +111,16 @@ fn a_straight_chain_without_weight_turns_as_one_body_in_long_steps() {
     let solution = solve(&specification);
     let [gain, lacking, drift] = faults(&solution);
     assert!(gain < 1e-12 && lacking < 1e-12 && drift < 1e-12, "{gain:e} {lacking:e} {drift:e}");
-    // The scheme moves along chords instead of arcs: an angle of 2 atan(h w / 2) per step.
+    // The scheme moves along chords instead of arcs: an angle of 2 atan(h w / 2) per step of size h at the angular
+    // velocity w.
     let angle = 2.0 * (0.05_f64 * 3.0 / 2.0).atan() * 400.0;
     let [x, z] =
         ["x", "z"].map(|axis| last(&solution, &format!("l19.{axis}")) - last(&solution, &format!("l0.{axis}")));
     assert!((x - 1.9 * angle.cos()).abs() < 1e-9 && (z + 1.9 * angle.sin()).abs() < 1e-9, "{x} {z}");
 }
 
-/// Steady precession `W` of a top at an angle `a`: `A W^2 cos a - C n W + m g l = 0` (Goldstein, *Classical Mechanics*,
-/// 5.7).
+/// Steady precession `W` of a top at the angle `a` from the vertical: `A W^2 cos a - C n W + m g l = 0` (Goldstein,
+/// *Classical Mechanics*, 5.7).
 #[test]
 fn a_spinning_top_precesses_steadily_at_second_order() {
     let (l, across, along, tilt, precession) = (0.3_f64, 0.003, 0.004, 0.5_f64, 2.0);
@@ -143,8 +147,9 @@ fn a_spinning_top_precesses_steadily_at_second_order() {
     assert!(coarse < 2e-4 && (coarse / fine).log2() > 1.9, "{coarse:e} {fine:e}");
 }
 
-/// Four bars in a square with redundant hinges. The least change of velocities in the norm of the mass matrix, by the
-/// pseudoinverse of `G M^-1 G^T`, leaves an energy of 0.08261986301369863 J of the 0.125 J of one bar.
+/// Four bars in a square with redundant hinges. The smallest change of velocities that satisfies the joints, in the
+/// norm of the mass matrix, by the pseudoinverse of `G M^-1 G^T`, leaves 0.08261986301369863 J of the 0.125 J of the
+/// one bar that moves.
 #[test]
 fn a_redundant_loop_takes_no_more_energy_than_its_joints_must() {
     let bar = |name: &str, at: [f64; 2], size: [f64; 2], v: f64| {

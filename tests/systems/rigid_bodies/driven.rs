@@ -1,5 +1,5 @@
 //! Forces, springs, dampers, motors, stops, and bodies with prescribed motion, each compared with a closed form and
-//! with a closed energy balance.
+//! checked by the energy balance.
 
 use super::on_the_ground;
 use crate::systems::harness::{column, distance, last, solve};
@@ -18,7 +18,7 @@ fn ball(at: [f64; 3], velocity: [f64; 3]) -> Value {
     json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": at, "velocity": velocity})
 }
 
-/// A rod of 3 kg and 1 m along x on a hinge at its end, with a moment of inertia `I` about the hinge.
+/// A rod of 3 kg and 1 m along x on a hinge at its end, with the moment of inertia `I` about the hinge.
 fn rod(joint: &Value, step: f64, end: f64) -> Value {
     let mut hinge = json!({"name": "hinge", "bodies": ["rod"], "at": [0, 0, 0], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(joint.as_object().unwrap().clone());
@@ -28,7 +28,7 @@ fn rod(joint: &Value, step: f64, end: f64) -> Value {
 
 const I: f64 = 3.0 * 0.25 + 3.0 * 1.01 / 12.0;
 
-/// The defect of the energy balance, relative to all energy and work.
+/// Returns the defect of the energy balance, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -53,8 +53,7 @@ fn a_spring_and_a_damper_swing_at_second_order_and_the_damper_has_what_is_gone()
     assert!((energy.dissipated_by_viscosity + rest - 0.5).abs() < 1e-12);
 }
 
-/// A planar oscillator on a spring with almost no rest length conserves its angular momentum and, for any step size,
-/// its energy.
+/// Two free bodies on a spring: for any step size, the oscillation conserves angular momentum and energy.
 #[test]
 fn a_spring_between_two_free_bodies_keeps_energy_and_momentum_in_long_steps() {
     let body = |name: &str, x: f64, mass: f64, vy: f64| json!({"name": name, "shape": {"sphere": {"radius": 0.1}}, "mass": mass, "position": [x, 0, 0], "velocity": [0, vy, 0]});
@@ -73,8 +72,8 @@ fn a_spring_between_two_free_bodies_keeps_energy_and_momentum_in_long_steps() {
     }
 }
 
-/// `m x'' = -k x - c x'` as an expression in the motion of the body, and a charge in a magnetic field, which does no
-/// work.
+/// A force `-k x - c x'` as an expression in the motion of its body, and the force on a charge in a magnetic field,
+/// which does no work.
 #[test]
 fn forces_as_expressions_in_the_motion_of_their_body_act_at_second_order() {
     let run = |force: Value, step: f64| {
@@ -103,14 +102,14 @@ fn a_force_may_follow_another_body_and_act_off_the_centre_along_the_axes_of_its_
     let members = json!({"bodies": [ball([0.0; 3], [0.0; 3]), leader],
         "forces": [{"body": "ball", "force": ["4*(leader.x - ball.x) + 4*(leader.vx - ball.vx)", 0, 0]}]});
     let solution = solve(&scene(&members, 5.0, 1e-3));
-    // x - t = -t e^{-2t}.
+    // The solution is x - t = -t e^{-2t}.
     assert!(distance(&solution, "ball.x", |t| t - t * (-2.0 * t).exp()) < 1e-5);
     let thruster = json!({"bodies": [ball([0.0; 3], [0.0; 3])],
         "forces": [{"body": "ball", "force": [0, 1, 0], "at": [0.05, 0, 0], "axes": "body"}]});
     let spun = solve(&scene(&thruster, 2.0, 1e-3));
     let rate = 0.05 / (0.4 * 0.01);
     assert!(distance(&spun, "ball.wz", |t| rate * t) < 1e-10);
-    // A point on Cornu's spiral: the integral of (-sin, cos) of rate t^2 / 2, by Simpson's rule.
+    // Velocity of a point on Cornu's spiral: the integral of (-sin, cos) of rate t^2 / 2, by Simpson's rule.
     let [vx, vy] = [f64::sin as fn(f64) -> f64, f64::cos].map(|of| {
         let f = |t: f64| of(0.5 * rate * t * t);
         let n = 10_000;
@@ -126,7 +125,7 @@ fn a_force_may_follow_another_body_and_act_off_the_centre_along_the_axes_of_its_
     assert!(lacking(&spun) < 1e-10, "{:e}", lacking(&spun));
 }
 
-/// A drag with a time constant of a thousandth of a step removes the whole velocity.
+/// A drag with a time constant of a thousandth of a step removes the velocity relative to its target within one step.
 #[test]
 fn what_drags_and_dampers_take_within_a_step_is_gone() {
     let drag = json!({"bodies": [ball([0.0; 3], [1.0, 0.0, 0.0])],
@@ -145,7 +144,7 @@ fn motors_move_hinges_and_sliders_as_they_say_and_their_work_is_in_the_balance()
     let turned = solve(&rod(&json!({"motor": {"position": "2*t^2"}}), 1e-3, 2.0));
     assert!(distance(&turned, "rod.y", |t| 0.5 * (2.0 * t * t).sin()) < 1e-12);
     assert!(distance(&turned, "rod.wz", |t| 4.0 * t) < 1e-10);
-    // The angle counts full turns, and the torque is 4 I.
+    // The angle of a hinge counts full turns, and the torque of the motor is 4 I.
     assert!((last(&turned, "hinge.coordinate") - 8.0).abs() < 1e-10);
     assert!((last(&turned, "hinge.effort") - 4.0 * I).abs() < 1e-3, "{}", last(&turned, "hinge.effort"));
     let energy = turned.diagnostics.energy.unwrap();
@@ -164,10 +163,10 @@ fn efforts_servos_and_springs_turn_a_hinge_as_oscillators_do() {
     let pushed = solve(&rod(&json!({"motor": {"effort": "cos(t)"}}), TAU / 600.0, TAU));
     assert!(distance(&pushed, "hinge.coordinate", |t| (1.0 - t.cos()) / I) < 1e-4);
     assert!(lacking(&pushed) < 1e-6);
-    // A servo that follows sin t with w = 5 and a damping ratio of 0.5, initially at rest.
+    // A servo with the natural frequency w = 5 and a damping ratio of 0.5 that follows t^2, initially at rest.
     let (k, c) = (25.0 * I, 5.0 * I);
     let servo = solve(&rod(&json!({"motor": {"servo": {"target": "t^2", "stiffness": k, "damping": c}}}), 1e-3, 5.0));
-    // The error e = t^2 - q satisfies e'' + 5 e' + 25 e = 2.
+    // The tracking error e = t^2 - q satisfies e'' + 5 e' + 25 e = 2.
     let (decay, w) = (2.5, 18.75_f64.sqrt());
     let error = |t: f64| 0.08 * (1.0 - (-decay * t).exp() * ((w * t).cos() + decay / w * (w * t).sin()));
     assert!(distance(&servo, "hinge.coordinate", |t| t * t - error(t)) < 1e-5);
@@ -183,7 +182,7 @@ fn efforts_servos_and_springs_turn_a_hinge_as_oscillators_do() {
     assert!(lacking(&swung) < 1e-6, "{:e}", lacking(&swung));
 }
 
-/// A spring on a hinge counts full turns: wound up by three, it turns the rod by six.
+/// A torsion spring on a hinge counts full turns: wound up by three turns, it rotates the rod by six.
 #[test]
 fn a_spring_on_a_hinge_is_wound_up_by_whole_turns() {
     let w = (0.5_f64 / I).sqrt();
@@ -196,7 +195,8 @@ fn a_spring_on_a_hinge_is_wound_up_by_whole_turns() {
     assert!(fine < 1e-2 && (coarse / fine).log2() > 1.9, "{coarse:e} {fine:e}");
 }
 
-/// A stop at half a radian: the rod hits it with `w^2 = 2 g m l sin a / I`, and rebounds with half of that velocity.
+/// A stop at half a radian: the rod hits it with the angular velocity of `w^2 = 2 g m l sin a / I`, and rebounds with
+/// half of it.
 #[test]
 fn stops_of_joints_obey_the_law_of_impact_and_hold_what_rests_on_them() {
     let run = |restitution: f64, end: f64| {
@@ -216,7 +216,7 @@ fn stops_of_joints_obey_the_law_of_impact_and_hold_what_rests_on_them() {
     assert!((fastest - hit).abs() < 0.05 * hit && (back + 0.5 * hit).abs() < 0.05 * hit, "{fastest} {back} {hit}");
 }
 
-/// A block accelerated by a belt: friction dissipates a part of the belt's work.
+/// A belt accelerates a block, and friction dissipates a part of the belt's work.
 #[test]
 fn a_belt_takes_up_a_block_and_does_the_work_of_friction_and_of_motion() {
     let members = json!({"gravity": [0, 0, -10], "contacts": {"friction": 0.5}, "bodies": [
@@ -247,7 +247,7 @@ fn a_table_that_shakes_throws_a_block_up_where_it_falls_faster_than_gravity_take
     };
     let slow = run(9.0);
     assert!(distance(&slow, "block.z", |t| 0.2 - 0.1 * (9.0 * t).cos()) < 1e-3, "0.1 w^2 < g");
-    // The body detaches where the table decelerates with g: cos(w t) = -g / (0.1 w^2).
+    // The body detaches when the table decelerates with g: cos(w t) = -g / (0.1 w^2).
     let w = 12.0_f64;
     let (fast, leaves) = (run(w), (-G / (0.1 * w * w)).acos() / w);
     let (z, v) = (0.1 * (1.0 - (w * leaves).cos()), 0.1 * w * (w * leaves).sin());
@@ -265,7 +265,8 @@ fn a_table_that_shakes_throws_a_block_up_where_it_falls_faster_than_gravity_take
     assert!(off < 1e-3 && flown(until) > 0.1 * (1.0 - (w * until).cos()), "{off}");
 }
 
-/// A ball whose centre of mass is below its geometric centre rocks: `w^2 = m g d / (I + m (r - d)^2)`.
+/// A ball whose centre of mass is below its geometric centre rocks with the frequency `w^2 = m g d / (I + m (r -
+/// d)^2)`.
 #[test]
 fn a_ball_with_a_low_centre_of_mass_rocks_and_a_dumbbell_of_parts_has_their_inertia() {
     let (tilt, r, d) = (0.01_f64, 0.1, 0.02);
@@ -284,11 +285,11 @@ fn a_ball_with_a_low_centre_of_mass_rocks_and_a_dumbbell_of_parts_has_their_iner
     assert!((last(&spun, "ball.wz") * inertia - 1.0).abs() < 1e-10);
 }
 
-/// A free body with products of inertia rotates steadily about a principal axis other than the axes of its frame.
+/// A free body with products of inertia rotates steadily about a principal axis that is not an axis of its frame.
 #[test]
 fn a_full_inertia_turns_steadily_about_its_principal_axes() {
     let (c, s) = (0.3_f64.cos(), 0.3_f64.sin());
-    // The moments 1, 2 and 2.5, rotated by 0.3 about z.
+    // Tensor of inertia with the principal moments 1, 2 and 2.5, rotated by 0.3 rad about z.
     let (xx, yy, xy) = (c * c + 2.0 * s * s, s * s + 2.0 * c * c, -c * s);
     let body = json!({"name": "body", "mass": 1, "shape": {"sphere": {"radius": 0.1}},
         "inertia": [[xx, xy, 0], [xy, yy, 0], [0, 0, 2.5]], "angular_velocity": [c, s, 0]});
@@ -309,7 +310,7 @@ fn groups_that_exclude_each_other_go_through() {
     );
 }
 
-/// The example of a crank, a rod and a piston: the position of the piston is that given by geometry.
+/// The example of a crank, a rod and a piston: geometry gives the position of the piston.
 #[test]
 fn a_motor_turns_a_crank_and_the_piston_is_where_geometry_has_it() {
     let example = dvi::specification::EXAMPLES.iter().find(|example| example.name == "crank_slider").unwrap();

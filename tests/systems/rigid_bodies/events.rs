@@ -16,7 +16,8 @@ fn told(solution: &Solution) -> Vec<(EventKind, &str, f64)> {
     solution.trajectory.events.iter().map(|event| (event.kind, event.of.as_str(), event.t)).collect()
 }
 
-/// Dropped from a height of 1: impacts at `t_1 = sqrt(2/g)`, and then each `2 e^k g t_1 / g` after the previous one.
+/// A ball dropped from a height of 1 has impacts at `t_1 = sqrt(2/g)`, and then each `2 e^k g t_1 / g` after the
+/// previous one.
 #[test]
 fn a_bouncing_ball_tells_every_impact_and_then_rests_in_silence() {
     let (h, e) = (1e-4, 0.8_f64);
@@ -31,12 +32,13 @@ fn a_bouncing_ball_tells_every_impact_and_then_rests_in_silence() {
         t += 2.0 * e.powi(k as i32 + 1) * first;
     }
     assert!(found[0].2 >= first && found[0].2 < first + h);
-    // All impacts are over by t_1 (1 + e) / (1 - e); those no faster than one step of free fall are not reported.
+    // All impacts are over by t_1 (1 + e) / (1 - e); impacts no faster than the velocity that gravity adds in one
+    // step are not reported.
     let last = first * (1.0 + e) / (1.0 - e);
     assert!(found.len() > 25 && found.len() < 60 && found.iter().all(|event| event.2 < last + 0.01), "{}", found.len());
 }
 
-/// A ball with 2 m/s slips for `2 v / (7 mu g)`.
+/// A ball that slides with the velocity `v` begins to roll after `2 v / (7 mu g)`.
 #[test]
 fn a_sliding_ball_tells_when_it_begins_to_roll_and_when_it_leaves_the_edge() {
     let table = json!({"name": "table", "shape": {"box": {"size": [4, 1, 0.2]}}, "fixed": true,
@@ -54,7 +56,7 @@ fn a_sliding_ball_tells_when_it_begins_to_roll_and_when_it_leaves_the_edge() {
     ];
     assert_eq!(kinds[..3], expected, "{found:?}");
     assert!((found[0].2 - 2.0 * 2.8 / (7.0 * 0.3 * G)).abs() < 2e-3, "{found:?}");
-    // It rolls at 2 m/s over the edge at x = 2, too fast to rotate about it, and falls 2 m.
+    // The ball rolls at 2 m/s over the edge at x = 2, too fast to rotate about it, and falls 2 m.
     let x = |t: f64| {
         let k = solution.trajectory.t.iter().position(|&at| at >= t).unwrap();
         column(&solution, "ball.x")[k]
@@ -74,7 +76,8 @@ fn a_stack_at_rest_has_nothing_to_tell() {
     assert_eq!(told(&solution), []);
 }
 
-/// A block on a slope of 3:4 sticks for `mu > 3/4`; pushed down at `v` it stops after `v / (mu g cos - g sin)`.
+/// A block on a slope of 3:4 sticks for `mu > 3/4`; pushed down the slope at the speed `v` it stops after `v / (mu g
+/// cos - g sin)`.
 #[test]
 fn a_block_that_is_pushed_down_a_slope_tells_when_it_sticks() {
     let block = json!({"name": "block", "shape": {"box": {"size": [0.4, 0.4, 0.2]}}, "mass": 3,
@@ -113,7 +116,7 @@ fn of_more_events_than_anyone_reads_the_first_are_told_and_the_others_counted() 
     assert_eq!(solution.trajectory.events.len(), 10_000);
     let warning = solution.diagnostics.warnings.iter().find(|warning| warning.code == "events_left_out").unwrap();
     let count: f64 = warning.message.split(' ').find_map(|word| word.parse().ok()).unwrap();
-    // Each flight of a ball lasts 2 sqrt(2 H / g).
+    // Each flight of a ball up to the height H lasts 2 sqrt(2 H / g).
     let expected = 40.0 * 30.0 / (2.0 * (0.02 / G).sqrt());
     assert!((count / expected - 1.0).abs() < 0.03, "{count} {expected}");
 }

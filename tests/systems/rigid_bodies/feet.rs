@@ -1,5 +1,6 @@
-//! Boxes that land on their edges and faces, with located impacts: feet of a face land at once from one of its edges, whatever the
-//! errors of their heights, and four feet on a floor carry the same in every run.
+//! Boxes that land on their edges and faces, with located impacts: the corners of a face that tilts about one of its
+//! edges land at the same time despite errors of their heights, and four feet on a floor carry the same loads in
+//! every run.
 
 use super::{locate, on_the_ground};
 use crate::systems::harness::{column, last, solve};
@@ -10,7 +11,8 @@ use serde_json::json;
 
 const G: f64 = 9.81;
 
-/// A block that rocks on its edges loses at each landing the part of its rotation that Housner (1963) gives, wherever it faces.
+/// A block that rocks on its edges loses at each landing the fraction of its angular velocity that Housner (1963)
+/// gives, whatever its heading.
 #[test]
 fn a_block_rocks_as_housner_says() {
     let (width, depth, height) = (0.1_f64, 0.17, 0.27);
@@ -36,11 +38,11 @@ fn a_block_rocks_as_housner_says() {
         let energy = 0.5 * inertia * spin + G * (of("z") - 0.5 * height);
         (energy / (landing * kept * kept) - 1.0).abs()
     });
-    // A method of first order would gain a factor of eight.
+    // With a method of first order, steps eight times as short would reduce the error by a factor of eight.
     assert!(errors[0] < 3e-3 && errors[1] < errors[0] / 16.0, "{errors:?}");
 }
 
-/// Whether the places of a box in two runs differ by no more than a part of how far it goes.
+/// Whether the positions of a box in two runs differ by at most the fraction `part` of how far it moves.
 fn are_within(part: f64, found: &Solution, exact: &Solution) -> bool {
     ["b.x", "b.y", "b.z"].into_iter().all(|key| {
         let [found, exact] = [found, exact].map(|solution| column(solution, key));
@@ -49,7 +51,8 @@ fn are_within(part: f64, found: &Solution, exact: &Solution) -> bool {
     })
 }
 
-/// What a box does after it has rattled from foot to foot and slid on all four, against steps fifty times as short.
+/// A box that has rattled from foot to foot and slid on all four, compared with a run with steps fifty times as
+/// short.
 #[test]
 fn a_box_that_rattles_to_rest_follows_one_path_at_every_step() {
     let scenes = [
@@ -72,8 +75,8 @@ fn a_box_that_rattles_to_rest_follows_one_path_at_every_step() {
     }
 }
 
-/// Boxes that meet the floor with one corner right after another: where the steps do not tell which one comes first, two runs
-/// on the same wrong side agree to a thousandth, and both are off by several hundredths.
+/// Boxes whose corners meet the floor within a very short time. If steps do not resolve the order of the impacts, two
+/// runs with the same wrong order agree to a thousandth, although both are off by several hundredths.
 #[test]
 fn an_order_of_impacts_that_steps_do_not_resolve_is_right_or_doubted() {
     let flat = [1.0, 0.0, 0.0, 0.0];
@@ -98,7 +101,7 @@ fn an_order_of_impacts_that_steps_do_not_resolve_is_right_or_doubted() {
 
 #[test]
 fn a_body_that_a_floor_holds_against_forces_that_vary_is_where_it_is() {
-    // A weight of 10 presses on the floor.
+    // A constant weight of 10 presses the sphere on the floor, more than any of the varying forces lifts it.
     for force in ["sin(6*t)", "pulse(t, 0.5, 0.1)", "4*t*(1 - t)"] {
         let solution = solve(&json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -10],
                 "bodies": [{"name": "floor", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},

@@ -1,4 +1,4 @@
-//! Free flight and free rotation.
+//! Free flight and free rotation of rigid bodies.
 
 use super::{on_the_ground, weightless};
 use crate::systems::harness::{column, last, solve};
@@ -13,7 +13,7 @@ fn a_racket_thrown_about_its_middle_axis_turns_over_and_keeps_energy_and_angular
     let solution = solve(&specification);
     let energy = column(&solution, "kinetic_energy");
     assert!(energy.iter().all(|e| (e / energy[0] - 1.0).abs() < 1e-9));
-    // The body's z axis, initially along the spin, flips repeatedly.
+    // The z axis of the body, initially along the spin, flips repeatedly.
     let (x, y) = (column(&solution, "racket.qx"), column(&solution, "racket.qy"));
     let upright: Vec<f64> = x.iter().zip(y).map(|(x, y)| 1.0 - 2.0 * (x * x + y * y)).collect();
     assert!(upright.iter().any(|c| *c < -0.9));
@@ -25,7 +25,7 @@ fn a_racket_thrown_about_its_middle_axis_turns_over_and_keeps_energy_and_angular
 
 #[test]
 fn a_hull_turns_about_its_centre_of_mass_and_not_about_the_origin_of_its_frame() {
-    // A rod from the origin to x = 1, spinning about z: the origin circles around the centre.
+    // A rod from the origin to x = 1 spins about z: the origin of its frame circles around its centre of mass.
     let points = json!([
         [0, -0.1, -0.1],
         [0, 0.1, -0.1],
@@ -39,7 +39,7 @@ fn a_hull_turns_about_its_centre_of_mass_and_not_about_the_origin_of_its_frame()
     let rod = json!({"name": "rod", "shape": {"convex_hull": {"points": points}}, "mass": 1, "position": [0, 0, 2],
         "angular_velocity": [0, 0, 1]});
     let solution = solve(&weightless(on_the_ground(&[rod], &json!({}), 3.0, 1e-3)));
-    // The origin is at rest initially: the centre moves with w x r = 0.5 along y.
+    // The origin of the frame is initially at rest, so that the centre of mass moves with w x r = 0.5 along y.
     for (k, t) in solution.trajectory.t.iter().enumerate() {
         let expected = (0.5 - 0.5 * t.cos(), 0.5 * t - 0.5 * t.sin());
         let found = (column(&solution, "rod.x")[k], column(&solution, "rod.y")[k]);
@@ -67,7 +67,8 @@ fn a_throw_is_a_parabola_to_rounding_whatever_the_step_and_between_steps() {
     }
 }
 
-/// Reference: a Runge-Kutta method of order 8 (DOP853) with a tolerance of 1e-13.
+/// Free rotation of a body with three moments of inertia. Reference: a Runge-Kutta method of order 8 (DOP853) with a
+/// tolerance of 1e-13.
 #[test]
 fn a_body_with_three_moments_of_inertia_turns_at_second_order_as_it_falls() {
     let q = [0.10594656880115676, -0.1993666935059763, -0.2017218156016355, 0.9530669206252705];

@@ -1,4 +1,4 @@
-//! Sliding, rolling and sticking.
+//! Sliding, rolling and sticking of rigid bodies.
 
 use super::on_the_ground;
 use crate::systems::harness::{column, distance, last, solve};
@@ -8,7 +8,7 @@ fn ball(velocity: [f64; 3]) -> Value {
     json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1], "velocity": velocity})
 }
 
-/// Gravity as on a slope of the given angle in degrees, for bodies on the ground.
+/// Rotates gravity as on a slope of the given angle in degrees, for bodies on the ground.
 fn tilted(mut specification: Value, degrees: f64) -> Value {
     let (sine, cosine) = degrees.to_radians().sin_cos();
     specification["problem"]["rigid_bodies"]["gravity"] = json!([9.81 * sine, 0, -9.81 * cosine]);
@@ -21,7 +21,7 @@ fn a_sliding_ball_rolls_from_the_time_and_with_the_speed_that_momentum_tells() {
         let solution = solve(&on_the_ground(&[ball([2.0, 0.0, 0.0])], &json!({"friction": 0.3}), 1.0, step));
         assert!((last(&solution, "ball.vx") - 10.0 / 7.0).abs() < 1e-10);
         assert!((last(&solution, "ball.wy") - 100.0 / 7.0).abs() < 1e-9);
-        // x is of first order: its error is at most v_0 h / 2.
+        // The position x is of first order: its error is at most v_0 h / 2 with the step size h.
         assert!((last(&solution, "ball.x") - 1.4840472376514315).abs() < step);
         let speed = |t: f64| (2.0 - 0.3 * 9.81 * t).max(10.0 / 7.0);
         assert!(distance(&solution, "ball.vx", speed) < 3.0 * step);
@@ -71,8 +71,8 @@ fn a_block_stops_where_the_circle_of_friction_says() {
     assert!((x.hypot(y) - 0.6795786612300374).abs() < 1e-3 && last(&solution, "block.vx").abs() < 1e-12);
 }
 
-/// With friction from the square with corners `+-mu r_n e_i`, `|v_x| + |v_y|` decreases at the rate `mu g`, at first
-/// along one axis.
+/// With friction forces from the square with corners `+-mu r_n e_i`, `|v_x| + |v_y|` decreases at the rate `mu g`, at
+/// first along one axis.
 #[test]
 fn a_block_stops_where_a_cone_of_four_edges_says() {
     let (sine, cosine) = 25_f64.to_radians().sin_cos();

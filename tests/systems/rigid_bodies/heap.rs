@@ -10,10 +10,10 @@ use std::collections::HashSet;
 /// Radius of every sphere, in metres.
 pub const RADIUS: f64 = 0.1;
 
-/// Step size, in seconds.
+/// Time step of every run, in seconds.
 pub const H: f64 = 2e-3;
 
-/// Settings of every run.
+/// Settings of the time stepping in every run.
 pub const SETTINGS: Settings =
     Settings { step: H, default_step: false, impact_law: ImpactLaw::Simultaneous, tolerance: 1e-6 };
 

@@ -19,12 +19,13 @@ fn a_heap_of_spheres_that_falls_obeys_the_law_in_every_step() {
         assert!(energy <= last + 1e-9 * start, "step {step}: energy {last} becomes {energy}");
         (last, most) = (energy, most.max(report.closed));
     }
-    // A quarter of the energy is dissipated, and there are more closed contacts than spheres.
+    // The heap has lost a quarter of its energy, and has more closed contacts than spheres.
     assert!(last < 0.75 * start && most > 150, "{last} of {start}, {most} contacts");
 }
 
-/// Spheres with more contacts in one island than are factorised: what is solved is the law with a proximal term. Momentum
-/// is balanced whatever the law: the ground carries the weight, and what is missing of it the spheres fall by.
+/// A heap with more contacts in one island than are factorised, so that the solver satisfies the contact law with a
+/// proximal term. Momentum is balanced nevertheless: the ground carries the weight, and any impulse that it lacks
+/// appears as a change of the spheres' momentum.
 #[test]
 fn a_large_heap_obeys_the_law_that_is_solved_and_stands_on_its_ground() {
     let scene = scene(8);
@@ -42,7 +43,7 @@ fn a_large_heap_obeys_the_law_that_is_solved_and_stands_on_its_ground() {
         (last, most) = (now, most.max(report.closed));
     }
     assert!(most > 700, "{most} contacts");
-    // The impulses of the ground and the walls over fifty steps, and the vertical momentum before and after.
+    // Compares the impulses of the ground and the walls over fifty steps with the change of the vertical momentum.
     let momentum = |simulation: &MoreauStepping<'_>| -> f64 {
         let bodies = 0..scene.bodies.len();
         bodies.filter_map(|body| simulation.motion(body)).map(|motion| motion.mass * motion.velocity.z).sum()

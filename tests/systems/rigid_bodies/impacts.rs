@@ -45,7 +45,8 @@ fn spheres_in_a_row_part_as_the_simultaneous_law_says_and_keep_energy_and_moment
 #[test]
 fn bodies_that_fall_on_each_other_end_at_rest_with_no_overlap_and_all_energy_accounted_for() {
     let solution = solve(&falling_on_each_other());
-    // The deepest overlap is that of a corner rotated below the ground by a step: its lever times h^2 w^2 / 2.
+    // The deepest penetration is that of a corner rotated below the ground within a step: its lever arm times h^2
+    // w^2 / 2.
     let deepest = column(&solution, "penetration").iter().copied().fold(0.0, f64::max);
     assert!(deepest < 1e-3, "{deepest:e}");
     let sum = |k: usize| {

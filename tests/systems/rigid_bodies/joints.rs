@@ -1,4 +1,4 @@
-//! Joints.
+//! Joints between rigid bodies.
 
 use super::{on_the_ground, weightless};
 use crate::systems::harness::{column, distance, last, solve};
@@ -10,7 +10,7 @@ fn joined(bodies: &[Value], joints: &Value, end: f64, step: f64) -> Value {
     specification
 }
 
-/// The specification with initial velocities that the joints may change.
+/// Returns the specification with the option that joints may change its initial velocities.
 fn resolved(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["interpenetration"] = json!("resolve");
     specification
@@ -34,7 +34,7 @@ fn a_pendulum_on_a_ball_joint_neither_drifts_nor_gains_energy() {
     assert!(swing < 1e-5 * 9.81, "{swing}");
 }
 
-/// A compound pendulum of small amplitude: `w^2 = m g l / (m l^2 + 2 m r^2 / 5)`.
+/// A compound pendulum of small amplitude has the frequency `w^2 = m g l / (m l^2 + 2 m r^2 / 5)`.
 #[test]
 fn a_hinge_lets_a_pendulum_swing_with_its_period() {
     let angle = 1e-3_f64;
@@ -84,13 +84,14 @@ fn bodies_on_a_fixed_joint_fly_as_one() {
         let t = solution.trajectory.t[k];
         assert!((0.5 * (of("a.y") + of("b.y")) - t).abs() < 1e-3 * (1.0 + t), "{t}");
     }
-    // The angular momentum about the centre, m v r with m = 1: w = 1 / (2 (1/4) + 2 (2/5) 0.01).
+    // Angular velocity from the angular momentum about the centre, m v r with m = 1: w = 1 / (2 (1/4) + 2 (2/5)
+    // 0.01).
     assert!((last(&solution, "a.wz") + 1.0 / 0.508).abs() < 1e-3, "{}", last(&solution, "a.wz"));
 }
 
 #[test]
 fn a_closed_chain_that_says_things_twice_hangs_together_and_lies_on_the_ground() {
-    // Four bars in a square, hinged at every corner: the motion is planar, so the hinges are redundant.
+    // Four bars in a square, hinged at every corner: the motion is planar, so that the hinges are redundant.
     let bar = |name: &str, at: [f64; 3], size: [f64; 3]| json!({"name": name, "shape": {"box": {"size": size}}, "mass": 1, "position": at});
     let bodies = [
         bar("south", [0.0, -0.5, 0.05], [0.8, 0.1, 0.1]),
@@ -112,13 +113,13 @@ fn a_closed_chain_that_says_things_twice_hangs_together_and_lies_on_the_ground()
     for name in ["south", "north", "west", "east"] {
         assert!(distance(&solution, &format!("{name}.z"), |_| 0.05) < 1e-9);
     }
-    // Friction has brought the frame to rest: (v/2)^2 / (2 mu g) is 1 cm.
+    // Friction has brought the frame to rest after (v/2)^2 / (2 mu g), which is 1 cm.
     assert!(last(&solution, "kinetic_energy") < 1e-18);
     assert!((last(&solution, "west.x") + 0.5).abs() > 1e-4);
 }
 
-/// The impulse of the hinge is the least possible: it conserves the angular momentum about the hinge, `m v`, with the
-/// moment of inertia `m d^2 + 2 m r^2 / 5`.
+/// The impulse of a hinge that corrects inconsistent velocities is the least possible: it conserves the angular
+/// momentum about the hinge, `m v d`, with the moment of inertia `m d^2 + 2 m r^2 / 5`.
 #[test]
 fn a_velocity_that_would_tear_a_hinge_is_changed_by_the_least_impulse_before_the_start() {
     let mut bob = ball("bob", [1.0, 0.0, 1.0]);
@@ -135,8 +136,8 @@ fn a_velocity_that_would_tear_a_hinge_is_changed_by_the_least_impulse_before_the
     assert!((last(&solution, "kinetic_energy") / (0.5 * rate) - 1.0).abs() < 1e-6);
 }
 
-/// `a'' = -m g l sin a / (m l^2 + 2 m r^2 / 5)` from rest at a right angle; the values at t = 2 by a Runge-Kutta method
-/// of order 8 (DOP853) with a tolerance of 1e-13.
+/// A pendulum of large amplitude, `a'' = -m g l sin a / (m l^2 + 2 m r^2 / 5)`, from rest at a right angle. Reference
+/// at t = 2: a Runge-Kutta method of order 8 (DOP853) with a tolerance of 1e-13.
 #[test]
 fn a_pendulum_on_a_hinge_swings_wide_at_second_order_and_keeps_its_energy() {
     let (angle, rate) = (0.9028063991278799_f64, 3.4791365091328657);

@@ -1,4 +1,5 @@
-//! Impacts located in time: closed forms, and the order where there is none.
+//! Rigid bodies with impacts located in time: compared with closed forms or, where there are none, checked for second
+//! order.
 
 use super::{locate, on_the_ground, stepped, weightless};
 use crate::systems::harness::{column, distance, last, solve};
@@ -8,7 +9,8 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
 const G: f64 = 9.81;
-/// The order of an error of second order, to within what the third leaves of it: a ratio of 3.6 under halving of the step.
+/// Least observed order that counts as second order: the error decreases by a factor of 3.6 when the step is halved,
+/// which allows for terms of third order.
 const SECOND: f64 = 1.85;
 
 fn ball(position: [f64; 3], velocity: [f64; 3], omega: [f64; 3]) -> Value {
@@ -20,19 +22,20 @@ fn times(solution: &Solution, kind: EventKind) -> Vec<f64> {
     solution.trajectory.events.iter().filter(|event| event.kind == kind).map(|event| event.t).collect()
 }
 
-/// The state of a body at the end: position, velocity, angular velocity.
+/// Returns the position, velocity and angular velocity of a body at the end.
 fn end(solution: &Solution, name: &str) -> [Vector3<f64>; 3] {
     [["x", "y", "z"], ["vx", "vy", "vz"], ["wx", "wy", "wz"]]
         .map(|keys| Vector3::from(keys.map(|key| last(solution, &format!("{name}.{key}")))))
 }
 
-/// Asserts second order of errors at halved steps.
+/// Asserts that the error decreases with second order when the step is halved.
 fn assert_second_order(step: f64, error: impl Fn(f64) -> f64) {
     let errors = [1.0, 0.5, 0.25].map(|part| error(part * step));
     assert!((errors[0] / errors[2]).log2() >= 2.0 * SECOND, "{errors:?}");
 }
 
-/// The height of the centre above its rest, the velocity, and the times of impacts, of a ball dropped from rest.
+/// Returns the height of a ball dropped from rest over its height at rest, its velocity, and the number of impacts up
+/// to the time `t`.
 fn bounces(height: f64, e: f64, t: f64) -> (f64, f64, usize) {
     let (mut from, mut v, mut k) = (0.0, (2.0 * G * height).sqrt(), 0);
     let mut to = v / G;
@@ -85,7 +88,7 @@ fn a_bouncing_ball_is_exact_at_any_step() {
     }
 }
 
-/// The impacts of a ball accumulate at `t_1 (1 + e) / (1 - e)`.
+/// The impacts of a dropped ball accumulate at `t_1 (1 + e) / (1 - e)`, where `t_1` is the time of the first.
 #[test]
 fn a_bouncing_ball_comes_to_rest_at_the_right_time() {
     for e in [0.3, 0.5, 0.9_f64] {
@@ -100,7 +103,8 @@ fn a_bouncing_ball_comes_to_rest_at_the_right_time() {
             specification["problem"]["rigid_bodies"]["bodies"][1]["contact_forces"] = json!(true);
             let solution = solve(&specification);
             let found = times(&solution, EventKind::Impact);
-            // A rebound of the velocity (g h)^2 / sqrt(g d) returns for the last time after 2 / (1 - e) / g of it.
+            // After a rebound with the velocity (g h)^2 / sqrt(g d), where h is the step size and d the radius, the
+            // ball comes to rest within 2 / (1 - e) / g times that velocity.
             let due = 2.0 / (1.0 - e) * step * step * (G / 0.1).sqrt();
             assert!(found.last().is_some_and(|last| (last - rests).abs() < due), "{e}, {step}: {found:?} {rests}");
             assert!((last(&solution, "ball.z") - 0.1).abs() < step.powi(4) * G * G / 0.1);
@@ -110,7 +114,8 @@ fn a_bouncing_ball_comes_to_rest_at_the_right_time() {
     }
 }
 
-/// A ball with `e = 1/2` rises through a height after its first impact, in a step that holds more of them.
+/// A stop condition on the height of a ball with `e = 1/2`, which is met after its first impact in a step with
+/// several impacts.
 #[test]
 fn a_condition_stops_a_ball_between_impacts_of_one_step() {
     let body = ball([0.0, 0.0, 1.1], [0.0; 3], [0.0; 3]);
@@ -132,7 +137,7 @@ fn balls_thrown_at_each_other_meet_where_their_relative_motion_says() {
         json!({"name": "b", "shape": {"sphere": {"radius": 0.2}}, "mass": 2, "position": [2, 0.1, 5], "velocity": [-1, 0, 2]}),
     ];
     let solution = solve(&locate(on_the_ground(&balls, &json!({"restitution": 0.7}), 0.9, 0.07)));
-    // |(2 - 4 t, 0.1)| = 0.3
+    // The balls meet when the distance of their centres is |(2 - 4 t, 0.1)| = 0.3.
     let normal = Vector3::new(0.08_f64.sqrt(), 0.1, 0.0) / 0.3;
     let t = (2.0 - 0.08_f64.sqrt()) / 4.0;
     assert!((times(&solution, EventKind::Impact)[0] - t).abs() < 1e-12);
@@ -150,7 +155,8 @@ fn balls_thrown_at_each_other_meet_where_their_relative_motion_says() {
     }
 }
 
-/// Balls that touch, struck by one: by the sequential law the shock runs through them, by the simultaneous one all share it.
+/// Touching balls that are struck by another: with the sequential impact law the shock runs through the row, and with
+/// the simultaneous law all balls share it.
 #[test]
 fn newtons_cradle_is_struck_as_a_whole() {
     let ball = |k: usize| {
@@ -177,7 +183,8 @@ fn newtons_cradle_is_struck_as_a_whole() {
     }
 }
 
-/// A ball with spin bounces once: the impulse of friction is that which ends the slip, or `mu` times the normal one.
+/// A ball with spin bounces once: the friction impulse is the one that ends the slip, or `mu` times the normal
+/// impulse.
 #[test]
 fn a_ball_with_spin_grips_or_slides_as_it_bounces() {
     for (mu, v, w) in [(0.8, 1.0, 20.0), (0.1, 1.0, -60.0), (0.3, 4.0, 0.0)] {
@@ -224,7 +231,7 @@ fn a_sliding_ball_begins_to_roll_and_a_block_stops_at_their_times() {
     }
 }
 
-/// A block is thrown up a slope that is too steep to hold it: at the top friction jumps.
+/// A block is thrown up a slope that is too steep for it to stick: at its highest point the friction force reverses.
 #[test]
 fn a_block_on_a_steep_slope_turns_and_slides_back() {
     let (mu, angle) = (0.2, 30_f64.to_radians());
@@ -241,7 +248,7 @@ fn a_block_on_a_steep_slope_turns_and_slides_back() {
     assert!((last(&solution, "block.x") - x).abs() < 1e-5, "{}", last(&solution, "block.x") - x);
 }
 
-/// Without gravity, in a box of half spaces: reflections unfold to straight lines.
+/// A ball without gravity in a box of half spaces: unfolding the reflections gives a straight line.
 #[test]
 fn billiards_unfold() {
     let wall = |k: usize, normal: [f64; 3], at: [f64; 3]| json!({"name": format!("wall{k}"), "shape": {"half_space": {"normal": normal}}, "position": at, "fixed": true});
@@ -255,7 +262,7 @@ fn billiards_unfold() {
     bodies.push(ball([0.1, 0.2, 0.9], [3.0, 2.3, 1.7], [0.0; 3]));
     let solution = solve(&locate(weightless(on_the_ground(&bodies, &json!({"restitution": 1}), 30.0, 0.1))));
     let fold = |x: f64, v: f64, t: f64| {
-        // A walk between -0.9 and 0.9.
+        // Folds the straight line into a motion between -0.9 and 0.9.
         let y = (x + v * t + 0.9).rem_euclid(3.6);
         if y > 1.8 { 2.7 - y } else { y - 0.9 }
     };
@@ -267,13 +274,14 @@ fn billiards_unfold() {
     assert_eq!(times(&solution, EventKind::Impact).len(), all);
 }
 
-/// The free rotation and fall of a body with principal inertia `j`, by the classical Runge-Kutta method.
+/// A body with the principal moments of inertia `j` that rotates freely and falls, integrated by the classical
+/// Runge-Kutta method.
 #[derive(Clone, Copy)]
 struct Tumbling {
     x: Vector3<f64>,
     q: UnitQuaternion<f64>,
     v: Vector3<f64>,
-    /// The angular velocity in the frame of the body.
+    /// Angular velocity in the frame of the body.
     w: Vector3<f64>,
 }
 
@@ -300,7 +308,8 @@ impl Tumbling {
         (0..steps as usize).fold(*self, |state, _| state.step(j, t / steps))
     }
 
-    /// The height of the lowest corner of a box with half sides `half`, and its arm.
+    /// Returns the height of the lowest corner of a box with the half sides `half`, and the vector to it from the
+    /// centre.
     fn lowest(&self, half: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let corner = |k: usize| {
             let signs = Vector3::new(k & 1, k >> 1 & 1, k >> 2 & 1).map(|bit| 2.0 * bit as f64 - 1.0);
@@ -311,8 +320,8 @@ impl Tumbling {
     }
 }
 
-/// A box with three moments of inertia falls on a corner, rebounds without friction, and falls on another: the state
-/// after, beside one by a Runge-Kutta method with bisected impacts.
+/// A box with three moments of inertia falls on a corner, rebounds without friction, and falls on another corner. Its
+/// final state is compared with that of a Runge-Kutta method with impact times found by bisection.
 #[test]
 fn a_tumbling_box_strikes_with_its_corners_at_second_order() {
     let (size, m, e) = (Vector3::new(0.3, 0.5, 0.8), 1.2, 0.7);
@@ -373,8 +382,8 @@ fn a_tumbling_box_strikes_with_its_corners_at_second_order() {
     assert_second_order(4e-3, error);
 }
 
-/// The orientation after five seconds of a body that turns freely, with moments of inertia 1, 2 and 3. Reference: a Runge-Kutta
-/// method of order 8 (DOP853) with a tolerance of 1e-13, as for time stepping.
+/// Orientation after five seconds of a freely rotating body with the moments of inertia 1, 2 and 3, as a quaternion.
+/// Reference: a Runge-Kutta method of order 8 (DOP853) with a tolerance of 1e-13.
 const TURNED: [f64; 4] = [0.10594656880115676, -0.1993666935059763, -0.2017218156016355, 0.9530669206252705];
 
 fn turning(position: [f64; 3], velocity: [f64; 3]) -> Value {
@@ -395,8 +404,9 @@ fn a_body_with_three_moments_of_inertia_turns_at_second_order() {
     });
 }
 
-/// It flies between two smooth walls, which turn it back every 0.19 s. Steps of a second and of two have the same arcs between
-/// impacts, and the same errors.
+/// A freely rotating body flies between two smooth walls, with an impact every 0.19 s. Steps longer than that are cut
+/// at the impacts, so that runs with half the step size have the same arcs and errors, and their difference says
+/// nothing about the error.
 #[test]
 fn arcs_that_longer_steps_do_not_make_longer_show_no_error() {
     let wall = json!({"name": "wall", "shape": {"half_space": {"normal": [0, 0, -1]}}, "position": [0, 0, 2.1], "fixed": true});
@@ -412,7 +422,8 @@ fn arcs_that_longer_steps_do_not_make_longer_show_no_error() {
     assert!(fine.verdict.trusted && error_of_turning(&fine) < told(&fine), "{:?}", fine.verdict);
 }
 
-/// `a'' = bend(a)` by the classical Runge-Kutta method, while `goes_on(t, a, a')`.
+/// Integrates `a'' = bend(a)` by the classical Runge-Kutta method while `goes_on(t, a, a')` holds; returns the time,
+/// `a` and `a'` at the end.
 fn swing([mut a, mut rate]: [f64; 2], bend: impl Fn(f64) -> f64, goes_on: impl Fn(f64, f64, f64) -> bool) -> [f64; 3] {
     let (h, mut k) = (1e-4, 0);
     while goes_on(f64::from(k) * h, a, rate) {
@@ -427,9 +438,10 @@ fn swing([mut a, mut rate]: [f64; 2], bend: impl Fn(f64) -> f64, goes_on: impl F
     [f64::from(k) * h, a, rate]
 }
 
-/// The tilt, its rate and the precession of a symmetric top that slides with its tip on a smooth floor, by the classical
-/// Runge-Kutta method: its centre moves up and down only. `l` is the length from tip to centre, `a` and `c` are the moments of
-/// inertia across and along the axis, `m` is the mass, `w` the spin about the axis; it is released at a tilt.
+/// A symmetric top whose tip slides on a smooth floor, so that its centre moves only vertically; its tilt, the rate
+/// of the tilt and the precession angle are integrated by the classical Runge-Kutta method. `l` is the distance from
+/// tip to centre, `a` and `c` are the moments of inertia across and along the axis, `m` is the mass, `w` the spin
+/// about the axis, and `tilt` the initial tilt.
 struct SlidingTop {
     l: f64,
     a: f64,
@@ -466,12 +478,12 @@ impl SlidingTop {
     }
 }
 
-/// What a solution says of its error.
+/// Returns the error that the verdict estimates.
 fn told(solution: &Solution) -> f64 {
     solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error").0
 }
 
-/// Exact motion is trusted at steps that time stepping cannot take, at times within steps as well.
+/// With located impacts a ball moves exactly and is trusted, at steps that are too long for time stepping.
 #[test]
 fn impacts_that_are_located_are_not_misplaced() {
     let body = ball([0.0, 0.0, 1.1], [0.3, 0.0, 0.0], [0.0; 3]);
@@ -485,7 +497,7 @@ fn impacts_that_are_located_are_not_misplaced() {
     assert!(told(&located) < 1e-9 && located.verdict.trusted, "{:?}", located.verdict);
 }
 
-/// An octahedron that spins on one of its corners nods and precesses.
+/// An octahedron that spins on one of its corners nutates and precesses.
 #[test]
 fn a_top_on_a_smooth_floor_nods_at_second_order() {
     let top = SlidingTop { l: 0.1, a: 1e-3, c: 5e-4, m: 0.5, w: 150.0, tilt: 0.4 };
@@ -518,7 +530,7 @@ fn a_top_on_a_smooth_floor_nods_at_second_order() {
     let error = |step: f64| errors(&solved(step)).into_iter().fold(0.0, f64::max);
     assert!(error(2.5e-4) < 1e-3, "{:e}", error(2.5e-4));
     assert_second_order(1e-3, error);
-    // The verdict follows the error by its order.
+    // The estimated error is above the true one, and decreases with second order as well.
     let [coarse, fine] = [1e-3, 2.5e-4].map(|step| {
         let solution = solved(step);
         let fastest = column(&solution, "top.vz").iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -529,7 +541,8 @@ fn a_top_on_a_smooth_floor_nods_at_second_order() {
     assert!((coarse / fine).log2() >= 2.0 * SECOND, "{coarse:e} {fine:e}");
 }
 
-/// A ball of radius 0.1 at the angle `a` from the top of a fixed one of radius 1, with the rate `rate`.
+/// A ball of radius 0.1 on a fixed one of radius 1, at the angle `a` from its top, with the angular velocity `rate`
+/// about its centre.
 fn on_a_hill([a, rate]: [f64; 2], friction: f64, end: f64, step: f64) -> Value {
     let hill = json!({"name": "hill", "shape": {"sphere": {"radius": 1}}, "fixed": true, "position": [0, 0, 2]});
     let speed = 1.1 * rate;
@@ -553,7 +566,7 @@ fn a_ball_rolls_on_a_ball_at_second_order() {
     });
 }
 
-/// Without friction it leaves where `v^2 = g (R + r) cos a`.
+/// A ball that slides without friction on a fixed ball detaches where `v^2 = g (R + r) cos a`.
 #[test]
 fn a_ball_slides_off_a_ball_at_second_order() {
     let start = [0.3, 0.4];
@@ -568,13 +581,14 @@ fn a_ball_slides_off_a_ball_at_second_order() {
         assert!(found.len() == 1 && (found[0] - t).abs() < step, "{found:?} {t}");
         (end(&solution, "ball")[0] - x).norm()
     };
-    // Its force ends smoothly; where in its arc changes the error, but not its order.
+    // The contact force goes to zero continuously; the place of the detachment within a step changes the error, but
+    // not its order.
     for step in [0.02, 0.01, 0.005, 0.0025] {
         assert!(error(step) < 1.5 * step * step, "{step}: {:e}", error(step));
     }
 }
 
-/// A ball rolls at 2 m/s over the edge of a table, too fast to turn about it: it leaves the edge at once.
+/// A ball rolls at 2 m/s over the edge of a table, too fast to rotate about the edge: it detaches from it at once.
 #[test]
 fn a_ball_leaves_the_edge_of_a_table() {
     let table =
@@ -607,7 +621,7 @@ fn what_is_symmetric_stays_so() {
             assert!((of("z") - 0.5 - z).abs() < 1e-9 && (of("vz") - vz).abs() < 1e-9);
         }
     }
-    // Two balls fall on one at rest between them.
+    // Two balls fall symmetrically on a third one at rest between them.
     let ball = |name: &str, x: f64, z: f64| json!({"name": name, "shape": {"sphere": {"radius": 0.5}}, "mass": 1, "position": [x, 0, z]});
     let bodies = [ball("middle", 0.0, 0.5), ball("left", -0.6, 2.0), ball("right", 0.6, 2.0)];
     let solution = solve(&locate(on_the_ground(&bodies, &json!({"restitution": 0.3}), 1.0, 0.01)));
@@ -618,7 +632,8 @@ fn what_is_symmetric_stays_so() {
     }
 }
 
-/// Where nothing is asked for, a ball is exact at steps that time stepping cannot take, and it is told which method was left out.
+/// Without the option `impacts`, a ball is exact at steps that are too long for time stepping, and the diagnostics
+/// report that time stepping was left out.
 #[test]
 fn impacts_of_few_bodies_are_located_by_default() {
     let drop = on_the_ground(&[ball([0.0, 0.0, 1.1], [0.0; 3], [0.0; 3])], &json!({"restitution": 0.8}), 1.5, 0.05);
@@ -639,8 +654,9 @@ fn impacts_of_few_bodies_are_located_by_default() {
     assert!(reason.is_some_and(|reason| reason.contains("more than 100 bodies")), "{reason:?}");
 }
 
-/// A heap that collapses has more impacts than are worth it. The default changes over to time stepping and says so, and gains no
-/// energy where it changes: half the weight of a step too much, with the velocity of a fall, is twenty times the bound.
+/// A heap that collapses has too many impacts to locate. By default the solver changes to time stepping, reports it,
+/// and gains no energy at the change. The bound on the energy would be exceeded twentyfold if contacts gave an excess
+/// impulse of half a step's weight at the velocity of a fall.
 #[test]
 fn a_heap_changes_over_to_time_stepping() {
     let place = |k: u32| [k % 3, k / 3 % 3, k / 9].map(f64::from);
@@ -665,7 +681,8 @@ fn a_heap_changes_over_to_time_stepping() {
     assert!((taken - lost).abs() < 1e-2 * lost, "{taken} {lost}");
 }
 
-/// Low drops that return many times, at steps longer than a bounce: an answer that is trusted has the height of the closed form.
+/// Balls dropped from small heights bounce many times within a step: a trusted answer has the height of the closed
+/// form.
 #[test]
 fn bounces_that_are_left_out_are_over_within_the_step() {
     let mut trusted = 0;
@@ -689,7 +706,7 @@ fn bounces_that_are_left_out_are_over_within_the_step() {
     assert!(trusted >= 4, "{trusted}");
 }
 
-/// Two balls in free fall meet at a small velocity, and part with `e` times that.
+/// Two balls in free fall meet at a small relative velocity, and separate with `e` times that velocity.
 #[test]
 fn balls_that_meet_in_flight_part_again_however_slowly() {
     let (mut lower, mut upper) =
@@ -699,7 +716,7 @@ fn balls_that_meet_in_flight_part_again_however_slowly() {
         let mut fall = on_the_ground(&[lower.clone(), upper.clone()], &json!({"restitution": 0.5}), 1.0, step);
         fall["problem"]["rigid_bodies"]["bodies"][0]["position"] = json!([0, 0, -100]);
         let solution = solve(&fall);
-        // They meet after 0.1 s, and then have the velocities -0.0075 and -0.0025 besides that of the fall.
+        // The balls meet after 0.1 s; relative to free fall they then have the velocities -0.0075 and -0.0025.
         let exact = |t: f64| -0.5 * G * t * t - 0.0075 * (t - 0.1_f64).max(0.0);
         assert!(
             solution.verdict.trusted && distance(&solution, "lower.z", exact) < 1e-9,

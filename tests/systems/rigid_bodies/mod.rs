@@ -20,7 +20,7 @@ mod surfaces;
 
 use serde_json::{Value, json};
 
-/// A specification of bodies on a half space `z <= 0`, under gravity 9.81 m/s^2.
+/// A specification of bodies on the half space `z <= 0`, under gravity 9.81 m/s^2.
 fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Value {
     let mut all = vec![json!({"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true})];
     all.extend_from_slice(bodies);
@@ -32,25 +32,25 @@ fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Val
     })
 }
 
-/// The specification with located impacts.
+/// Returns the specification with located impacts.
 fn locate(mut specification: Value) -> Value {
     specification["method"]["impacts"] = json!("locate");
     specification
 }
 
-/// The specification by time stepping.
+/// Returns the specification with time stepping through impacts.
 fn stepped(mut specification: Value) -> Value {
     specification["method"]["impacts"] = json!("time_stepping");
     specification
 }
 
-/// The specification without gravity.
+/// Returns the specification without gravity.
 fn weightless(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     specification
 }
 
-/// A box, a capsule, a hull and a sphere that fall onto each other.
+/// A box, a capsule, a convex hull and a sphere that fall onto each other.
 fn falling_on_each_other() -> Value {
     let shapes = [
         json!({"box": {"size": [1, 1, 1]}}),

@@ -1,5 +1,5 @@
-//! Joints, springs and bushings on bodies whose motion is given, and bushings between bodies: each against a closed form or an
-//! independent integration, with all work in the balance of energy.
+//! Joints, springs and bushings on bodies with prescribed motion, and bushings between bodies: each compared with a
+//! closed form or an independent integration, with all work in the energy balance.
 
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::solution::Solution;
@@ -13,7 +13,7 @@ fn scene(members: &Value, end: f64, step: f64) -> Value {
         "output": {"times": {"count": 101}}})
 }
 
-/// What the balance lacks, in parts of all that was moved, done and taken.
+/// Returns the defect of the energy balance, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -24,12 +24,13 @@ fn assert_sound(solution: &Solution) {
     assert!(lacking(solution) < 1e-5, "{:e}", lacking(solution));
 }
 
-/// A support that touches nothing, far from where bodies swing.
+/// A support with prescribed motion, which touches no other body.
 fn support(motion: Value) -> Value {
     json!({"name": "support", "shape": {"sphere": {"radius": 0.01}}, "motion": motion})
 }
 
-/// A pendulum of 1 kg whose centre is 0.5 m below its pivot, with a moment of inertia of 0.1 about the y axis, released at 1 rad.
+/// A pendulum of 1 kg whose centre is 0.5 m below its pivot, with a moment of inertia of 0.1 kg m^2 about the y axis,
+/// released at 1 rad.
 fn pendulum_on(motion: Value, joint: &str, step: f64, end: f64) -> Value {
     let (x, z) = (0.5 * 1.0_f64.sin(), -0.5 * 1.0_f64.cos());
     let body = json!({"name": "bob", "shape": {"sphere": {"radius": 0.01}}, "mass": 1, "inertia": [0.1, 0.1, 0.1],
@@ -46,7 +47,8 @@ fn pendulum_on(motion: Value, joint: &str, step: f64, end: f64) -> Value {
     )
 }
 
-/// The same pendulum in its angle, on a pivot that moves by `x_p` and `z_p`, by Radau IIA.
+/// Returns the final angle of the pendulum of `pendulum_on`, from its equation of motion with the accelerations `x`
+/// and `z` of the pivot, by Radau IIA.
 fn pendulum_exactly(x: &str, z: &str, spin: f64, end: f64) -> f64 {
     let solution = solve(&json!({
         "problem": {"dvi": {"states": {
@@ -58,7 +60,7 @@ fn pendulum_exactly(x: &str, z: &str, spin: f64, end: f64) -> f64 {
 
 #[test]
 fn a_pendulum_on_a_shaken_pivot_swings_as_in_its_angle_at_second_order() {
-    // The pivot starts at rest, so that the pendulum does.
+    // The pivot starts at rest, so that the pendulum starts at rest, too.
     let moves = json!({"position": ["0.2*(1 - cos(3*t))", 0, "0.1*(1 - cos(5*t))"]});
     let (x, z) = ("1.8*cos(3*t)", "2.5*cos(5*t)");
     let angle = pendulum_exactly(x, z, 0.0, 3.0);
@@ -72,13 +74,13 @@ fn a_pendulum_on_a_shaken_pivot_swings_as_in_its_angle_at_second_order() {
         });
         assert!(errors[1] < 1e-4 && (errors[0] / errors[1]).log2() > 1.9, "{joint}: {errors:?}");
     }
-    // The same motion as a velocity.
+    // The motion of the pivot is the same when given as a velocity.
     let by_velocity = json!({"velocity": ["0.6*sin(3*t)", 0, "0.5*sin(5*t)"]});
     let [a, b] = [moves, by_velocity].map(|motion| last(&solve(&pendulum_on(motion, "ball", 2e-3, 3.0)), "bob.x"));
     assert!((a - b).abs() < 1e-9, "{a} {b}");
 }
 
-/// A pendulum stands on its head where its pivot shakes fast (Stephenson 1908): `a w > sqrt(2 g l_eff)`.
+/// A pendulum is stable upside down if its pivot shakes fast enough, `a w > sqrt(2 g l_eff)` (Stephenson 1908).
 #[test]
 fn a_pendulum_stands_on_its_head_on_a_pivot_that_shakes_fast() {
     let upright = |speed: f64| {
@@ -90,12 +92,12 @@ fn a_pendulum_stands_on_its_head_on_a_pivot_that_shakes_fast() {
         assert_sound(&solution);
         column(&solution, "bob.z").iter().skip(1).all(|z| *z > 0.3)
     };
-    // The length of the simple pendulum is (0.1 + 0.25)/0.5 = 0.7 m.
+    // The length of the equivalent simple pendulum is (0.1 + 0.25)/0.5 = 0.7 m.
     let least = (2.0 * G * 0.7_f64).sqrt();
     assert!(upright(1.5 * least) && !upright(0.6 * least));
 }
 
-/// `m x'' = -k (x - s sin(w t))` on a spring whose other end is driven.
+/// A mass on a spring whose other end moves by `s sin(w t)`: `m x'' = -k (x - s sin(w t))`.
 #[test]
 fn a_spring_on_a_driven_body_forces_an_oscillation() {
     let (k, w, s) = (100.0_f64, 4.0_f64, 0.05_f64);
@@ -119,8 +121,8 @@ fn a_spring_on_a_driven_body_forces_an_oscillation() {
     assert!(errors[1] < 1e-4 && (errors[0] / errors[1]).log2() > 1.95, "{errors:?}");
 }
 
-/// A ball fixed to an arm that turns: it stays on its circle, and the arm pulls with `m w^2 r`. By an angular velocity and by a
-/// rotation, about a line that is no axis.
+/// A ball fixed to a rotating arm stays on a circle, and the arm pulls it with the force `m w^2 r`. The rotation,
+/// about a line that is not a coordinate axis, is given as an angular velocity and as a rotation vector.
 #[test]
 fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
     let axis = [2.0_f64 / 3.0, -1.0 / 3.0, 2.0 / 3.0];
@@ -148,13 +150,14 @@ fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
         let pull =
             ["arm.fx", "arm.fy", "arm.fz"].map(|name| last(&solution, name)).map(|f| f * f).iter().sum::<f64>().sqrt();
         assert!((pull - 2.0 * 9.0 * radius).abs() < 1e-3 * pull, "{pull} for {}", 2.0 * 9.0 * radius);
-        // A steady rotation takes no work but that which brings the ball to its speed.
+        // A steady rotation needs no work other than that which gives the ball its initial speed.
         let energy = solution.diagnostics.energy.unwrap();
         assert!(energy.work_of_drives.abs() < 1e-6 * energy.kinetic_at_end, "{energy:?}");
     }
 }
 
-/// A tray that swings about two axes at once: what is fixed to it has the angular velocity of the product of its rotations.
+/// A support that rotates about two axes at once: a body fixed to it has the angular velocity that follows from the
+/// derivative of the rotation.
 #[test]
 fn a_rotation_about_a_moving_line_has_the_angular_velocity_of_its_derivative() {
     let rotation = |t: f64| nalgebra::Vector3::new(0.8 * (2.0 * t).sin(), 0.5 * t, 0.3 * t * t);
@@ -182,11 +185,11 @@ fn a_rotation_about_a_moving_line_has_the_angular_velocity_of_its_derivative() {
             .map(|(i, name)| (last(&solution, name) - omega[i]).abs())
             .fold(0.0, f64::max)
     });
-    // The constraint of velocities holds at the end of each step.
+    // Joint constraints on velocities are satisfied at the end of each step.
     assert!(errors.iter().all(|error| *error < 1e-6), "{errors:?}");
 }
 
-/// Stops of a hinge on a body that turns carry what is on it along.
+/// The stops of a hinge on a rotating body carry along the arm that is hinged to it.
 #[test]
 fn a_stop_on_a_driven_body_pushes() {
     let arm = json!({"name": "arm", "shape": {"box": {"size": [1, 0.1, 0.1]}}, "mass": 3, "position": [0.5, 0, 0]});
@@ -198,14 +201,15 @@ fn a_stop_on_a_driven_body_pushes() {
         2.0,
         1e-3,
     ));
-    // The support turns by t^2; the arm follows half a radian behind, once that is reached, and moves ahead no more.
+    // The support rotates by t^2; the arm follows half a radian behind it once that angle is reached, and does not
+    // overtake it.
     let coordinate = column(&solution, "hinge.coordinate");
     assert!(coordinate.iter().all(|angle| *angle > -0.5 - 1e-3 && *angle < 0.5 + 1e-3), "{coordinate:?}");
     assert!((last(&solution, "arm.wz") - 4.0).abs() < 0.05, "{}", last(&solution, "arm.wz"));
     assert!(lacking(&solution) < 1e-3, "{:e}", lacking(&solution));
 }
 
-/// A body on a bushing to the world.
+/// Solves a body on a bushing to the world, and asserts its energy balance.
 fn on_bushing(bushing: &Value, body: &Value, step: f64, end: f64) -> Solution {
     let mut body_of = json!({"name": "block", "shape": {"box": {"size": [0.2, 0.2, 0.2]}}, "mass": 2,
         "inertia": [0.5, 0.4, 0.3]});
@@ -230,7 +234,7 @@ fn a_block_on_a_bushing_swings_along_each_axis_with_its_own_frequency() {
         (0..3).map(of_axis).fold(0.0, f64::max)
     });
     assert!(errors[1] < 1e-3 && (errors[0] / errors[1]).log2() > 1.9, "{errors:?}");
-    // In axes turned by a quarter, the stiff one is along x.
+    // With the axes of the bushing rotated by a quarter turn, its stiff axis is along x.
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let turned = json!({"stiffness": [0, 0, 800], "orientation": [half, 0, half, 0]});
     let solution = on_bushing(&turned, &json!({"velocity": [0.5, 0, 0]}), 1e-3, 2.0);
@@ -238,7 +242,8 @@ fn a_block_on_a_bushing_swings_along_each_axis_with_its_own_frequency() {
     assert!(solution.trajectory.field("mount.x").is_none() && solution.trajectory.field("mount.fz").is_some());
 }
 
-/// About one axis `I a'' = -k sin a cos a`: twice the angle is that of a pendulum, whose period is by the arithmetic-geometric mean.
+/// Rotation about one axis obeys `I a'' = -k sin a cos a`: twice the angle is that of a pendulum, whose period
+/// follows from the arithmetic-geometric mean.
 #[test]
 fn a_block_turns_on_a_bushing_as_a_pendulum_of_twice_its_angle() {
     let (k, inertia, most) = (12.0_f64, 0.3_f64, 0.7_f64);
@@ -247,7 +252,7 @@ fn a_block_turns_on_a_bushing_as_a_pendulum_of_twice_its_angle() {
     for _ in 0..8 {
         (a, b) = (0.5 * (a + b), (a * b).sqrt());
     }
-    // The quarter period K(sin(phi/2))/w, with phi = 2 most and w^2 = k/I.
+    // A quarter of the period is K(sin(phi/2))/w, with phi = 2 most and w^2 = k/I.
     let period = 4.0 * 0.5 * PI / a / (k / inertia).sqrt();
     let errors = [200.0, 400.0].map(|steps| {
         let bushing = json!({"rotational_stiffness": [5, 7, k], "stiffness": [10, 10, 10]});
@@ -267,7 +272,7 @@ fn a_bushing_bears_a_weight_and_its_damping_brings_it_to_rest() {
         "damping": [200, 200, 200], "rotational_stiffness": [100, 100, 100], "rotational_damping": [4, 4, 4]});
     let solution = solve(&scene(&json!({"gravity": [0, 0, -G], "bodies": [block], "bushings": [bushing]}), 6.0, 2e-3));
     assert!(lacking(&solution) < 1e-9 && solution.verdict.trusted, "{:?}", solution.verdict);
-    // The weight acts at 0.1 m from the mount: 2 g 0.1 cos a = 100 sin a cos a.
+    // The weight acts at 0.1 m from the bushing: 2 g 0.1 cos a = 100 sin a cos a.
     let angle = (2.0 * G * 0.1 / 100.0_f64).asin();
     assert!((last(&solution, "mount.fz") - 2.0 * G).abs() < 1e-6, "{}", last(&solution, "mount.fz"));
     assert!((last(&solution, "mount.ry") - angle.sin()).abs() < 1e-6, "{}", last(&solution, "mount.ry"));
@@ -275,7 +280,7 @@ fn a_bushing_bears_a_weight_and_its_damping_brings_it_to_rest() {
     assert!((last(&solution, "block.x") - 0.1 * angle.cos()).abs() < 1e-6);
 }
 
-/// Stiff bushings in long steps: energy never grows, whatever the step.
+/// Stiff bushings in long steps: energy does not grow, whatever the step size.
 #[test]
 fn a_train_on_stiff_bushings_gains_no_energy_in_long_steps() {
     let car = |k: usize| {
@@ -297,7 +302,7 @@ fn a_train_on_stiff_bushings_gains_no_energy_in_long_steps() {
     assert!(lacking(&solution) < 1e-2, "{:e}", lacking(&solution));
 }
 
-/// A mount on a shaken table transmits `1/(1 - (w/w0)^2)` of its motion, once damping has taken the rest.
+/// A mount on a shaken table transmits `1/(1 - (w/w0)^2)` of its motion once the transient has decayed.
 #[test]
 fn a_bushing_on_a_driven_table_isolates() {
     let (k, c, w) = (200.0_f64, 3.0_f64, 30.0_f64);
@@ -307,7 +312,7 @@ fn a_bushing_on_a_driven_table_isolates() {
     let moved = support(json!({"position": [0, 0, format!("0.01*sin({w}*t)")]}));
     let solution = solve(&scene(&json!({"bodies": [moved, block], "bushings": [bushing]}), 12.0, 5e-4));
     assert_sound(&solution);
-    // The complex amplitude (k + i c w)/(k - m w^2 + i c w).
+    // The complex amplitude of the block, relative to the table's, is (k + i c w)/(k - m w^2 + i c w).
     let (re, im) = (k - 2.0 * w * w, c * w);
     let size = re * re + im * im;
     let of = [(k * re + im * im) / size, (im * re - k * im) / size];

@@ -34,12 +34,12 @@ fn a_box_that_lands_askew_on_another_comes_to_lie_flat() {
     let at_end = |name: &str| column(&solution, name)[100];
     assert!((at_end("upper.z") - 1.5).abs() < 1e-6, "{}", at_end("upper.z"));
     assert!(at_end("kinetic_energy") < 1e-12);
-    // The box lies flat: its quaternion is a rotation about z.
+    // The box lies flat: the quaternion of its orientation is a rotation about z.
     assert!(at_end("upper.qx").hypot(at_end("upper.qy")) < 1e-6);
 }
 
-/// Fifty boxes, two hundred contacts. Contacts carry each box in every step; and what the law costs is bounded, which
-/// sweeps from box to box alone would miss by orders of magnitude.
+/// Fifty boxes with two hundred contacts. The contact forces carry each box in every step, at a bounded cost; block
+/// Gauss-Seidel sweeps from box to box would need orders of magnitude more work.
 #[test]
 fn a_stack_of_fifty_boxes_carries_its_weight_in_every_step() {
     let cube = |k: usize| {

@@ -1,5 +1,5 @@
-//! Friction whose coefficient varies with place, time and the speed of the slip, and that of directions, against closed
-//! forms.
+//! Friction with a coefficient that varies with position, time and slip speed, and anisotropic friction, compared
+//! with closed forms.
 
 use super::{on_the_ground, stepped};
 use crate::systems::harness::{column, distance, last, solve};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// A body of unit mass that touches the ground at its centre of mass, so that friction does not turn it.
+/// A body of unit mass that touches the ground at its centre of mass, so that friction does not rotate it.
 fn puck(velocity: [f64; 2]) -> Value {
     json!({"name": "puck", "shape": {"sphere": {"radius": 0.05}}, "mass": 1, "centre_of_mass": [0, 0, -0.05],
         "inertia": [0.01, 0.01, 0.01], "position": [0, 0, 0.05], "velocity": [velocity[0], velocity[1], 0]})
@@ -22,8 +22,8 @@ fn cube(velocity: f64) -> Value {
         "velocity": [velocity, 0, 0]})
 }
 
-/// Asserts that the run is trusted, that the law was solved to its tolerance, and that friction took the energy that is
-/// missing.
+/// Asserts that the run is trusted, that the contact law was solved to its tolerance, and that friction dissipated
+/// the energy `lost`.
 fn assert_sound(solution: &Solution, lost: f64) {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let residual = solution.diagnostics.vi.as_ref().unwrap().largest_residual;
@@ -32,7 +32,8 @@ fn assert_sound(solution: &Solution, lost: f64) {
     assert!((booked - lost).abs() < 1e-9 * lost.max(1.0), "{booked} for {lost}");
 }
 
-/// `v' = -g (a + b exp(-v/c))` has the solution `exp(v/c) = ((a exp(v_0/c) + b) exp(-a g t/c) - b)/a`.
+/// Stribeck's law gives `v' = -g (a + b exp(-v/c))`, with the solution `exp(v/c) = ((a exp(v_0/c) + b) exp(-a g
+/// t/c) - b)/a`.
 #[test]
 fn a_block_under_stribecks_law_follows_its_closed_form() {
     let (a, b, c, start) = (0.2, 0.15, 0.5, 2.0_f64);
@@ -44,11 +45,12 @@ fn a_block_under_stribecks_law_follows_its_closed_form() {
         assert!(last(&solution, "puck.vx").abs() < 1e-10);
         distance(&solution, "puck.vx", exact)
     });
-    // A constant coefficient of 0.2 is off by 0.3 m/s.
+    // With a constant coefficient of 0.2 the error would be 0.3 m/s.
     assert!(errors[1] < 2e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
-/// `x'' = -g mu_0 (1 + x)` is an oscillation about -1, up to its first stop.
+/// With `mu = mu_0 (1 + x)` the sliding body obeys `x'' = -g mu_0 (1 + x)`, an oscillation about -1, until its first
+/// stop.
 #[test]
 fn a_floor_that_grows_rougher_stops_a_body_as_a_spring_would() {
     let (mu, v) = (0.2_f64, 3.0);
@@ -64,8 +66,8 @@ fn a_floor_that_grows_rougher_stops_a_body_as_a_spring_would() {
     assert!(errors[1] < 5e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
-/// The front corners of a block bear more of its weight by the moment of friction about its centre, at the height `h`:
-/// `x'' = -g mu_0 (1 + x)/(1 - mu_0 h)`.
+/// Friction at the ground has a moment about the centre of the block, at the height `h`, which moves more of the
+/// weight to the front corners: `x'' = -g mu_0 (1 + x)/(1 - mu_0 h)`.
 #[test]
 fn the_block_of_the_example_meets_more_friction_under_its_front_corners() {
     let (mu, v, height) = (0.2_f64, 3.0, 0.1);
@@ -74,13 +76,13 @@ fn the_block_of_the_example_meets_more_friction_under_its_front_corners() {
     let exact = |t: f64| (w * t.min(stop)).cos() + v / w * (w * t.min(stop)).sin() - 1.0;
     let solution = solve(&stepped(example("rougher_floor")));
     assert_sound(&solution, v * v);
-    // The steps are of first order; a block without height is off by 0.01 m.
+    // Time stepping is of first order; a block of height zero would differ by 0.01 m.
     assert!(distance(&solution, "block.x", exact) < 2e-3, "{:e}", distance(&solution, "block.x", exact));
 }
 
 #[test]
 fn friction_that_fades_lets_a_body_go_at_its_time() {
-    // On a slope of slope 0.3 the body begins to slide where mu = 0.5 - 0.1 t is 0.3.
+    // On a slope of the gradient 0.3 the body begins to slide when mu = 0.5 - 0.1 t has fallen to 0.3.
     let mut scene = stepped(on_the_ground(&[puck([0.0; 2])], &json!({"friction": "0.5 - 0.1*t"}), 4.0, 1e-3));
     scene["problem"]["rigid_bodies"]["gravity"] = json!([0.3 * G, 0, -G]);
     let exact = |t: f64| G * 0.1 * (t - 2.0_f64).max(0.0).powi(3) / 6.0;
@@ -91,23 +93,24 @@ fn friction_that_fades_lets_a_body_go_at_its_time() {
     assert!(t.iter().zip(x).all(|(&t, &x)| t > 1.99 || x.abs() < 1e-12), "it creeps");
 }
 
-/// The mean of two materials that vary is the geometric one, as that of numbers.
+/// The friction coefficient of two materials is the geometric mean of theirs, for varying coefficients as for
+/// constant ones.
 #[test]
 fn two_materials_that_vary_have_the_geometric_mean_of_their_coefficients() {
     let mut bodies = [cube(2.0)];
     bodies[0]["material"] = json!("block");
     let mut scene = stepped(on_the_ground(&bodies, &json!({"friction": "0.1*(1 + 3*slip_speed)"}), 0.5, 1e-3));
     scene["problem"]["rigid_bodies"]["materials"] = json!({"block": {"friction": "0.4*(1 + 3*slip_speed)"}});
-    // v' = -g m (1 + 3 v) with m = sqrt(0.1 0.4).
+    // The block obeys v' = -g m (1 + 3 v) with m = sqrt(0.1 0.4).
     let exact = |t: f64| ((7.0 * (-0.6 * G * t).exp() - 1.0) / 3.0).max(0.0);
     assert!(distance(&solve(&scene), "puck.vx", exact) < 2e-2);
-    // With a smooth material there is no friction.
+    // Friction vanishes if one of the two materials is smooth.
     scene["problem"]["rigid_bodies"]["materials"]["block"]["friction"] = json!(0);
     assert_eq!(last(&solve(&scene), "puck.vx"), 2.0);
 }
 
-/// Forces of maximal dissipation in an ellipse are `-mu N D^2 u/|D u|` with `D = diag(1, c)`: `u_y` is proportional to
-/// `u_x^(c^2)`, whatever `mu`.
+/// By maximal dissipation in an ellipse the friction force is `-mu N D^2 u/|D u|` with `D = diag(1, c)`: `u_y` is
+/// proportional to `u_x^(c^2)`, whatever `mu`.
 #[test]
 fn a_body_slides_on_the_path_of_an_elliptic_law() {
     let (c, start) = (1.5_f64, [2.0, 1.0]);
@@ -116,7 +119,7 @@ fn a_body_slides_on_the_path_of_an_elliptic_law() {
         let (x, y) = (column(solution, "puck.vx"), column(solution, "puck.vy"));
         let off = |(x, y): (&f64, &f64)| (y / start[1] - (x / start[0]).max(0.0).powf(c * c)).abs();
         let error = x.iter().zip(y).map(off).fold(0.0, f64::max);
-        // Friction against the slip, with the coefficient of its direction, is off by 0.1.
+        // With friction opposite to the slip and the coefficient of its direction, the error would be 0.1.
         assert!(error < 4.0 * step, "{error:e}");
     };
     for step in [2e-3, 1e-3] {
@@ -129,7 +132,7 @@ fn a_body_slides_on_the_path_of_an_elliptic_law() {
 
 #[test]
 fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
-    // Ways to the stop along and across the given direction: v^2/(2 mu g), and half of it.
+    // Distances until the stop along and across the direction of the ellipse's axis: v^2/(2 mu g), and half of that.
     let turned = json!([0.5_f64.sqrt(), 0, 0, 0.5_f64.sqrt()]);
     let way = |scene: &Value| last(&solve(scene), "puck.x");
     let scene = |contacts: Value, velocity: [f64; 2]| stepped(on_the_ground(&[puck(velocity)], &contacts, 1.0, 1e-3));
@@ -137,7 +140,8 @@ fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
     let near = |way: f64, exact: f64| assert!((way - exact).abs() < 2e-3, "{way} for {exact}");
     near(way(&scene(json!({"friction": 0.2, "ratio": 2}), [1.0, 0.0])), along);
     near(way(&scene(json!({"friction": 0.2, "ratio": 2, "along": [0, 3, 1]}), [1.0, 0.0])), 0.5 * along);
-    // The grain of the ground, which is turned, and that of the body.
+    // The axes of the ellipse are those of the first material's body, the ground or the puck: a rotation of that body
+    // rotates the ellipse.
     let mut grained = scene(
         json!({"friction": 0.2, "pairs": [{"materials": ["wood", "felt"], "ratio": 2, "axes": "body"}]}),
         [1.0, 0.0],

@@ -1,4 +1,4 @@
-//! What touches what, and with which friction.
+//! Contacts of robots in MJCF and URDF: which shapes touch, and with which friction.
 
 use super::specification;
 use crate::systems::harness::{column, last, solve};
@@ -14,7 +14,7 @@ const BOX: &str =
 
 #[test]
 fn the_larger_friction_of_two_shapes_holds() {
-    // On a slope of 30 degrees: tan is 0.577.
+    // A box on a slope of 30 degrees, whose gradient is 0.577: it sticks if either friction coefficient is larger.
     let slope = |of_floor: &str, of_box: &str| {
         let gravity = r#"<option gravity="4.905 0 -8.4957"/>"#;
         let floor = format!(r#"<geom type="plane" size="1 1 1" friction="{of_floor}"/>"#);
@@ -31,7 +31,8 @@ fn the_larger_friction_of_two_shapes_holds() {
 
 #[test]
 fn masks_say_what_touches() {
-    // Two balls above each other over a plane: the lower rests, the upper falls through it but not through the plane.
+    // Balls above a plane, with collision masks: two balls touch only the plane, so that the upper one falls through
+    // the lower one and rests on the plane, and the third touches nothing.
     let world = r#"<geom type="plane" size="1 1 1" contype="1" conaffinity="6"/>
         <body name="low" pos="0 0 0.1"><freejoint/><geom size="0.1" contype="2" conaffinity="0"/></body>
         <body name="high" pos="0 0 0.5"><freejoint/><geom size="0.1" contype="4" conaffinity="0"/></body>
@@ -55,7 +56,7 @@ fn excluded_pairs_and_neighbours_go_through_each_other() {
             json!({"problem": {"rigid_bodies": {"robot": robot}}, "time": {"end": 1.5}, "method": {"step": 1e-3}});
         last(&solve(&document), "a.x")
     };
-    // Both go on at the half of the speed.
+    // After the impact both balls move on together at half of the speed.
     assert!((balls("") - 1.4).abs() < 5e-3);
     assert!((balls(r#"<contact><exclude body1="a" body2="b"/></contact>"#) - 2.0).abs() < 1e-9);
     assert!((balls(r#"<option><flag contact="disable"/></option>"#) - 2.0).abs() < 1e-9);
@@ -63,7 +64,7 @@ fn excluded_pairs_and_neighbours_go_through_each_other() {
 
 #[test]
 fn a_quadruped_stands_on_a_floor_that_stands_beside_it() {
-    // Its legs are folded and held by servos.
+    // The legs of the quadruped are folded, and servos hold them.
     let mut document = specification("quadruped", json!({}), 0.6, 1e-3);
     let mut pose = serde_json::Map::new();
     let mut motors = serde_json::Map::new();

@@ -1,4 +1,4 @@
-//! Every model loads as it is, and says what of it was left out.
+//! Every robot model loads as it is, and the remarks name the elements that were left out.
 
 use super::{MODELS, specification};
 use crate::systems::harness::{column, last, solve};
@@ -42,7 +42,8 @@ fn what_is_left_out_is_told_with_its_lines() {
 
 #[test]
 fn masses_are_those_of_the_shapes() {
-    // A capsule of 0.4 m by 0.05 m of water, and what the hopper weighs at all.
+    // Masses of a robot whose description gives only shapes: capsules with the density of water, and a torso whose
+    // mass a sweep overrides.
     let text = specification("hopper", json!({}), 1e-3, 1e-3).to_string();
     let edited =
         dvi::specification::edited(text.as_bytes(), &[("torso.mass".to_owned(), "7".to_owned())]).expect("a mass");
@@ -55,7 +56,8 @@ fn masses_are_those_of_the_shapes() {
         let mass = of(name)["mass"].as_f64().expect("a mass");
         assert!((mass - exact(r, l)).abs() < 1e-12 * mass, "{name}: {mass}");
     }
-    // A cheetah weighs 14 kg, whatever its shapes do.
+    // The masses of the cheetah add up to 14 kg whatever its shapes; friction is no property of a body that could be
+    // varied.
     let edited = dvi::specification::edited(
         specification("half_cheetah", json!({}), 1e-3, 1e-3).to_string().as_bytes(),
         &[("torso.friction".to_owned(), "1".to_owned())],
@@ -67,7 +69,7 @@ fn masses_are_those_of_the_shapes() {
 fn joints_begin_where_the_pose_says() {
     let pose = json!({"shoulder_lift": -1.2, "elbow": {"position": 0.7, "velocity": 2}, "wrist_1": 0.3});
     let solution = solve(&specification("arm", pose, 1e-3, 1e-4));
-    // Forward kinematics by hand: the arm moves in the plane of x and z.
+    // Forward kinematics by hand: the arm moves in the x-z plane.
     let (l1, l2) = (0.425, 0.3922);
     let (a, b): (f64, f64) = (-1.2, -1.2 + 0.7);
     let elbow = [-l1 * a.cos(), 0.163 - l1 * a.sin()];
@@ -75,7 +77,7 @@ fn joints_begin_where_the_pose_says() {
     assert!((first("forearm_link.x") - elbow[0]).abs() < 1e-12 && (first("forearm_link.z") - elbow[1]).abs() < 1e-12);
     assert!((first("wrist_1_link.x") - (elbow[0] - l2 * b.cos())).abs() < 1e-12);
     assert!((first("wrist_1_link.z") - (elbow[1] - l2 * b.sin())).abs() < 1e-12);
-    // A positive turn of the elbow is one about -y of the world.
+    // A positive rotation of the elbow is one about the -y axis of the world.
     assert!((first("forearm_link.wy") + 2.0).abs() < 1e-12 && first("upper_arm_link.wy").abs() < 1e-12);
     assert!((first("wrist_1_link.vx") - 2.0 * l2 * b.sin()).abs() < 1e-12);
     assert!(last(&solution, "elbow.coordinate") > 1e-3);
@@ -89,7 +91,7 @@ fn a_sweep_goes_over_starts_and_masses() {
     let solution = solve(&document);
     let table = solution.table.expect("a table");
     let x: Vec<f64> = (0..4).map(|row| table.column("x").and_then(|x| x.number(row)).expect("a number")).collect();
-    // The frame of the arm is on its pivot, which does not move.
+    // The origin of the arm's frame is at its pivot, which does not move.
     assert!(x.iter().all(|x| x.abs() < 1e-15), "{x:?}");
     assert_eq!(table.failed, 0);
     let mut document = specification("double_pendulum", json!({"shoulder": {"position": 0.1}}), 0.1, 1e-3);

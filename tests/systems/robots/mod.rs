@@ -1,5 +1,5 @@
-//! Robots as others describe them, written the way public models are: each loads, begins where it should, and moves as closed forms
-//! and equations of motion of one's own say. `peers/robots.py` holds them against MuJoCo itself.
+//! Robots in URDF and MJCF, written as public models are: each loads, starts in its pose, and moves as closed forms
+//! and independent equations of motion predict. `peers/robots.py` compares them with MuJoCo.
 
 mod contacts;
 mod loaded;
@@ -8,7 +8,7 @@ mod refusals;
 
 use serde_json::{Value, json};
 
-/// The descriptions by name, and their format.
+/// Robot descriptions: name, format and text.
 pub const MODELS: [(&str, &str, &str); 11] = [
     ("pendulum", "urdf", include_str!("models/pendulum.urdf")),
     ("double_pendulum", "urdf", include_str!("models/double_pendulum.urdf")),
@@ -23,13 +23,13 @@ pub const MODELS: [(&str, &str, &str); 11] = [
     ("four_bar", "mjcf", include_str!("models/four_bar.xml")),
 ];
 
-/// The text of a description.
+/// Returns the format and the text of a robot description.
 pub fn model(name: &str) -> (&'static str, &'static str) {
     let found = MODELS.iter().find(|(known, ..)| *known == name).unwrap_or_else(|| panic!("no model `{name}`"));
     (found.1, found.2)
 }
 
-/// A specification of a description that begins in `pose`.
+/// A specification of a robot that starts in `pose`.
 pub fn specification(name: &str, pose: Value, end: f64, step: f64) -> Value {
     let (format, text) = model(name);
     json!({

@@ -1,11 +1,12 @@
-//! Robots move as their equations of motion say, written down and solved in another way.
+//! Motion of robots, compared with equations of motion that are derived and solved independently.
 
 use super::specification;
 use crate::systems::harness::{column, last, solve};
 use serde_json::json;
 use std::f64::consts::PI;
 
-/// The complete elliptic integral of the first kind, by the arithmetic-geometric mean (Abramowitz and Stegun 1964, 17.6.3).
+/// Returns the complete elliptic integral of the first kind, by the arithmetic-geometric mean (Abramowitz and Stegun
+/// 1964, 17.6.3).
 fn elliptic_k(k: f64) -> f64 {
     let (mut a, mut g) = (1.0, (1.0 - k * k).sqrt());
     for _ in 0..8 {
@@ -16,7 +17,7 @@ fn elliptic_k(k: f64) -> f64 {
 
 #[test]
 fn a_pendulum_has_the_period_of_the_elliptic_integral() {
-    // A rod of one metre: I = m l^2/3 about the pivot.
+    // A rod of one metre has the moment of inertia I = m l^2/3 about its pivot.
     let (angle, g) = (1.2_f64, 9.81);
     let period = 4.0 * (1.0 / 3.0 / (g * 0.5_f64)).sqrt() * elliptic_k((0.5 * angle).sin());
     let error = |steps: f64| {
@@ -29,13 +30,14 @@ fn a_pendulum_has_the_period_of_the_elliptic_integral() {
         last(&solution, "theta.coordinate").abs()
     };
     let (coarse, fine) = (error(1000.0), error(4000.0));
-    // Back where it began, to second order.
+    // After one period the pendulum is back at its initial angle, to second order.
     assert!(fine < 2e-5 && coarse / fine > 12.0, "{coarse:e}, {fine:e}");
 }
 
-/// The angles of two rods after a second, by Lagrange's equations in relative angles.
+/// Returns the angles of two hinged rods after a second, by Lagrange's equations in relative angles.
 fn two_rods([first, second]: [f64; 2]) -> [f64; 2] {
-    // q1 from the vertical, q2 = q1 + elbow; masses at c1, c2 of their pivots, inertias about the centres.
+    // The angle q1 is that of the first rod from the vertical, and q2 = q1 + elbow; the centres of mass are at the
+    // distances c1, c2 from the pivots, and the moments of inertia refer to the centres.
     let document = json!({
         "problem": {"dvi": {
             "parameters": {"m1": 1.5, "c1": 0.4, "l": 0.8, "i1": 0.05, "m2": 0.8, "c2": 0.3, "i2": 0.02, "g": 9.81},
@@ -72,16 +74,16 @@ fn two_rods_move_by_lagranges_equations() {
 
 #[test]
 fn several_joints_of_one_body_are_one_after_the_other() {
-    // A cart with two poles in MJCF: bodies with one joint each. The torso of a hopper in free fall: three joints to the world.
+    // The torso of a hopper in free fall has three joints to the world, one after the other.
     let pose =
         json!({"rootz": 3.0, "rooty": {"position": 0.2, "velocity": 1.5}, "rootx": {"position": 0.3, "velocity": 0.4}});
     let solution = solve(&specification("hopper", pose, 0.2, 1e-4));
-    // Nothing but gravity pulls on the whole, and where its joints pull within it, the centre of mass falls freely: along x it
-    // keeps its speed.
+    // Internal joint forces do not move the centre of mass of the hopper, which falls freely: its velocity along x is
+    // constant.
     let bodies = [("torso", 0.05, 0.4), ("thigh", 0.05, 0.45), ("leg", 0.04, 0.5), ("foot", 0.06, 0.26)];
     let mass = |r: f64, l: f64| 1000.0 * PI * r * r * (l + 4.0 / 3.0 * r);
     let total: f64 = bodies.iter().map(|(_, r, l)| mass(*r, *l)).sum();
-    // Centres of the shapes in the frames of their bodies.
+    // Centres of mass of the shapes in the frames of their bodies.
     let centre = [[0.0, 0.0], [0.0, -0.225], [0.0, 0.0], [-0.065, 0.0]];
     let at = |row: usize, axis: usize| -> f64 {
         let of = |k: usize| {
@@ -96,7 +98,8 @@ fn several_joints_of_one_body_are_one_after_the_other() {
     };
     let rows = solution.trajectory.t.len() - 1;
     let t = solution.trajectory.t[rows];
-    // By rates at the start: differences of the first rows would be of first order.
+    // Initial velocity of the centre of mass from the bodies' velocities: differences of the first rows would be of
+    // first order only.
     let speed = |axis: usize| {
         let of = |k: usize| {
             let (name, r, l) = bodies[k];
@@ -130,7 +133,7 @@ fn a_parallelogram_stays_one() {
 
 #[test]
 fn a_motor_drives_a_joint_of_a_robot() {
-    // A cart of 1 kg, its pole upright on it and balanced: 11 kg along a line.
+    // A cart of 1 kg with a pole that a motor keeps upright: 11 kg that move along a line.
     let mut document = specification("cartpole", json!({}), 0.5, 1e-4);
     document["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     document["problem"]["rigid_bodies"]["robot"]["motors"] =

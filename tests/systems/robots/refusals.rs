@@ -1,4 +1,4 @@
-//! What a scene cannot hold is refused at its line; nothing that anybody writes ends in a panic.
+//! Invalid robot descriptions: unsupported elements are errors that name their line, and no text causes a panic.
 
 use super::{MODELS, model};
 use dvi::specification::{Specification, SpecificationError, document_of};
@@ -9,7 +9,7 @@ fn errors_of(robot: Value) -> Vec<SpecificationError> {
     Specification::from_json(document.to_string().as_bytes()).err().unwrap_or_default()
 }
 
-/// Asserts that a text is refused at this line, with these words.
+/// Asserts that a robot description is refused with an error of this code at this line, which contains these words.
 #[track_caller]
 fn assert_refused(format: &str, text: &str, line: usize, code: &str, words: &str) {
     let errors = errors_of(json!({format: text}));
@@ -37,7 +37,7 @@ const ARM: &str = "<link name=\"base\"/>\n\
 #[test]
 fn shapes_in_other_files_are_refused_where_they_would_touch() {
     let (_, text) = model("pendulum");
-    // In <visual> a mesh says nothing; in <collision> it is refused.
+    // In `<visual>` a mesh is ignored; in `<collision>` it is an error.
     let text = text.replace("<cylinder radius=\"0.02\" length=\"0.9\"/>", "<mesh filename=\"package://arm.stl\"/>");
     assert_refused("urdf", &text, 32, "unsupported_element", "arm.stl");
     assert_refused(
@@ -192,7 +192,7 @@ fn what_mjcf_says_wrongly_is_told_at_its_line() {
     );
     assert_refused("mjcf", "<mujoco/>", 1, "empty", "no bodies");
     assert_refused("mjcf", "<mujoco>\n<worldbdy/></mujoco>", 2, "unsupported_element", "worldbdy");
-    // Bodies that overlap are told at the later one.
+    // Interpenetrating bodies are reported at the line of the second one.
     let two = "<body name=\"a\"><freejoint/><geom size=\"1\"/></body>\n<body name=\"b\"><freejoint/><geom size=\"1\"/></body>";
     assert_refused("mjcf", &mjcf(two), 4, "interpenetration", "`a` and `b` overlap");
 }
@@ -220,13 +220,13 @@ fn what_stands_beside_a_description_is_told_at_its_key() {
             .iter()
             .any(|error| { error.pointer == "/problem/rigid_bodies/robot/pose/elbow" && error.code == "out_of_range" })
     );
-    // What stands beside it keeps its place.
+    // Errors in bodies beside a robot description are reported at their own JSON pointers.
     let document = json!({"problem": {"rigid_bodies": {"robot": {"urdf": text}, "bodies": [{"name": "a", "shape": {"sphere": {"radius": -1}}, "mass": 1}]}}, "time": {"end": 1}});
     let errors = Specification::from_json(document.to_string().as_bytes()).unwrap_err();
     assert_eq!(errors[0].pointer, "/problem/rigid_bodies/bodies/0/shape/sphere/radius");
 }
 
-/// Changes of a text that nobody would make.
+/// Returns a text with random edits, to test that any input is read or refused.
 fn changed(text: &str, random: &mut fastrand::Rng) -> String {
     const PIECES: [&str; 24] = [
         "<",
@@ -266,7 +266,7 @@ fn changed(text: &str, random: &mut fastrand::Rng) -> String {
                 drop(letters.splice(at..at, copy));
             }
             3 => {
-                // A number becomes another.
+                // Replaces a digit of the text by an extreme number.
                 if let Some(digit) = letters[at..].iter().position(char::is_ascii_digit) {
                     let extreme = *random.choice(&["0", "-5", "1e308", "1e-320", "7", "nan"]).unwrap_or(&"0");
                     drop(letters.splice(at + digit..=at + digit, extreme.chars()));

@@ -1,4 +1,4 @@
-//! Rigid bodies: joints that fail, energy errors, bodies at rest.
+//! Verdicts on rigid bodies: joints that fail, energy errors, bodies at rest.
 
 use super::*;
 use crate::systems::harness::column;
@@ -39,8 +39,8 @@ fn a_box_at_rest_gains_nothing_and_is_trusted_in_any_units() {
 
 #[test]
 fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
-    // A card of the given thickness, with its lower edge on the floor and its upper edge touching the other card's at x
-    // = 0.
+    // Two cards lean against each other: each has its lower edge on the floor, and its upper edge touches the other's
+    // at x = 0.
     for (degrees, friction, stands) in
         [(20.0_f64, 0.25, true), (20.0, 0.12, false), (30.0, 0.35, true), (12.0, 0.13, true)]
     {
@@ -68,13 +68,13 @@ fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
 #[test]
 fn a_chain_of_light_links_with_a_heavy_end_is_trusted_in_any_units() {
     for unit in [1.0, 1e3] {
-        // What a light link does on its way is less accurate than what the ball does.
+        // The motion of light links is less accurate than that of the ball, so that only the ball's fields are asked
+        // for.
         let mut specification = chain(10, 100.0, 2e-3, unit);
         specification["output"]["fields"] = json!(["ball.x", "ball.z", "kinetic_energy", "potential_energy"]);
         let solution = solve(&specification);
         assert_trusted(&solution);
-        // An early version gained 33 digits of energy; the permitted defect is a hundredth of the largest kinetic
-        // energy.
+        // The permitted defect of the energy balance is a hundredth of the largest kinetic energy.
         let (kinetic, potential) = (column(&solution, "kinetic_energy"), column(&solution, "potential_energy"));
         let largest = kinetic.iter().copied().fold(0.0, f64::max);
         let energy = solution.diagnostics.energy.as_ref().expect("a balance");

@@ -1,4 +1,5 @@
-//! Time stepping beside longer steps: an answer that is trusted is as good as the verdict says, whatever is asked for.
+//! Verdicts of time stepping, which compares runs with different step sizes: a trusted answer is as accurate as the
+//! verdict claims, whichever field is asked for.
 
 use super::solve;
 use crate::systems::harness::distance;
@@ -7,10 +8,10 @@ use std::f64::consts::TAU;
 
 const G: f64 = 9.81;
 
-/// Two digits, of the largest change of what is asked for.
+/// Permitted error of a trusted answer, relative to the largest change of the field: two digits.
 const PERMITTED: f64 = 1e-2;
 
-/// A scene of rigid bodies over time, of which one field is asked for.
+/// A scene of rigid bodies up to the time `end`, with one output field.
 fn scene(bodies: &Value, others: Value, [end, step]: [f64; 2], field: &str) -> Value {
     let mut problem = json!({"gravity": [0, 0, -G], "bodies": bodies});
     for (key, value) in others.as_object().expect("an object") {
@@ -25,8 +26,8 @@ fn ground() -> Value {
     json!({"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true})
 }
 
-/// Solves with each number of steps, and returns the verdicts; asserts that what is trusted is within `permitted` of the
-/// change `size`.
+/// Solves with each number of steps, and returns whether the solutions are trusted; asserts that trusted ones have an
+/// error of at most `permitted` times the change `size`.
 fn judged(
     system: impl Fn(f64) -> Value,
     steps: &[u32],
@@ -42,7 +43,7 @@ fn judged(
     steps.iter().map(verdict).collect()
 }
 
-/// The height of a point over the floor, dropped from `height`.
+/// Returns the height of a point over the floor at the time `t`, dropped from `height`.
 fn bounces(height: f64, restitution: f64, mut t: f64) -> f64 {
     let impact = (2.0 * height / G).sqrt();
     if t < impact {
@@ -63,7 +64,8 @@ fn bounces(height: f64, restitution: f64, mut t: f64) -> f64 {
 
 #[test]
 fn bodies_on_joints_are_compared_with_longer_parts() {
-    // Theta'' = -(m g L sin theta + k (theta - start)) / I, by a method of Runge and Kutta with far shorter steps.
+    // The reference integrates theta'' = -(m g L sin theta + k (theta - start)) / I by a Runge-Kutta method with far
+    // shorter steps.
     for (length, start, stiffness) in [(1.0_f64, 2.0_f64, 0.0), (0.01, 1.2, 0.0), (0.3, 1.0, 20.0)] {
         let (radius, inertia) = (0.1 * length, 1.004 * length * length);
         let rate = |[angle, speed]: [f64; 2]| {
@@ -110,7 +112,7 @@ fn what_is_asked_for_is_measured_by_its_own_change() {
         let verdicts = judged(system, &[20, 50, 100, 200, 8000], ("b.z", &exact, height), PERMITTED);
         assert!(!verdicts[0] && verdicts[4], "{place}, {speed}: {verdicts:?}");
     }
-    // A small vibration of a body that is neither small nor near.
+    // A small vibration of a large body, and of one far from the origin.
     for (size, place) in [(1e-6, 0.0), (1e-3, 1e3)] {
         let ball =
             json!([{"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [place + size, 0, 0]}]);
@@ -132,7 +134,7 @@ fn outputs_that_are_no_states_are_compared_themselves() {
     let size = (4.0 * (0.1 + height)).exp();
     let verdicts = judged(system, &[20, 50, 100, 200, 16000], ("q", &exact, size), PERMITTED);
     assert!(!verdicts[0] && verdicts[4], "{verdicts:?}");
-    // Friction takes the energy mu m g s of a box that slides.
+    // Friction dissipates the energy mu m g s of a box that slides by the distance s.
     let slider = json!([ground(), {"name": "b", "shape": {"box": {"size": [0.4, 0.4, 0.1]}}, "mass": 2, "position": [0, 0, 0.05],
         "velocity": [2, 0, 0]}]);
     let system = |count: f64| {
@@ -157,7 +159,7 @@ fn bodies_of_any_mass_move() {
 fn forces_that_vary_within_a_step_are_seen() {
     for (centre, width) in [(0.333, 1e-3), (0.5071, 1e-4), (0.71, 0.01)] {
         let pulse = format!("exp(-((t - {centre})/{width})^2)/{width}");
-        // The impulse is the root of pi.
+        // The impulse of the force is the square root of pi.
         let moved = |t: f64| std::f64::consts::PI.sqrt() * (t - centre).max(0.0);
         let point = |count: f64| {
             json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0}}, "mass": [[1]], "forces": {"x": pulse}}},
@@ -178,7 +180,7 @@ fn forces_that_vary_within_a_step_are_seen() {
 
 #[test]
 fn impacts_in_turn_within_a_step_are_doubted_and_impacts_at_once_are_not() {
-    // The lower ball hits the ground, then the upper one, a micrometre above it.
+    // The lower ball hits the ground and then the upper ball, which is a micrometre above it.
     let (fall, e, ratio) = (0.5_f64, 0.8, 10.0);
     let impact = (2.0 * fall / G).sqrt();
     let (up, down) = (e * G * impact, -G * impact);
@@ -193,7 +195,7 @@ fn impacts_in_turn_within_a_step_are_doubted_and_impacts_at_once_are_not() {
     };
     let exact = |t: f64| 0.3 + speed * (t - impact) - 0.5 * G * (t - impact).powi(2);
     judged(system, &[100, 1000, 4000], ("b.z", &exact, fall), PERMITTED);
-    // A box that falls flat hits the ground with four corners at once.
+    // A box that falls flat hits the ground with four corners at the same time.
     let flat = json!([ground(), {"name": "b", "shape": {"box": {"size": [0.2, 0.2, 0.2]}}, "mass": 1, "position": [0, 0, fall + 0.1]}]);
     let system = |count: f64| scene(&flat, json!({"contacts": {"restitution": e}}), [end, end / count], "b.z");
     let verdicts = judged(system, &[4000], ("b.z", &|t| 0.1 + bounces(fall, e, t), fall), PERMITTED);
@@ -215,8 +217,9 @@ fn few_steps_of_free_flight_are_trusted() {
     }
 }
 
-/// Where two balls of the same radius and masses `1`, `m`, the first of which flies at `(2, 0, 0)` from `(-1, 0, 0)`, the other
-/// at rest at `(0, b, 0)`, meet without friction: the time, and the velocity of the first after it.
+/// Returns the time of impact of two balls of the same radius and the velocity of the first ball after it. The first
+/// ball has the mass 1 and flies with `(2, 0, 0)` from `(-1, 0, 0)`; the second has the mass `m` and rests at `(0, b,
+/// 0)`; there is no friction.
 fn glanced(b: f64, m: f64, reach: f64) -> (f64, [f64; 2]) {
     let along = (reach * reach - b * b).sqrt();
     let normal = [along / reach, b / reach];
@@ -224,8 +227,8 @@ fn glanced(b: f64, m: f64, reach: f64) -> (f64, [f64; 2]) {
     (0.5 * (1.0 - along), [2.0 - impulse * normal[0], -impulse * normal[1]])
 }
 
-/// An impact on a curved surface sends a body where the normal points, which turns up to the time when surfaces meet: runs with `h`
-/// and `2h` may agree by luck.
+/// After an impact on a curved surface a body moves along the normal, which depends on the time of the impact: runs
+/// with steps of `h` and `2h` may agree by chance.
 #[test]
 fn impacts_on_curved_surfaces_go_where_they_go() {
     let mut trusted = 0;
@@ -244,7 +247,7 @@ fn impacts_on_curved_surfaces_go_where_they_go() {
         let system = |count: f64| scene(&balls, others.clone(), [1.5, 1.5 / count], "a.y");
         let across = |t: f64| after[1] * (t - impact).max(0.0);
         trusted += judged(system, &steps, ("a.y", &across, size(1)), 1.2 * PERMITTED).iter().filter(|is| **is).count();
-        // The same in generalised coordinates, where a thousandth is permitted.
+        // The impact on a fixed ball in generalised coordinates, where an error of a thousandth is permitted.
         if m.is_infinite() {
             let gap = format!("sqrt(x^2 + (y - {b})^2) - 0.2");
             let point = |count: f64| {
@@ -259,7 +262,7 @@ fn impacts_on_curved_surfaces_go_where_they_go() {
     assert!(trusted > 20, "{trusted} of {} are trusted", 4 * steps.len());
 }
 
-/// A paddle whose period is that of the steps, and a blade that turns by whole turns in them, seem to be at rest.
+/// A paddle whose period is the step size and a blade that makes whole turns in a step seem to be at rest.
 #[test]
 fn motions_that_steps_do_not_see_are_doubted() {
     let ball =
@@ -271,18 +274,18 @@ fn motions_that_steps_do_not_see_are_doubted() {
         for step in [0.02, 0.01, 0.005] {
             let system = scene(&json!([given, ball(place)]), still.clone(), [0.1, step], field);
             assert!(!solve(&system).verdict.trusted, "{field}, steps of {step}");
-            // What is far away is not concerned.
+            // A ball that is far from the moving body is not affected, and trusted.
             let far = scene(&json!([given, ball([10.0, 0.0, 0.0])]), still.clone(), [0.1, step], field);
             assert!(solve(&far).verdict.trusted, "{field}, steps of {step}, far away");
         }
     }
-    // A roller may turn as fast as it likes.
+    // A roller may rotate at any speed, since rotation does not change its surface.
     let roller = json!({"name": "p", "shape": {"cylinder": {"radius": 0.5, "length": 1}}, "motion": {"angular_velocity": [0, 0, 100.0 * TAU]}});
     let system = scene(&json!([roller, ball([0.0, 0.7, 0.0])]), still, [0.1, 0.01], "b.y");
     assert!(solve(&system).verdict.trusted);
 }
 
-/// A force that acts within a width of half a millimetre, which steps of five centimetres jump over.
+/// A force within a width of half a millimetre, which steps of five centimetres skip.
 #[test]
 fn forces_that_are_narrow_in_space_are_seen() {
     let force = "2000*exp(-((b.x - 0.5037)/0.0005)^2)";
@@ -293,7 +296,7 @@ fn forces_that_are_narrow_in_space_are_seen() {
     let system = |count: f64| scene(&ball, others.clone(), [1.2, 1.2 / count], "b.x");
     let verdicts = judged(system, &[24, 60, 120, 240, 24_000], ("b.x", &exact, 2.0), PERMITTED);
     assert_eq!(verdicts.last(), Some(&true));
-    // A spring, whose force varies along the way, is trusted.
+    // A run with a spring force, which varies slowly along the path, is trusted.
     let others = json!({"gravity": [0, 0, 0], "forces": [{"body": "b", "force": ["-4*b.x", 0, 0]}]});
     let system = |count: f64| scene(&ball, others.clone(), [3.0, 3.0 / count], "b.x");
     let verdicts = judged(system, &[100, 1000], ("b.x", &|t| 0.5 * (2.0 * t).sin(), 0.5), PERMITTED);

@@ -1,11 +1,11 @@
-//! Steps of a given size: what they are worth is estimated, and runs whose steps are too long are not trusted.
+//! Runs with steps of a given size: their error is estimated, and runs whose steps are too long are not trusted.
 
 use super::{assert_trusted, reasons, solve};
 use crate::systems::harness::{distance, last};
 use dvi::solution::CheckCode;
 use serde_json::{Value, json};
 
-/// Whether a run with steps of this size is trusted, and its largest error at the outputs.
+/// Returns whether a run with steps of this size is trusted, and its largest error at the output times.
 fn judged(mut system: Value, step: f64, exact: impl Fn(f64) -> f64) -> (bool, f64) {
     if system["method"].is_null() {
         system["method"] = json!({});
@@ -27,10 +27,10 @@ fn judged(mut system: Value, step: f64, exact: impl Fn(f64) -> f64) -> (bool, f6
 fn a_run_that_is_trusted_has_three_digits_whatever_its_steps() {
     let oscillator = json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "v"},
         "v": {"initial": 0, "rate": "-x"}}}}, "time": {"end": 20}, "output": {"times": {"count": 21}}});
-    // In units of micrometres and on a slower clock it is the same oscillator.
+    // The oscillator of the first case, with lengths in micrometres and a slower clock.
     let small = json!({"problem": {"dvi": {"states": {"x": {"initial": 1e-6, "rate": "1e-3*v"},
         "v": {"initial": 0, "rate": "-1e-3*x"}}}}, "time": {"end": 2e4}, "output": {"times": {"count": 21}}, "stages": 3});
-    // A Volterra equation with an interval that does not bind, and a rod that is heated to and fro.
+    // A Volterra equation whose bounds are not active, and a rod that is heated and cooled periodically.
     let memory = json!({"problem": {"convolution": {"variables": {"u": {"q": "-sin(t)"}},
         "kernel": {"entries": [["exp(-t)"]]}, "set": [{"box": {"of": ["u"], "lower": -9, "upper": 9}}]}},
         "time": {"end": 8}, "output": {"times": {"count": 9}}});
@@ -87,7 +87,7 @@ fn time_stepping_that_is_trusted_has_three_digits_whatever_its_steps() {
     let spring = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 1}}, "mass": [[1]],
         "potential": "0.5*x^2"}}, "time": {"end": 3}, "method": {"impacts": "time_stepping"},
         "output": {"times": {"count": 11}}});
-    // A ball hits another of a third of its mass, elastically; what it keeps is half of its speed.
+    // A ball hits another one of a third of its mass elastically, and keeps half of its speed.
     let pair = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": -0.37, "velocity": 1},
         "y": {"initial": 0}}, "mass": [[3, 0], [0, 1]], "contacts": [{"name": "hit", "gap": "y - x", "restitution": 1}]}},
         "time": {"end": 2}, "output": {"times": {"count": 11}}});
@@ -165,7 +165,7 @@ fn many_bodies_are_not_compared_and_the_verdict_says_so() {
 
 #[test]
 fn a_pulse_between_the_stages_of_a_given_step_is_doubted() {
-    // The integral of the pulse is the root of pi.
+    // The integral of the pulse is the square root of pi.
     for centre in [0.437, 0.31, 0.77] {
         let pulse = format!("exp(-((t - {centre})/w)^2)/w");
         let system = json!({"problem": {"dvi": {"parameters": {"w": 0.002},
@@ -186,7 +186,8 @@ fn a_layer_within_a_given_step_is_doubted_by_what_it_leaves() {
     let exact = |initial: f64| move |t: f64| t.cos() + (initial - 1.0) * (-1e4 * t).exp();
     let (within, lost) = judged(layer(2.0, json!([0.05, 1])), 0.1, exact(2.0));
     assert!(!within && lost > 0.1, "{lost:e}");
-    // What an L-stable method leaves of the layer at the end of the step falls with the step size alone.
+    // An L-stable method leaves a remainder of the layer at the end of the step that decreases only with the step
+    // size.
     let (at_ends, left) = judged(layer(2.0, json!([0.1, 0.5, 1])), 0.1, exact(2.0));
     assert!(!at_ends && left > 1e-3, "{left:e}");
     let (at_ends, error) = judged(layer(1.01, json!([0.1, 0.5, 1])), 0.1, exact(1.01));
@@ -213,7 +214,7 @@ fn a_state_that_an_inequality_holds_at_zero_is_trusted_and_a_small_one_is_not() 
             assert!((last(&solution, "z") - (1.0 - 0.4 * 3.0_f64.sin().powi(2))).abs() < 1e-9);
         }
     }
-    // A state that decays to 1e-12 is as small, but nothing holds it, beside a state that something holds.
+    // A state that decays to 1e-12 is as small as one at a constraint, but no inequality keeps it at zero.
     let small = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 0, "rate": "z - 1"},
         "c": {"initial": 0, "rate": "1e-12 - c"}}, "variables": {"z": {"inequality": "v"}}, "set": [{"nonnegative": ["z"]}]}},
         "time": {"end": 3}, "output": {"times": [3]}}));

@@ -1,15 +1,15 @@
-//! Impacts, located and time-stepped: energies, gaps and accumulations.
+//! Verdicts on impacts, located and time-stepped: energies, gaps and accumulations.
 
 use super::*;
 
-/// A ball dropped on a floor, in given units of length and time.
+/// A ball of unit mass dropped on a floor from `height`, with the run from `start` to `end`.
 fn ball(height: f64, start: f64, end: f64, restitution: f64, method: Value) -> Value {
     json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": height}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "floor", "gap": "y", "restitution": restitution}]}},
         "time": {"start": start, "end": end}, "method": method, "output": {"times": [end]}})
 }
 
-/// The height of a ball between its first and second impact.
+/// Returns the height of a ball between its first and second impact.
 fn height_between(height: f64, restitution: f64, t: f64) -> f64 {
     let fall = (2.0 * height / 9.81_f64).sqrt();
     let passed = t - fall;
@@ -65,7 +65,8 @@ fn a_bouncing_ball_that_comes_to_rest_is_trusted() {
 #[test]
 fn a_floor_that_rises_between_steps_lifts_what_rests_on_it() {
     for (width, height) in [(0.1, 0.05), (0.01, 0.001), (1e-3, 1e-5)] {
-        // At its crest the floor is at the body's height: on the way up the body left it only with its own velocity.
+        // The rising floor throws the body up: the body detaches when the floor's deceleration exceeds gravity, and
+        // must not be below the floor at its highest position.
         let gap = format!("y - {height}*exp(-((t-5)/{width})^2)");
         let spec = json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y",
             "contacts": [{"name": "floor", "gap": gap}]}}, "time": {"end": 10}, "output": {"times": [4, 5, 10]}});
@@ -83,7 +84,7 @@ fn a_bump_that_is_narrow_beside_a_step_lifts_what_slides() {
         "mass": [[1, 0], [0, 1]], "potential": "9.81*y", "contacts": [{"name": "road", "gap": "y - 0.01*exp(-((x-7.3)/0.2)^2)"}]}},
         "time": {"end": 20}, "output": {"times": {"count": 201}}}),
     );
-    // The bump dissipates no energy: the body continues at its speed.
+    // The frictionless bump dissipates no energy: the body continues at its initial speed.
     let highest = super::super::harness::column(&solution, "y").iter().copied().fold(0.0, f64::max);
     assert!(highest > 0.009, "it passed through the bump: {highest}");
 }

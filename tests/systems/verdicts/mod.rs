@@ -1,4 +1,4 @@
-//! Verdicts on runs with contacts, obstacles and memory: right answers are trusted and wrong ones are not, in any
+//! Verdicts on runs with contacts, obstacles and memory: accurate answers are trusted and wrong ones are not, in any
 //! units.
 
 mod bodies;
@@ -13,12 +13,12 @@ use super::harness::{last, solve};
 use dvi::solution::{CheckCode, Solution};
 use serde_json::{Value, json};
 
-/// The codes of the reasons against an answer.
+/// Returns the codes of the reasons why a solution is not trusted.
 fn reasons(solution: &Solution) -> Vec<CheckCode> {
     solution.verdict.because.iter().map(|reason| reason.code).collect()
 }
 
-/// The ratio of the measured to the permitted value.
+/// Returns the ratio of the measured to the permitted value of a check.
 fn excess(solution: &Solution, code: CheckCode) -> f64 {
     let (value, allowed) = solution.diagnostics.checks.get(code).unwrap_or_else(|| panic!("no check {code:?}"));
     value / allowed

@@ -1,5 +1,5 @@
-//! Time stepping over data that are narrower than a step, in time or in space: coefficients of friction, forces, and gaps. Answers from
-//! integration with far shorter steps, or in closed form.
+//! Verdicts of time stepping with data that are narrower than a step, in time or in space: friction coefficients,
+//! forces, and gaps. References are closed forms, or integrations with far shorter steps.
 
 use super::solve;
 use crate::systems::harness::{distance, last};
@@ -7,15 +7,16 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// Two digits for bodies in space, three for generalised coordinates.
+/// Permitted relative errors of trusted answers: two digits for rigid bodies, three for generalised coordinates.
 const PERMITTED: [f64; 2] = [1e-2, 1e-3];
 
-/// The way of a point that slides from `v` on with a coefficient of friction, up to a time.
+/// Returns the distance that a point slides up to the time `end`, from the velocity `v`, with the friction
+/// coefficient `mu(t, x)`.
 fn slid(mu: &dyn Fn(f64, f64) -> f64, v: f64, end: f64) -> f64 {
     let (count, mut x, mut v) = (400_000, 0.0, v);
     let h = end / f64::from(count);
     for k in 0..count {
-        // The rule of midpoints.
+        // Integrates the sliding point by the midpoint rule.
         let t = (f64::from(k) + 0.5) * h;
         let middle = v - 0.5 * h * G * mu(t - 0.5 * h, x);
         let next = v - h * G * mu(t, x + 0.5 * h * v);
@@ -28,14 +29,14 @@ fn slid(mu: &dyn Fn(f64, f64) -> f64, v: f64, end: f64) -> f64 {
     x
 }
 
-/// A point that slides, in generalised coordinates.
+/// A sliding point in generalised coordinates.
 fn point(friction: &str, v: f64, [end, count]: [f64; 2]) -> Value {
     json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0, "velocity": v}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
         "forces": {"y": -G}, "contacts": [{"name": "c", "gap": "y", "friction": {"coefficient": friction, "slip": ["x_dot"]}}]}},
         "time": {"end": end}, "method": {"step": end / count, "impacts": "time_stepping"}, "output": {"times": [end], "fields": ["x"]}})
 }
 
-/// A flat box that slides, in space.
+/// A flat box that slides, as a rigid body.
 fn slider(friction: &str, v: f64, [end, count]: [f64; 2], impacts: &str) -> Value {
     let bodies = json!([{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
         {"name": "b", "shape": {"box": {"size": [0.4, 0.4, 0.002]}}, "mass": 2, "position": [0, 0, 0.001], "velocity": [v, 0, 0]}]);
@@ -43,7 +44,7 @@ fn slider(friction: &str, v: f64, [end, count]: [f64; 2], impacts: &str) -> Valu
         "time": {"end": end}, "method": {"step": end / count, "impacts": impacts}, "output": {"times": [end], "fields": ["b.x"]}})
 }
 
-/// Solves, asserts that what is trusted is right, and returns whether it is trusted.
+/// Solves a specification, asserts that a trusted result is right, and returns whether it is trusted.
 fn judged(system: &Value, field: &str, exact: f64, permitted: f64) -> bool {
     let solution = solve(system);
     let error = (last(&solution, field) - exact).abs() / exact.abs();
@@ -54,7 +55,7 @@ fn judged(system: &Value, field: &str, exact: f64, permitted: f64) -> bool {
 #[test]
 fn friction_that_is_narrower_than_a_step_is_seen() {
     let (v, end) = (3.0, 0.9);
-    // A pulse in time, one that passes with the steps, and a rough strip.
+    // Three friction coefficients: a pulse in time, a wave whose period is that of the steps, and a rough strip.
     type Coefficient = (&'static str, fn(f64, f64) -> f64);
     let pulse: Coefficient =
         ("0.1 + 3*exp(-((t - 0.3333)/0.005)^2)", |t, _| 0.1 + 3.0 * (-((t - 0.3333) / 0.005_f64).powi(2)).exp());
@@ -65,7 +66,7 @@ fn friction_that_is_narrower_than_a_step_is_seen() {
     let mut trusted = 0;
     for (k, (text, mu)) in [pulse, period, strip].into_iter().enumerate() {
         let exact = slid(&mu, v, end);
-        // Two pairs of corners, each with half of the weight.
+        // The front and the rear corners of the box each carry half of its weight.
         let of_box = slid(&|t, x| 0.5 * (mu(t, x - 0.2) + mu(t, x + 0.2)), v, end);
         for count in [9.0, 15.0, 30.0, 60.0, 9000.0] {
             let of_point = judged(&point(&text.replace('X', "x"), v, [end, count]), "x", exact, 1.2 * PERMITTED[1]);
@@ -80,20 +81,21 @@ fn friction_that_is_narrower_than_a_step_is_seen() {
         }
     }
     assert_eq!(trusted, 3);
-    // Friction that varies slowly is trusted as before.
+    // A run with slowly varying friction is trusted.
     let slow = |t: f64, _: f64| 0.2 + 0.1 * t;
     let exact = slid(&slow, v, end);
     assert!(judged(&point("0.2 + 0.1*t", v, [end, 900.0]), "x", exact, 1e-3));
     assert!(judged(&slider("0.2 + 0.1*t", v, [end, 90.0], "time_stepping"), "b.x", exact, 1e-2));
 }
 
-/// What rests does not care for friction, and what has come to rest stays where it is.
+/// Friction does not matter for a body at rest, nor for one that has come to rest.
 #[test]
 fn friction_that_varies_where_nothing_slides_is_trusted() {
     let pulses = "0.3 + 0.2*cos(2*pi*t/0.015)";
     let solution = solve(&slider(pulses, 0.0, [10.0, 500.0], "time_stepping"));
     assert!(solution.verdict.trusted && last(&solution, "b.x").abs() < 1e-9, "{:?}", solution.verdict);
-    // On a slope whose friction does not always hold it, a body slides down step by step.
+    // On a slope of the gradient 0.2, a friction coefficient that is always larger holds the body; one that is at
+    // times smaller lets it slide down step by step.
     let slope = |friction: &str| {
         let mut system = slider(friction, 0.0, [1.0, 50.0], "time_stepping");
         system["problem"]["rigid_bodies"]["gravity"] = json!([G * 0.2, 0, -G]);
@@ -113,17 +115,17 @@ fn forces_on_coordinates_that_are_narrow_in_space_are_seen() {
             "forces": force}}, "time": {"end": 1.2}, "method": {"step": 1.2 / count, "impacts": "time_stepping"},
             "output": {"times": [1.2], "fields": [field]}})
     };
-    // Along the way, by the energy, and across it.
+    // References for the force along the path, from the energy, and for the force across it.
     let along = place + (1.0 + 2.0 * impulse).sqrt() * (1.2 - place);
     let across = impulse * (1.2 - place);
     for (direction, exact) in [("x", along), ("y", across)] {
         for count in [24.0, 60.0, 120.0, 240.0, 1200.0] {
             judged(&system(count, json!({direction: bump}), direction), direction, exact, 1.2 * PERMITTED[1]);
         }
-        // The steps of some are longer than the bump by far.
+        // A run of 60 steps, each far longer than the width of the bump, is not trusted.
         assert!(!judged(&system(60.0, json!({direction: bump}), direction), direction, exact, PERMITTED[1]));
     }
-    // A spring of any shape is trusted.
+    // A run with a smooth nonlinear spring force is trusted.
     let exact = 0.5 * 2.4_f64.sin();
     assert!(judged(&system(12_000.0, json!({"x": "-4*x + 1e-9*sin(x)"}), "x"), "x", exact, PERMITTED[1]));
 }
@@ -136,18 +138,18 @@ fn gaps_that_close_and_open_within_a_step_are_seen() {
             "method": {"step": 1.2 / count, "impacts": "time_stepping"}, "output": {"times": [1.2], "fields": ["x"]}})
     };
     for count in [7.0, 12.0, 24.0, 60.0, 120.0, 600.0] {
-        // A spike that stands in the way, and one that does not reach so far.
+        // A spike of the floor in the path of the body, and one that is too low to touch it.
         let spike = |height: f64| format!("y + 0.5 - {height}*exp(-((x - 0.5037)/0.001)^2)");
         assert!(!solve(&system([0.0, 1.0], &spike(1.0), count)).verdict.trusted, "{count} steps");
         let free = solve(&system([0.0, 1.0], &spike(0.49), count));
         assert!(free.verdict.trusted && distance(&free, "x", |t| t) < 1e-12, "{count} steps: {:?}", free.verdict);
-        // A bat that strikes for a moment, and one that does not reach so far.
+        // An obstacle that moves up for an instant and strikes the body, and one that does not reach it.
         let bat = |height: f64| format!("x - {height}*exp(-((t - 0.5037)/0.001)^2)");
         assert!(!solve(&system([1.0, 0.0], &bat(2.0), count)).verdict.trusted, "{count} steps");
         let still = solve(&system([1.0, 0.0], &bat(0.99), count));
         assert!(still.verdict.trusted && distance(&still, "x", |_| 1.0) < 1e-12, "{count} steps: {:?}", still.verdict);
     }
-    // A point beside a round pillar, by a tenth of its radius, and on its way through a gate.
+    // A point that passes a round pillar at a tenth of its radius, and a point that passes a gate.
     for (start, gap) in [(-2.0, "sqrt(x^2 + (y - 1.1)^2) - 1"), (-1.0, "0.1 + x^2 - y")] {
         for count in [60.0, 600.0] {
             let past = solve(&system([start, 3.0], gap, count));
@@ -156,7 +158,7 @@ fn gaps_that_close_and_open_within_a_step_are_seen() {
     }
 }
 
-/// Where a body rests at the output times, it does not matter how it came there.
+/// For a body at rest at the output times, errors of its earlier motion do not matter.
 #[test]
 fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
     let ball = |count: f64, times: [f64; 2]| {
@@ -182,7 +184,7 @@ fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
             assert!(!solve(&moves).verdict.trusted, "{field}, {count} steps");
         }
     }
-    // A stack that settles by a tenth of a millimetre in its first steps presses with its weight.
+    // A stack that settles by a tenth of a millimetre in its first steps presses on the ground with its weight.
     let boxes = (0..3).map(|k| {
         json!({"name": format!("b{k}"), "shape": {"box": {"size": [0.4, 0.4, 0.2]}}, "mass": 1,
             "position": [0, 0, 0.1 + 0.2001 * f64::from(k) + 1e-4]})
@@ -194,7 +196,7 @@ fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
     assert!(judged(&stack, "ground.contact_fz", -3.0 * G, 1e-6));
 }
 
-/// A motor at a constant speed moves a slide to and fro, and takes back what it has put in.
+/// A motor of constant speed moves a slide to and fro, and recovers the work that it has done.
 #[test]
 fn a_motor_that_holds_a_speed_is_trusted() {
     let speed = 3.0_f64;

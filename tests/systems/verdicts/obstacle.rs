@@ -1,12 +1,12 @@
-//! Obstacle problems with all nodes in contact while their data change.
+//! Verdicts on obstacle problems with all nodes in contact while their data change.
 
 use super::*;
 
 #[test]
 fn a_source_takes_nodes_from_one_obstacle_to_the_other_and_back() {
     for rate in [1.0, 7.0] {
-        // u' = 3 rate cos(rate t) confined to [-1, 1], without a flux: one ordinary differential equation at every
-        // node.
+        // The source 3 rate cos(rate t) with u confined to [-1, 1] and no flux: the same ordinary differential
+        // equation at every node.
         let at = |t: f64| t / rate;
         let solution = solve(&json!({"problem": {"obstacle": {"domain": {"x": [0, 1]}, "elements": 4, "diffusion": 1,
             "source": format!("3*{rate}*cos({rate}*t)"), "initial": 0, "obstacle": -1, "upper_obstacle": 1, "probes": {"a": [0.5]}}},
@@ -23,7 +23,8 @@ fn a_source_takes_nodes_from_one_obstacle_to_the_other_and_back() {
 #[test]
 fn a_pulse_of_any_width_wakes_nodes_that_rest() {
     for width in [0.5, 0.05, 0.002] {
-        // u' = -1 + 20 exp(-((t - 5)/w)^2) from where the source changes sign, by Simpson's rule.
+        // From the time at which the source changes sign, u' = -1 + 20 exp(-((t - 5)/w)^2), integrated by Simpson's
+        // rule.
         let source = |t: f64| -1.0 + 20.0 * (-((t - 5.0) / width).powi(2)).exp();
         let (from, to) = (5.0 - width * 20.0_f64.ln().sqrt(), 5.0 + width);
         let n = 2000;

@@ -1,13 +1,15 @@
-//! A light ball between a wall and a heavy ball that closes in on it: hundreds of impacts within a step. Answers from impact to impact.
+//! Verdicts on a light ball between a wall and a heavy ball that approaches it: hundreds of impacts within a step.
+//! The reference computes one impact after another.
 
 use super::solve;
 use crate::systems::harness::last;
 use serde_json::json;
 
-/// The radius of the balls.
+/// Radius of the balls.
 const R: f64 = 0.1;
 
-/// The time at which a gap `x - v t` closes under the acceleration `-g` of `x` alone; infinite if it does not.
+/// Returns the time at which a gap, opening at the rate `v`, closes under the acceleration `-g`; infinite if it does
+/// not close.
 fn closes(gap: f64, v: f64, g: f64) -> f64 {
     if g == 0.0 {
         return if v < 0.0 { gap.max(0.0) / -v } else { f64::INFINITY };
@@ -15,8 +17,9 @@ fn closes(gap: f64, v: f64, g: f64) -> f64 {
     (v + (v * v + 2.0 * g * gap.max(0.0)).sqrt()) / g
 }
 
-/// The places of both balls on a line, at `x` with velocities `v` and masses 1 and `heavy`, after elastic impacts with each other
-/// and with the wall at 0, toward which they fall.
+/// Returns the positions at the time `end` of two balls on a line, from the positions `x` and velocities `v`, with
+/// the masses 1 and `heavy`, after elastic impacts with each other and with the wall at 0, towards which gravity
+/// acts.
 fn bounced(mut x: [f64; 2], mut v: [f64; 2], heavy: f64, g: f64, end: f64) -> [f64; 2] {
     let mut t = 0.0;
     loop {
@@ -39,7 +42,8 @@ fn bounced(mut x: [f64; 2], mut v: [f64; 2], heavy: f64, g: f64, end: f64) -> [f
     }
 }
 
-/// The largest error of the places, relative to the way of the heavy ball, and whether the answer is trusted.
+/// Returns the largest error of the positions, relative to the distance that the heavy ball moves, and whether the
+/// answer is trusted.
 fn squeezed(heavy: f64, g: f64, step: f64, impacts: Option<&str>) -> (f64, bool) {
     let (x, v, end) = ([1.0, 2.0], [0.0, -1.0], 1.937);
     let ball = |name: &str, mass: f64, x: f64, v: f64| json!({"name": name, "shape": {"sphere": {"radius": R}}, "mass": mass, "position": [x, 0, 0], "velocity": [v, 0, 0]});

@@ -19,12 +19,13 @@ from ._searches import Fit, Orbit, Sensitivities, SteadyState
 from ._specification import Source, SpecificationError, text_of
 from ._sweep import Sweep
 
-#: Seconds that a service may take for an answer before the solve becomes a job; and a margin for the way.
+#: Seconds within which a service may answer a solve before the solve becomes a job; and a margin for the transfer
+#: over the network.
 WAIT = 30
 MARGIN = 30.0
-#: Answers that say: later.
+#: HTTP statuses after which a request is repeated later.
 LATER = (429, 503)
-#: The longest pause between two attempts, in seconds, where the service names none.
+#: The longest pause between two attempts, in seconds, if the service names none.
 LONGEST_PAUSE = 10.0
 ENDED = ("successful", "failed", "dismissed")
 
@@ -44,7 +45,7 @@ class Job:
 
     def __init__(self, client: Client, status: dict[str, Any]) -> None:
         self._client = client
-        #: What the service last said of it.
+        #: The last status of the job that the service has sent.
         self.info = status
         self.id: str = status["id"]
 
@@ -210,7 +211,7 @@ class Client:
         """The version of the service."""
         return self._json("GET", "/version")
 
-    # --- the way there
+    # --- requests
 
     def _result(self, path: str, label: Optional[str]) -> Result:
         with self._send("GET", path, headers={"Accept": "application/json"}) as answer:

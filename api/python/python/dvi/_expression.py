@@ -7,7 +7,8 @@ import numbers
 from collections.abc import Callable
 from typing import Any, Union
 
-#: How tightly a text binds: sums, products, powers, and what needs no brackets.
+#: Precedence of the outermost operation of an expression's text: sums, products, powers, and atoms, which need no
+#: brackets.
 SUM, PRODUCT, POWER, ATOM = range(4)
 
 Operand = Union["Expression", float, int, str]
@@ -16,7 +17,8 @@ Operand = Union["Expression", float, int, str]
 class Expression:
     """A term of the language of specifications. `text` is what stands in the specification."""
 
-    #: Functions of numpy are taken over below; arrays leave their operators to expressions.
+    #: Functions of numpy applied to expressions are handled by `__array_ufunc__`; arrays leave arithmetic operators
+    #: to expressions.
     __slots__ = ("binds", "text")
 
     def __init__(self, text: str, binds: int = ATOM) -> None:
@@ -68,7 +70,8 @@ class Expression:
         return mod(other, self)
 
     def __neg__(self) -> Expression:
-        # A product keeps its sign in front: -k*x is the same number whichever way it is read.
+        # The unary minus has the precedence of a product: (-k)*x and -(k*x) are the same
+        # number.
         return Expression("-" + _within(self, PRODUCT, first=False), PRODUCT)
 
     def __pos__(self) -> Expression:
@@ -77,7 +80,7 @@ class Expression:
     def __abs__(self) -> Expression:
         return call("abs", self)
 
-    # --- what has no meaning here
+    # --- operations without a meaning for expressions
 
     def _no_comparison(self, other: object) -> Any:
         raise TypeError(
@@ -108,7 +111,8 @@ def expression(value: Operand) -> Expression:
     if isinstance(value, Expression):
         return value
     if isinstance(value, str):
-        # Nothing is known of a text: it is put in brackets wherever it stands within another, unless it is a name.
+        # The precedence of a text from the user is unknown: unless it is a name or a number, it is put in brackets
+        # wherever it stands within another expression.
         atom = value.isidentifier() or value.replace(".", "", 1).isdigit()
         return Expression(value, ATOM if atom else -1)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -168,7 +172,7 @@ def _function(name: str, meaning: str) -> Callable[..., Expression]:
     return function
 
 
-#: The time.
+#: The time t, the independent variable.
 t = Expression("t")
 
 sin = _function("sin", "The sine; angles are in radians.")

@@ -16,7 +16,7 @@ from ._specification import Source, text_of
 from ._sweep import Sweep
 
 
-#: How what is swept and what is collected are written.
+#: Examples of how the arguments `over` and `collect` of a sweep are written, for error messages.
 EXAMPLES = {"over": '{"m": [1, 2, 3]}', "collect": '{"peak": {"max": "abs(v)"}}'}
 
 
@@ -184,7 +184,7 @@ def steady_state(spec: Source, *, progress: Progress = None) -> SteadyState:
     return cast(SteadyState, run(read(with_rest(spec)), progress))
 
 
-# --- what users hand over, as it stands in a specification
+# --- conversion of the arguments of users to members of a specification
 
 
 def _name(name: Any) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ._sweep import Sweep
 
 Names = Union[str, Sequence[str]]
-#: "steps", a number of times, a list of times, or as in JSON, such as {"every": 0.1}.
+#: Output times: "steps", a number of times, a list of times, or an object as in JSON, such as {"every": 0.1}.
 Times = Union[str, int, Sequence[float], Mapping[str, float], None]
 
 
@@ -146,7 +146,7 @@ class Problem:
             return Parameter(name, self)
         raise AttributeError(f"there is no parameter {name!r} among {', '.join(parameters) or 'none'}")
 
-    # --- what it is made of
+    # --- the parts of a problem
 
     def parameter(self, name: str, value: Any) -> Parameter:
         """A constant: a number, an expression in other parameters, or a list for a vector."""
@@ -241,7 +241,7 @@ class Problem:
         variables = [Variable(name, self) for name in members]
         return variables[0] if alone else variables
 
-    # --- what is made of it
+    # --- conversion to a specification, and solves
 
     def to_dict(
         self,

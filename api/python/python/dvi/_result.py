@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-#: Curves and marks of events beyond which a picture only darkens.
+#: Numbers of panels and of event marks above which a plot becomes unreadable.
 MOST_PANELS = 8
 MOST_MARKS = 200
 
@@ -54,9 +54,10 @@ class Event(NamedTuple):
     """A switch of the active face, an impact, or what else happened."""
 
     t: float
-    #: `activated`, `deactivated`, `jumped`, `impact`, `lift_off`, `stick`, `slip` or `crossed`.
+    #: The kind of the event: `activated`, `deactivated`, `jumped`, `impact`, `lift_off`, `stick`, `slip` or
+    #: `crossed`.
     kind: str
-    #: The variable or the contact; of what `stop` watches its label.
+    #: The name of the variable or of the contact of the event, or the label of the `stop` condition that was met.
     of: str
 
 
@@ -64,11 +65,11 @@ class Verdict:
     """Whether an answer may be relied upon. It is true as its `trusted` is."""
 
     def __init__(self, verdict: dict[str, Any]) -> None:
-        #: Whether nothing that was measured speaks against the answer.
+        #: Whether no measurement speaks against the result.
         self.trusted: bool = verdict.get("trusted", False)
-        #: The measurements that speak against it, each with what is allowed.
+        #: The measurements that speak against the result, each with its permitted value.
         self.because: list[dict[str, Any]] = verdict.get("because", [])
-        #: What should be known though it does not speak against the answer.
+        #: Remarks that users should know, though they do not speak against the result.
         self.caveats: list[dict[str, Any]] = verdict.get("caveats", [])
 
     def __bool__(self) -> bool:
@@ -109,7 +110,8 @@ class Result:
         return Result.by_kind(_dvi.Answer.from_json(text.encode() if isinstance(text, str) else text, label))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The specification stays behind: values at other times are then not to be had.
+        # The specification is not pickled: the copy cannot compute values at other
+        # times.
         return Result.from_json, (self.to_json(), self.provenance.get("label"))
 
     def completed(self) -> Result:

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 class Estimate(NamedTuple):
     """A parameter as the data have it."""
 
-    #: Its most likely value.
+    #: The most likely value of the parameter.
     estimate: float
-    #: Its standard error; None where the data do not determine it, or a bound holds it.
+    #: The standard error of the parameter; None if the data do not determine it, or if a bound is active.
     sd: Optional[float] = None
-    #: The ends of its 95 % interval, within the bounds.
+    #: The ends of the 95 % confidence interval of the parameter, within its bounds.
     lower: Optional[float] = None
     upper: Optional[float] = None
 
@@ -36,7 +36,7 @@ class Estimate(NamedTuple):
 class Fit(Result, kind="fit"):
     """Parameters that were fitted to data. The trajectory is the fitted one."""
 
-    #: The data, where `dvi.fit` was given them.
+    #: The data given to `dvi.fit`; None if the data are not known.
     data: Optional[dict[str, Any]] = None
 
     @property

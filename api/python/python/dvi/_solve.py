@@ -12,7 +12,7 @@ from . import _dvi
 from ._result import Result
 from ._specification import Source, SpecificationError, text_of
 
-#: What is called with the fraction done and the steps made; True is a bar of tqdm.
+#: A function that is called with the completed fraction and the number of steps; True shows a progress bar of tqdm.
 Progress = Union[bool, Callable[[float, int], Any], None]
 
 

@@ -13,7 +13,7 @@ from . import _dvi
 if TYPE_CHECKING:
     from ._problem import Problem
 
-#: What `solve` takes: a dict, JSON text, the path of a file, or a builder.
+#: What `solve` takes as a specification: a dict, JSON text, the path of a file, or a `Problem`.
 Source = Union[str, bytes, "os.PathLike[str]", Mapping[str, Any], "Problem"]
 
 
@@ -21,15 +21,15 @@ Source = Union[str, bytes, "os.PathLike[str]", Mapping[str, Any], "Problem"]
 class Fault:
     """One thing that is wrong with a specification."""
 
-    #: The JSON pointer (RFC 6901) of its place; "" is the whole document.
+    #: The JSON pointer (RFC 6901) to the faulty value; "" is the whole document.
     pointer: str
-    #: A stable word for programs, such as `unknown_key`.
+    #: A stable code for programs, such as `unknown_key`.
     code: str
-    #: What is wrong.
+    #: A description of the fault.
     detail: str
-    #: What would be right.
+    #: What would be valid.
     expected: Optional[str] = None
-    #: The nearest valid name.
+    #: The valid name that is nearest to an unknown name.
     did_you_mean: Optional[str] = None
 
     def __str__(self) -> str:

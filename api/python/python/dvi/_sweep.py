@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-#: What stands in a column of counts where there is none.
+#: The value that marks a missing entry in a column of counts.
 MISSING = 0xFFFFFFFF
 
 

@@ -1,8 +1,10 @@
-//! One step of the automaton with two modes: some node touches an obstacle, or none does. A step ends where contact
-//! begins or ends; the active set of the nodes changes at any time, since the method keeps its order there.
+//! One step of TR-BDF2 as a hybrid automaton with two modes: some node touches an obstacle, or none does. A step ends
+//! where contact begins or ends; the active set of the nodes may change at other times within a step, since the
+//! method keeps its order there.
 //!
-//! The monitor is the least gap of a node or, in contact, the largest displacement that contact forces prevent, with the
-//! sign of the mode. The size of the step is the unknown, so that the time has the accuracy of the method.
+//! The monitor (event function) is the least gap of a node or, in contact, the largest displacement that contact
+//! forces prevent, with the sign of the mode. The size of the step is the unknown of the event location, so that the
+//! time of the event has the accuracy of the method.
 
 use super::{Attempt, TrBdf2};
 use crate::obstacle::ObstacleError;
@@ -12,38 +14,38 @@ use hybrid::{Automaton, Located, Proposal, Screened, Solved};
 use numerics::Bracket;
 use std::ops::Range;
 
-/// Range of step size factors for which the step size is kept, to save a new matrix factorisation.
+/// The range of step size factors for which the step size is kept, to save the factorisation of a new matrix.
 const UNCHANGED: Range<f64> = 0.95..1.2;
 
-/// Gap, in units of the tolerance of a step, below which the end of a step is where contact begins or ends. The gap is
-/// continuous there, and errs by a tolerance: a smaller fraction costs solves without gain, a larger one shifts the
-/// event. Where neither end of a step is farther from the change, the change is not located, so that contact that
-/// flickers within the tolerance does not shorten steps.
+/// Gap, in units of the error tolerance of a step, below which contact counts as beginning or ending at the end of
+/// the step. The error of the gap is about a tolerance: a smaller fraction costs solves without gain, a larger one
+/// shifts the event. A change of contact is not located unless the monitor exceeds this value at both ends of the
+/// step, so that contact that flickers within the tolerance does not shorten steps.
 const CLOSE: f64 = 1e-3;
 
-/// Bounds on the next attempt, relative to a step that has missed a variation of the data.
+/// Bounds on the size of the next attempt, relative to a step that has missed a variation of the data.
 const LEAST: f64 = 0.1;
 const MOST: f64 = 0.9;
 
-/// Largest number of steps solved for one event: every other one at least halves the bracket, and a double has 53
-/// binary digits.
+/// Maximum number of steps solved to locate one event: every other step at least halves the bracket, and a double has
+/// 53 binary digits.
 const MOST_GUESSES: usize = 120;
 
-/// The beginning or the end of contact.
+/// The beginning or the end of contact of the solution with an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactChange {
-    /// The first node comes into contact.
+    /// The first node comes into contact with an obstacle.
     Begins,
-    /// The last node leaves.
+    /// The last node in contact leaves its obstacle.
     Ends,
 }
 
-/// A step whose stages are solved.
+/// An attempted step whose stages are solved.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     h: f64,
     next: f64,
-    /// The error, in units of the tolerance.
+    /// The error of the step, in units of the tolerance.
     error: f64,
     is_located: bool,
 }
@@ -68,7 +70,7 @@ impl Automaton for TrBdf2<'_> {
             return Err(ObstacleError::Interrupted { t: self.t });
         }
         let remaining = self.end - self.t;
-        // Extend the step to the end time if only rounding would remain.
+        // Extend the step to the end time if the remaining time would be within rounding.
         let mut h = if self.h >= remaining * (1.0 - 1e-9) { remaining } else { self.h };
         if self.settings.step.is_none() && remaining > 0.0 {
             h = self.breaks.up_to_break(&mut self.system.problem, self.t, h);
@@ -103,7 +105,8 @@ impl Automaton for TrBdf2<'_> {
         }
     }
 
-    /// With a fixed step size contact changes at the end of a step, and an inaccurate step is rejected in any case.
+    /// Detects the beginning or end of contact within a step. With a fixed step size, contact changes at the end of
+    /// the step without being located, and an inaccurate step is not searched, since it will be rejected.
     fn screen(&mut self, step: &mut Trial, (): &mut ()) -> Result<Screened<Changes>, ObstacleError> {
         let is_searched = self.settings.step.is_none() && step.error <= 1.0 && !step.is_located;
         let change = change(self.gap, self.least_gap(&self.trial[1])).filter(|_| is_searched);
@@ -162,13 +165,13 @@ impl Automaton for TrBdf2<'_> {
         }
         self.counts.inaccurate += 1;
         let factor = if error.is_finite() { (0.9 / cube_root(error)).max(0.1) } else { 0.1 };
-        // The next attempt ends where the variation begins that this one has missed.
+        // The next attempt ends where the first variation of the data begins that the rejected step has missed.
         let factor = self.hidden.unseen.begin.map_or(factor, |begin| begin.clamp(LEAST, MOST));
         self.shrink(factor * h, "the error was too large")?;
         Ok(false)
     }
 
-    /// Appends the step. The size of the next one follows from the error, unless the step ends at an event.
+    /// Accepts the step. The size of the next step follows from the error, unless the step ends at an event.
     fn accept(
         &mut self,
         Trial { h, next, error, .. }: Trial,
@@ -177,7 +180,7 @@ impl Automaton for TrBdf2<'_> {
     ) -> Result<(), ObstacleError> {
         self.append(h, next);
         self.counts.accepted += 1;
-        // Extrapolation may bring nodes into contact, too.
+        // The extrapolation of the accepted step may bring nodes into contact, too.
         self.note_contact();
         self.restarts = false;
         if event.is_none() && self.settings.step.is_none() && next < self.end {
@@ -185,7 +188,7 @@ impl Automaton for TrBdf2<'_> {
             let factor = (0.9 / cube_root(error)).clamp(0.2, most);
             let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
             let wished = (factor * h).min(self.settings.max_step);
-            // A step that a breakpoint has cut says nothing against a longer one.
+            // A step that was shortened to end at a breakpoint does not limit the size of the next step.
             let was_cut = self.breaks.after().is_some() && factor >= 1.0;
             self.h = if was_cut { self.h.max(wished) } else { wished };
         }
@@ -195,7 +198,7 @@ impl Automaton for TrBdf2<'_> {
 }
 
 impl TrBdf2<'_> {
-    /// Reduces the next attempt to `h`; fails if that is too small.
+    /// Reduces the size of the next attempt to `h`; fails if `h` is below the minimum step size.
     fn shrink(&mut self, h: f64, why: &'static str) -> Result<(), ObstacleError> {
         self.was_rejected = true;
         self.h = h;
@@ -205,13 +208,13 @@ impl TrBdf2<'_> {
         Ok(())
     }
 
-    /// The gap below which contact changes at the end of a step of size `h`.
+    /// Returns the gap below which contact counts as beginning or ending at the end of a step of size `h`.
     fn close(&self, h: f64) -> f64 {
         CLOSE * (self.settings.atol + self.settings.rtol * self.largest(h))
     }
 
-    /// Continues behind a breakpoint. Where a bound jumps over `u`, so does `u`: the limit of shorter and shorter steps is
-    /// the projection onto the new set.
+    /// Continues the run behind a breakpoint. Where a bound jumps over `u`, `u` is projected onto the new set, which
+    /// is the limit of a step whose size tends to zero.
     fn pass_break(&mut self, after: f64) -> Result<(), ObstacleError> {
         let before = self.t;
         self.breaks.pass(after);
@@ -228,14 +231,15 @@ impl TrBdf2<'_> {
         Ok(())
     }
 
-    /// Records whether contact has begun or ended.
+    /// Records whether contact has begun or ended at the current time.
     fn note_contact(&mut self) {
         let gap = self.least_gap(&self.u);
         self.changes.extend(change(self.gap, gap).map(|change| (self.t, change)));
         self.gap = gap;
     }
 
-    /// The monitor of a change of contact at the end of the step whose stages are solved: positive before the change.
+    /// Returns the monitor of a change of contact at the end of the step whose stages are solved: positive before the
+    /// change, negative after it.
     fn monitor(&self, to: ContactChange) -> f64 {
         let gap = self.least_gap(&self.trial[1]);
         let separation = if gap == 0.0 { -largest_displacement(&self.moments[2]) } else { gap };
@@ -245,7 +249,7 @@ impl TrBdf2<'_> {
         }
     }
 
-    /// The least distance from the obstacles of a node whose value is not given, at nodal values `u`.
+    /// Returns the least distance from the obstacles of a node without Dirichlet value, at nodal values `u`.
     pub(super) fn least_gap(&self, u: &[f64]) -> f64 {
         let set = &self.system.set;
         let free = (0..u.len()).filter(|&i| !self.system.is_given[i]);
@@ -253,7 +257,7 @@ impl TrBdf2<'_> {
     }
 }
 
-/// The change of contact between two least gaps.
+/// Returns the change of contact between two successive values of the least gap.
 fn change(before: f64, after: f64) -> Option<ContactChange> {
     match (before == 0.0, after == 0.0) {
         (false, true) => Some(ContactChange::Begins),
@@ -262,7 +266,7 @@ fn change(before: f64, after: f64) -> Option<ContactChange> {
     }
 }
 
-/// The largest displacement of a node that its contact force prevents.
+/// Returns the largest displacement of a node that its contact force prevents.
 fn largest_displacement(moment: &Moment) -> f64 {
     moment.kept.iter().fold(0.0, |largest, kept| largest.max(kept.abs()))
 }

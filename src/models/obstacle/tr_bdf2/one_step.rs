@@ -1,4 +1,5 @@
-//! TR-BDF2 as a one-step method: dense output by parabolas, repetition of the last step, and points to return to.
+//! TR-BDF2 as a one-step method: dense output by parabolas, repetition of the last step, and restoration of saved
+//! states.
 
 use super::{Attempt, GAMMA, TrBdf2};
 use crate::obstacle::ObstacleError;
@@ -6,7 +7,7 @@ use crate::obstacle::resting::Moment;
 use hybrid::{Breaks, OneStep};
 use numerics::Interval;
 
-/// A point of a run to which it can return.
+/// A saved state of the stepper, from which a run can be continued.
 #[derive(Clone)]
 pub struct Saved {
     t: f64,
@@ -81,11 +82,12 @@ impl OneStep for TrBdf2<'_> {
         (0..self.u.len()).map(range).collect()
     }
 
-    /// The inequalities of the stages are solved to their own tolerance, whatever `tighter` is.
+    /// Repeats the last step so that it ends at `end`. The inequalities of the stages are solved to their own
+    /// tolerance, whatever `tighter` is.
     fn cut_at(&mut self, end: f64, _tighter: f64) -> bool {
         let saved = self.save();
         let h = end - self.last.0;
-        // The beginning of the last step: `append` has swapped it with the end.
+        // Restore the beginning of the last step, which `append` has swapped with the end.
         self.t = self.last.0;
         std::mem::swap(&mut self.last.1, &mut self.u);
         let [first, _, third] = &mut self.slopes;
@@ -126,14 +128,14 @@ impl OneStep for TrBdf2<'_> {
 }
 
 impl TrBdf2<'_> {
-    /// The fraction of the last step that has passed at time `t`.
+    /// Returns the fraction of the last step that has passed at time `t`.
     fn part(&self, t: f64) -> f64 {
         let h = self.t - self.last.0;
         if h > 0.0 { (t - self.last.0) / h } else { 1.0 }
     }
 
-    /// Interpolates a node within the last step, at the fraction `part`. With obstacles at rest, the value is projected
-    /// onto `K`.
+    /// Interpolates a node within the last step, at the fraction `part` of the step. With obstacles at rest, the
+    /// value is projected onto `K`.
     pub fn within(&self, node: usize, part: f64) -> f64 {
         self.project(node, self.on_path(node, part))
     }
@@ -143,15 +145,16 @@ impl TrBdf2<'_> {
         self.last.1[node] + part * (change + part * curvature)
     }
 
-    /// Projects a value onto the set of a node, unless the set moves: then it is known at the end of the step only.
+    /// Projects a value onto the interval of `K` of a node, unless the obstacles move: then the interval is known at
+    /// the end of the step only.
     fn project(&self, node: usize, value: f64) -> f64 {
         if self.system.set_varies() { value } else { self.system.set.project(node, value) }
     }
 
-    /// The displacement of a node over the last step, as the coefficients of `part` and `part^2`: that of the parabola
-    /// through both ends and the stage. With obstacles at rest, a node that came into contact within the step follows
-    /// the parabola (or line) of its initial slope and, if still free there, its stage value, until it reaches the
-    /// obstacle.
+    /// Returns the displacement of a node over the last step, as the coefficients of `part` and `part^2`, where
+    /// `part` is the fraction of the step: those of the parabola through both ends and the stage. With obstacles at
+    /// rest, a node that came into contact within the step follows the parabola through its stage value (if still
+    /// free there) with its initial slope, or the line with its initial slope, until it reaches the obstacle.
     fn path(&self, node: usize) -> [f64; 2] {
         let (_, before, middle) = &self.last;
         let approach = if self.system.set_varies() { None } else { self.approach(node) };

@@ -1,12 +1,12 @@
 //! Broad phase of collision detection: pairs of overlapping bounding boxes, by sweep and prune along one axis.
 //!
-//! The order of the boxes is kept from the last step; few boxes change places, so that sorting takes linear time. The
-//! sweep axis is that of largest variance of the centres.
+//! The order of the boxes along the axis is kept from the last step; few boxes change places, so that sorting takes
+//! linear time. The sweep axis is the axis along which the centres of the boxes have the largest variance.
 
 use nalgebra::Vector3;
 use problem::{Control, Interrupted};
 
-/// Sweep and prune, with the order of bodies kept between steps.
+/// The state of the sweep-and-prune algorithm, with the order of bodies kept between steps.
 #[derive(Clone, Debug, Default)]
 pub struct BroadPhase {
     order: Vec<u32>,
@@ -21,7 +21,7 @@ struct Bounds {
     upper: Vector3<f64>,
 }
 
-/// Bodies processed between two polls of [`Control`].
+/// Number of bodies processed between two polls of [`Control`].
 const AT_ONCE: usize = 1 << 6;
 
 impl BroadPhase {

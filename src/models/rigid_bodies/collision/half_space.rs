@@ -1,8 +1,9 @@
-//! A half space `n . x <= 0` against a convex body: the lowest points of the body, with their heights above the plane.
+//! Contacts of a half space `n . x <= 0` with a convex body: the lowest points of the body, with their heights above
+//! the plane.
 //!
 //! Candidates are the vertices of a polyhedron, one point of a sphere or of each cap of a capsule, and four points on
-//! each rim of a cylinder: the lowest point and the three points at right angles to it, which are within the margin if
-//! the axis is nearly upright.
+//! each rim of a cylinder: the lowest point and the three points at right angles to it, which are within the margin
+//! if the axis is nearly upright.
 
 use super::ContactPoint;
 use crate::rigid_bodies::shape::Shape;
@@ -16,7 +17,7 @@ pub(super) fn contacts(
 ) {
     let n = at_plane.rotation * normal;
     let origin = at_plane.translation.vector;
-    // Adds the lowest point of a ball with the given radius about a core point of the body.
+    // Appends the lowest point of a ball with the given radius about a core point of the body.
     let mut lowest = |core: Vector3<f64>, radius: f64, id: u32| {
         let gap = n.dot(&(core - origin)) - radius;
         if gap <= margin {
@@ -54,7 +55,7 @@ pub(super) fn contacts(
                 lowest(at.rotation * vertex + centre, 0.0, k as u32);
             }
         }
-        // Neither body moves: no contacts.
+        // Half spaces and meshes do not move, so that two of them have no contacts.
         Shape::HalfSpace { .. } | Shape::Mesh(_) => {}
     }
 }

@@ -1,11 +1,11 @@
-//! Contact points of two bodies that touch or are close, with gap, normal and a persistent identity, by which impulses
-//! of the last step are found for warm starts.
+//! Contact points of two bodies that touch or are close, with gap, normal and a persistent identity, by which
+//! impulses of the last step are found for warm starts.
 //!
-//! Errors of gaps make bodies sink, and errors of normals misdirect contact forces. Both are therefore computed in
-//! closed form wherever possible: planes with all shapes, spheres with all shapes except meshes, capsules with
-//! capsules, and convex polyhedra with each other by separating axes. All other pairs (cylinders and capsules against
-//! polyhedra, meshes) are left to the collision library, whose normals have about half of the digits for touching
-//! bodies.
+//! Errors of gaps make bodies sink, and errors of normals misdirect contact forces. Gaps and normals are therefore
+//! computed in closed form wherever possible: planes with all shapes, spheres with all shapes except meshes, capsules
+//! with capsules, and convex polyhedra with each other by separating axes. All other pairs (cylinders and capsules
+//! against polyhedra, meshes) are left to the collision library, whose normals have about half of the digits for
+//! touching bodies.
 
 mod broad_phase;
 mod half_space;
@@ -29,17 +29,18 @@ pub struct ContactPoint {
     pub position: Vector3<f64>,
     /// The unit normal from the first body to the second.
     pub normal: Vector3<f64>,
-    /// The distance of the surfaces along the normal, negative for penetration.
+    /// The distance between the surfaces along the normal, negative for penetration.
     pub gap: f64,
-    /// The identity of the point within a pair of bodies, constant while the same features are in contact. The upper 32
-    /// bits identify the pair of parts.
+    /// The identity number of the point within a pair of bodies, constant while the same features are in contact. The
+    /// upper 32 bits identify the pair of parts.
     pub id: u64,
-    /// The smooth part of the surface that a sphere touches: between two of them the curvature jumps.
+    /// The number of the smooth part of the surface that a sphere touches: between two smooth parts the curvature
+    /// jumps.
     pub feature: u32,
 }
 
 impl ContactPoint {
-    /// The contact point with the bodies exchanged.
+    /// Returns the contact point with the roles of the two bodies exchanged.
     fn flipped(self) -> Self {
         Self { normal: -self.normal, ..self }
     }
@@ -52,13 +53,13 @@ pub struct Collider {
     reach: f64,
 }
 
-/// A shape of a body.
+/// One of the shapes of a body.
 #[derive(Clone, Debug)]
 struct Part {
     shape: Shape,
-    /// The shape in the collision library; `None` for a half space.
+    /// The shape in the form of the collision library; `None` for a half space.
     library: Option<SharedShape>,
-    /// The pose of the shape in the frame of the body; `None` for the identity.
+    /// The pose of the shape in the body frame; `None` for the identity.
     place: Option<Isometry3<f64>>,
 }
 
@@ -69,12 +70,12 @@ impl Part {
 }
 
 impl Collider {
-    /// Prepares a shape in the frame of the body.
+    /// Prepares a single shape, given in the body frame.
     pub fn new(shape: Shape) -> Self {
         Self::of_parts(vec![(shape, Isometry3::identity())])
     }
 
-    /// Prepares shapes with poses in the frame of the body.
+    /// Prepares several shapes with poses in the body frame.
     pub fn of_parts(parts: Vec<(Shape, Isometry3<f64>)>) -> Self {
         let far = |(shape, place): &(Shape, Isometry3<f64>)| place.translation.vector.norm() + shape.reach();
         let reach = parts.iter().map(far).fold(0.0, f64::max);
@@ -86,15 +87,15 @@ impl Collider {
         Self { parts: parts.into_iter().map(part).collect(), reach }
     }
 
-    /// The largest distance of a point from the origin of the frame of the body (an upper bound for several parts);
-    /// infinite for a half space.
+    /// Returns the largest distance of a point of the body from the origin of its frame (an upper bound for several
+    /// parts); infinite for a half space.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// Whether a rotation about an axis through the origin of the frame leaves it as it is.
+    /// Returns whether the shape is invariant under rotations about an axis through the origin of the body frame.
     pub fn is_round_about(&self, axis: &Vector3<f64>) -> bool {
-        // Of an axis, rounding moves the last digits.
+        // Tolerate rounding errors of the axis.
         let is_along = |of: &Vector3<f64>| axis.cross(of).norm() <= 1e-9 * axis.norm();
         self.parts.iter().all(|part| {
             part.place.is_none()
@@ -107,19 +108,20 @@ impl Collider {
         })
     }
 
-    /// Whether the surface has no edges.
+    /// Returns whether the surface has no edges.
     pub fn is_smooth(&self) -> bool {
         self.parts.iter().all(|part| matches!(part.shape, Shape::Sphere { .. } | Shape::Capsule { .. }))
     }
 
-    /// Whether contact points with another body stay while both move: those of spheres, and of vertices and rims on a half space.
-    /// Others come and go as features of the surfaces pass each other.
+    /// Returns whether contact points with another body persist while both bodies move: those of spheres, and of
+    /// vertices and rims on a half space. Other contact points appear and vanish as features of the surfaces pass
+    /// each other.
     pub fn keeps_points_with(&self, other: &Self) -> bool {
         let keeps = |part: &Part| matches!(part.shape, Shape::HalfSpace { .. } | Shape::Sphere { .. });
         self.parts.iter().all(keeps) || other.parts.iter().all(keeps)
     }
 
-    /// The lower and the upper corner of the axis-aligned bounding box in the world.
+    /// Returns the lower and the upper corner of the body's axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let mut bounds = self.parts.iter().map(|part| part.shape.bounds(&part.pose(pose)));
         let first = bounds.next().unwrap_or((pose.translation.vector, pose.translation.vector));
@@ -186,7 +188,7 @@ fn contacts_of_parts(
     }
 }
 
-/// The rank of a shape; in a pair, the shape of lower rank comes first.
+/// Returns the rank of a shape; in a pair of shapes, the shape of lower rank comes first.
 fn rank(shape: &Shape) -> u8 {
     match shape {
         Shape::HalfSpace { .. } => 0,

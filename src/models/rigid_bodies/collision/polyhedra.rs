@@ -1,20 +1,20 @@
-//! Two convex polyhedra, by separating axes.
+//! Contacts of two convex polyhedra, by separating axes.
 //!
-//! The axis of largest separation is a face normal, or the cross product of two edges whose arcs on the unit sphere of
-//! normals intersect (Gregorius 2013, *The separating axis test between convex polyhedra*). For a face axis, the
-//! opposing face of the other polyhedron is clipped against the sides of the first face (Sutherland and Hodgman 1974),
-//! which gives the corners of the contact patch; an edge axis gives one point. A face is preferred to an edge pair
-//! unless the edge separation is larger by more than rounding, so that resting contacts keep their patch.
+//! The axis of largest separation is a face normal, or the cross product of two edges whose arcs on the unit sphere
+//! of normals intersect (Gregorius 2013, *The separating axis test between convex polyhedra*). For a face axis, the
+//! opposing face of the other polyhedron is clipped against the sides of the first face (Sutherland and Hodgman
+//! 1974), which gives the corners of the contact patch; an edge axis gives one point. A face is preferred to an edge
+//! pair unless the edge separation is larger by more than rounding, so that resting contacts keep their patch.
 
 use super::ContactPoint;
 use crate::rigid_bodies::polyhedron::{Face, Polyhedron};
 use nalgebra::{Isometry3, Vector3};
 
-/// Rounding tolerance, relative to the size of the bodies.
+/// Rounding tolerance of separations, relative to the size of the bodies.
 const ROUNDING: f64 = 1e-10;
 
-/// Appends the contact points. Returns false if the bodies are closer than the margin but their closest features are
-/// neither a face nor two crossing edges.
+/// Appends the contact points of two polyhedra. Returns false if the bodies are closer than the margin but their
+/// closest features are neither a face nor two crossing edges.
 pub(super) fn contacts(
     (a, at_a): (&Polyhedron, &Isometry3<f64>),
     (b, at_b): (&Polyhedron, &Isometry3<f64>),
@@ -40,8 +40,8 @@ pub(super) fn contacts(
     }
     let start = points.len();
     let normals = (a.faces[face_a].normal, b_in_a.rotation * b.faces[face_b].normal);
-    // Two parallel edges in contact, as at the ridge of two leaning cards: the normals of both faces are contact
-    // normals.
+    // If two parallel edges are in contact, as at the ridge of two leaning cards, the normals of both faces are
+    // contact normals.
     let is_ridge = (by_a - by_b).abs() <= RIDGE * size && normals.0.dot(&normals.1) > -FLAT;
     let takes_a = by_a >= by_b - ROUNDING * size;
     if takes_a || is_ridge {
@@ -64,11 +64,11 @@ const RIDGE: f64 = 1e-6;
 /// The cosine of the angle below which opposing faces count as parallel.
 const FLAT: f64 = 0.999;
 
-/// Identity bit of points on a face of the second body.
+/// The bit of the identity number that marks points on a face of the second body.
 const OTHER_FACE: u64 = 1 << 31;
 
-/// The face of `a` of largest separation from `b`, with the separation; `b_in_a` is the pose of `b` in the frame of
-/// `a`.
+/// Returns the face of `a` with the largest separation from `b`, and the separation; `b_in_a` is the pose of `b` in
+/// the frame of `a`.
 fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, usize) {
     let mut best = (f64::NEG_INFINITY, 0);
     for (k, face) in a.faces.iter().enumerate() {
@@ -82,14 +82,15 @@ fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, u
     best
 }
 
-/// A pair of edges and their separating axis, in the frame of the first body.
+/// A pair of edges of two polyhedra and their separating axis, in the frame of the first body.
 struct EdgePair {
     separation: f64,
     axis: Vector3<f64>,
     edges: (usize, usize),
 }
 
-/// The pair of edges of largest separation among those that form a face of the Minkowski difference.
+/// Returns the pair of edges with the largest separation among the pairs that form a face of the Minkowski
+/// difference.
 fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option<EdgePair> {
     let mut best: Option<EdgePair> = None;
     for (j, edge_b) in b.edges.iter().enumerate() {
@@ -100,7 +101,7 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
             let [m1, m2] = edge_a.faces.map(|f| a.faces[f].normal);
             let arc_a = m2.cross(&m1);
             let (c1, c2, d1, d2) = (n1.dot(&arc_a), n2.dot(&arc_a), m1.dot(&arc_b), m2.dot(&arc_b));
-            // Arcs intersect if the ends of each are on both sides of the other and both arcs are in the same
+            // Two arcs intersect if the ends of each are on both sides of the other and both arcs are in the same
             // hemisphere.
             if c1 * c2 >= 0.0 || d1 * d2 >= 0.0 || c1 * d2 <= 0.0 {
                 continue;
@@ -120,7 +121,8 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
 }
 
 impl EdgePair {
-    /// Appends the midpoint of the closest points of both edges; returns false if one of them is beyond an end.
+    /// Appends the midpoint of the closest points of both edges; returns false if a closest point is beyond an end of
+    /// its edge.
     fn point(
         &self,
         a: &Polyhedron,
@@ -154,15 +156,15 @@ impl EdgePair {
     }
 }
 
-/// A corner of the clipped face, with its identity.
+/// A corner of a clipped face, with its identity number.
 #[derive(Clone, Copy)]
 struct Corner {
     at: Vector3<f64>,
     id: u32,
 }
 
-/// Clips the face of `b` most opposed to the given face of `a` against the sides of that face, and appends the
-/// remaining corners.
+/// Clips the face of `b` that is most opposed to the given face of `a` against the sides of the face of `a`, and
+/// appends the remaining corners.
 fn clip(
     (a, face, at_a): (&Polyhedron, usize, &Isometry3<f64>),
     (b, at_b): (&Polyhedron, &Isometry3<f64>),
@@ -198,7 +200,7 @@ fn clip(
     }
 }
 
-/// The part of a polygon where `height` is at most `rounding`.
+/// Returns the part of a polygon in which `height` is at most `rounding`.
 fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64, side: u32) -> Vec<Corner> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, corner) in polygon.iter().enumerate() {
@@ -209,7 +211,8 @@ fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64,
         }
         if (here <= rounding) != (there <= rounding) {
             let at = corner.at + (next.at - corner.at) * (here / (here - there)).clamp(0.0, 1.0);
-            // The identity uses the end that is cut off, whichever the direction of the edge.
+            // The identity number of a new corner depends on the end that is cut off, whatever the direction of the
+            // edge.
             let end = if here <= rounding { next.id } else { corner.id };
             kept.push(Corner { at, id: (end.wrapping_mul(31) ^ (side + 1) << 12) & 0x3fff_ffff });
         }

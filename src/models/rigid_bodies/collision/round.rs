@@ -1,12 +1,12 @@
-//! Spheres and capsules: balls about the nearest point of a core (point or segment). In contact, the distance of the
-//! cores is still positive, so that the normal is accurate to rounding.
+//! Contacts of spheres and capsules, which are balls about the nearest point of a core (point or segment). In
+//! contact, the distance between the cores is still positive, so that the normal is accurate to rounding.
 
 use super::ContactPoint;
 use crate::rigid_bodies::polyhedron::Face;
 use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
-/// A sphere against any convex shape except a half space.
+/// Appends the contact point of a sphere with any convex shape except a half space.
 pub(super) fn sphere(
     (radius, at_sphere): (f64, &Isometry3<f64>),
     (shape, at): (&Shape, &Isometry3<f64>),
@@ -24,10 +24,12 @@ pub(super) fn sphere(
     }
 }
 
-/// Distance from the plane of a face, relative to that of the face from the centre, below which a point is on it.
+/// Distance of a point from the plane of a face, relative to the distance of the face from the centre, below which
+/// the point counts as on the face.
 const ON_FACE: f64 = 1e-12;
 
-/// The smooth part of a surface on which the point nearest to `p` is: between two of them its curvature jumps.
+/// Returns the number of the smooth part of a surface that contains the point nearest to `p`: between two smooth
+/// parts the curvature jumps.
 fn feature(shape: &Shape, p: &Vector3<f64>, nearest: &Vector3<f64>) -> u32 {
     match shape {
         Shape::Capsule { half_height, .. } if p.z.abs() > *half_height => 1 + u32::from(p.z > 0.0),
@@ -35,7 +37,7 @@ fn feature(shape: &Shape, p: &Vector3<f64>, nearest: &Vector3<f64>) -> u32 {
             (true, false) => 0,
             (is_outside, _) => 1 + u32::from(p.z > 0.0) + 2 * u32::from(is_outside),
         },
-        // A face, an edge or a vertex is known by the faces that meet there.
+        // A face, an edge or a vertex is identified by the faces that meet there.
         Shape::Polyhedron(polyhedron) => {
             let is_on = |face: &Face| {
                 (face.normal.dot(nearest) - face.offset).abs() <= ON_FACE * (face.offset.abs() + nearest.norm())
@@ -47,8 +49,8 @@ fn feature(shape: &Shape, p: &Vector3<f64>, nearest: &Vector3<f64>) -> u32 {
     }
 }
 
-/// The point of a surface nearest to `p`, the outward normal at this point, and the signed distance, all in the frame
-/// of the shape.
+/// Returns the point of a surface nearest to `p`, the outward normal at the nearest point, and the signed distance,
+/// all in the frame of the shape.
 fn nearest(shape: &Shape, p: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     let rounded = |core: Vector3<f64>, radius: f64| {
         let outward = direction(&(p - core));
@@ -77,7 +79,8 @@ fn nearest_on_cylinder(radius: f64, half_height: f64, p: &Vector3<f64>) -> (Vect
     if over > out { (p - axial * over, axial, over) } else { (p - radial * out, radial, out) }
 }
 
-/// Two capsules: the nearest points of their segments, or the ends of the common range of parallel segments.
+/// Appends the contact points of two capsules: the nearest points of their segments, or the ends of the common range
+/// of parallel segments.
 pub(super) fn capsules(
     (first, at_first): (&Shape, &Isometry3<f64>),
     (second, at_second): (&Shape, &Isometry3<f64>),
@@ -110,7 +113,7 @@ pub(super) fn capsules(
     let (along, between) = (d1.dot(&d2), c2 - c1);
     let sine = 1.0 - along * along;
     if sine > PARALLEL {
-        // Stationary point of the distance between both lines.
+        // Start from the stationary point of the distance between the lines of both segments.
         touch(((d1.dot(&between) - along * d2.dot(&between)) / sine).clamp(-l1, *l1), 0);
         return;
     }
@@ -125,7 +128,7 @@ pub(super) fn capsules(
 /// The squared sine of the angle below which two segments count as parallel: 0.01 degrees.
 const PARALLEL: f64 = 3e-8;
 
-/// The direction of a vector; an arbitrary direction for a zero vector.
+/// Returns the direction of a vector; an arbitrary direction for a zero vector.
 fn direction(v: &Vector3<f64>) -> Vector3<f64> {
     v.try_normalize(0.0).unwrap_or_else(Vector3::z)
 }

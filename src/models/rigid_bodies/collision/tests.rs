@@ -1,4 +1,4 @@
-//! Contacts compared with closed forms and with the collision library.
+//! Tests of contact points against closed forms and against the collision library.
 
 use super::*;
 use crate::rigid_bodies::polyhedron::Polyhedron;

@@ -1,13 +1,14 @@
-//! One step of an island with joints, in two stages.
+//! One time step of an island with joints, in two stages.
 //!
-//! **Positions.** With mean velocities `w` over the step, and `G` and rotations at mean frames ([`Linked`]),
+//! **Positions.** With mean velocities `w` over the step, impulses `p` of contacts and `lambda` of joints, and `G`
+//! and rotations at mean frames ([`Linked`]),
 //!
 //! ```text
 //! 2 M (w - v) = h f + J^T p + G^T lambda,    c(q (+) h w) = 0,    (p, J w) in the law of contact
 //! ```
 //!
-//! The energy at `v* = 2 w - v` is the initial energy plus the work `p . J w <= 0` of contacts. Joints do no work, for
-//! any step size.
+//! The energy at the velocities `v* = 2 w - v` is the initial energy plus the work `p . J w <= 0` of contacts. Joints
+//! do no work, for any step size.
 //!
 //! **Velocities.** `v+` is the projection `P` of `v*` onto the velocities admitted by the joints at `q+`, with the
 //! impulses `p` of closed contacts replaced by those of Moreau's law for the whole step (friction, restitution, end of
@@ -17,8 +18,8 @@
 //! v+ = P (v* - M^-1 J^T p) + P M^-1 J^T r,    (r, J v+) in the law of impact
 //! ```
 //!
-//! The energy loss by `P` is of fifth order in the step size if the step resolves the motion. If the loss exceeds
-//! [`LOSS`], or if Newton's method does not converge, the step is halved.
+//! The energy loss by the projection `P` is of fifth order in the step size if the step resolves the motion. If the
+//! loss exceeds [`LOSS`], or if Newton's method does not converge, the step is halved.
 
 mod compliance;
 mod contacts;
@@ -36,49 +37,54 @@ use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 
-/// Admissible energy loss by the projection of velocities, relative to the largest kinetic energy or to the energy
-/// supplied by forces in a step. Ten thousand steps with this loss would lose the tolerance 1e-3 of the verdict; a
-/// tenth of it would take 1.6 times the steps, because the loss is of fifth order.
+/// Admissible energy loss by the velocity projection, relative to the largest kinetic energy or to the energy
+/// supplied by forces in a step. Ten thousand steps with this loss would lose 1e-3 of the energy, above which a
+/// solution is reported as inaccurate; a tenth of it would take 1.6 times the steps, because the loss is of fifth
+/// order.
 const LOSS: f64 = 1e-7;
 
-/// Admissible energy loss by the projection in a step with contact impulses. Impacts in linkages are of first order,
-/// and the loss does not decrease with the fifth order: a smaller bound would halve steps to the limit. Ten impacts
-/// with this loss would lose the tolerance 1e-3 of the verdict.
+/// Admissible energy loss by the velocity projection in a step with contact impulses, relative to the largest kinetic
+/// energy. Impacts in linkages are of first order, and the loss does not decrease with the fifth order: a smaller
+/// bound would halve steps to the limit. Ten impacts with this loss would lose 1e-3 of the energy, above which a
+/// solution is reported as inaccurate.
 const LOSS_IN_IMPACTS: f64 = 1e-4;
 
-/// Admissible energy of the change of velocity-dependent forces within a step, relative to the largest kinetic energy.
-/// The midpoint rule reverses a velocity that should decay within less than a step. With a drag `c` and `z = h c / m`,
-/// this bound limits the remaining velocity to `0.1 / z`, and its energy to 1e-3, the tolerance of the verdict, if
-/// `z > 3`. A smaller bound would also reduce steps that resolve the motion.
+/// Admissible energy of the change of velocity-dependent forces within a step, relative to the largest kinetic
+/// energy. The midpoint rule reverses a velocity that should decay within less than a step. With a drag coefficient
+/// `c` and `z = h c / m`, this bound limits the remaining velocity to `0.1 / z`, and its energy to 1e-3, above which
+/// a solution is reported as inaccurate, if `z > 3`. A smaller bound would also reduce steps that resolve the motion.
 const STIFF: f64 = 1e-2;
 
-/// Limit on Newton iterations: three to six suffice unless the step is too long.
+/// Maximum number of Newton iterations for the mean velocities of a step: three to six suffice unless the step is too
+/// long.
 const ITERATIONS: usize = 12;
 
-/// The bound on the error that iterations leave, relative to the change at which they end anyway. It rests on the ratio of
-/// two changes, which may be off by as much.
+/// Bound on the estimated error of a Newton iterate, relative to the tolerance for the last change, below which the
+/// iteration stops early. The margin of ten allows for the error of the estimate, which extrapolates the ratio of two
+/// changes.
 const AHEAD: f64 = 0.1;
 
-/// Steps up to this multiple of a length are as long: lengths are products with powers of two, but for rounding.
+/// Factor by which a step length may exceed another and still count as equal: lengths are products with powers of
+/// two, up to rounding.
 const WITHIN: f64 = 1.0 + 1e-9;
 
-/// The relative change of velocities below which a stagnating iteration with contacts counts as converged: the accuracy
-/// left by the tolerance of the contact law, 1e-4 of this value, for mass ratios of 1e4. A larger value would cause
-/// visible joint drift.
+/// The relative change of velocities below which a stagnating iteration with contacts counts as converged: the
+/// accuracy that the tolerance of the contact law, 1e-4 of this value, leaves for mass ratios of 1e4. A larger value
+/// would cause visible joint drift.
 const STAGNANT: f64 = 1e-6;
 
-/// Limit on halvings of a step: shorter steps would not resolve more.
+/// Maximum number of halvings of a step without contacts: shorter steps would not resolve more.
 const HALVINGS: u32 = 20;
 
-/// The ratio of admissible to actual projection loss above which the step size is doubled: by its fifth order, the loss
-/// of a step of twice the length is 32 times as large. With a smaller ratio most doubled steps would be rejected, with
-/// a larger ratio steps would stay halved needlessly.
+/// The ratio of admissible to actual energy loss by the projection above which the step size is doubled: since the
+/// loss is of fifth order, that of a step of twice the length is 32 times as large. With a smaller ratio most doubled
+/// steps would be rejected, with a larger ratio steps would stay halved needlessly.
 const ROOM: f64 = 32.0;
 
-/// The position of a body: the index of its linkage in the island, and its index in the linkage.
+/// The position of a body in an island: the index of its linkage in the island, and its index in the linkage.
 type Home = (usize, usize);
 
-/// A copy of an island at the beginning of a step, to restore it after rejection.
+/// A copy of the state of an island at the beginning of a step, to restore it after rejection.
 struct Kept {
     moving: Vec<Motion>,
     joints: Vec<(Vec<Vector6<f64>>, Vec<DriveState>)>,
@@ -134,8 +140,8 @@ impl Island {
         (linked, homes)
     }
 
-    /// Makes a step of the island: without contacts, in parts if it is too long; if a contact closes, the step is
-    /// repeated with the closing contacts.
+    /// Makes a step of the island: first without contacts, divided into parts if the step is too long; if a contact
+    /// closes, the step is repeated with the closing contacts.
     pub(super) fn solve_joined(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         let (mut linked, homes) = self.linked(mechanism);
         self.accelerations.clear();
@@ -146,7 +152,7 @@ impl Island {
             }
         }
         let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
-            // A step that the last ones show to be too long is not tried.
+            // Do not try a step that is too long according to the last steps.
             (h <= self.parts.pushed * WITHIN || self.is_shortest || mechanism.exceeded.is_some())
                 && self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
         });
@@ -163,8 +169,8 @@ impl Island {
 
     /// Tries a step without contacts; returns whether it was solved.
     ///
-    /// # Errors
-    /// For each contact, whether it closes in the step, if any does; the island is then restored.
+    /// # Errors For each contact, whether it closes in the step, if any does; the island is then restored to the
+    /// beginning of the step.
     fn step_without_contacts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -179,7 +185,7 @@ impl Island {
         } else {
             let kept = Kept::of(self, linked);
             let is_solved = self.advance_in_parts(linked, h, mechanism, 0, control);
-            // The last part of several is no guess for the whole.
+            // The result of the last of several parts is no initial guess for the whole step.
             self.guess = self.guess.take().filter(|_| self.steps == kept.steps + 1);
             if self.contacts.is_empty() || control.go_on().is_err() {
                 return Ok(is_solved);
@@ -198,7 +204,8 @@ impl Island {
         Err(closing)
     }
 
-    /// Makes a step without contacts, in parts as long as in the last step, and longer if the loss permits.
+    /// Makes a step without contacts, in parts as long as in the last step, and longer if the energy loss by the
+    /// projection permits.
     fn advance_in_parts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -224,12 +231,13 @@ impl Island {
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
     }
 
-    /// The longest part of the run that this one is to exceed, if there is one, within a part of length `h`.
+    /// In a comparison run with longer steps, returns the length of the longest part of the first run within the next
+    /// time `h`; otherwise `None`.
     fn longest_exceeded(&self, h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         mechanism.exceeded.as_ref().map(|parts| parts.longest_of(&self.bodies, [self.t, self.t + h]))
     }
 
-    /// Predicts the gaps at the end of the step.
+    /// Predicts the gaps of all contacts at the end of a step of size `h` from mean velocities.
     fn judge_positions(&mut self, mean: &[Vector6<f64>], h: f64) {
         for contact in &mut self.contacts {
             contact.foresee(h, |body| apart(&mean[body as usize]));
@@ -238,7 +246,7 @@ impl Island {
 
     fn midpoint(&self, h: f64, mechanism: &Mechanism<'_>) -> Midpoint {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
-        // Bodies from explicit islands may have velocities of the midpoint of their last step.
+        // Bodies from explicit islands may have the velocities of the midpoint of their last step.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
         let forces = self.moving.iter().map(weight).collect();
         let mut midpoint = Midpoint::new(start.collect(), forces, self.actions.clone(), [self.t, h]);
@@ -246,8 +254,8 @@ impl Island {
         midpoint
     }
 
-    /// Makes a step without contacts; returns the ratio of admissible to actual projection loss, or `None` if the step
-    /// is too long.
+    /// Makes a single step without contacts; returns the ratio of admissible to actual energy loss by the projection,
+    /// or `None` if the step is too long.
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
@@ -309,15 +317,15 @@ impl Island {
     }
 }
 
-/// The energy of the change of velocity-dependent forces (actions and dampers) between their means and the end of the
-/// step.
+/// Returns the energy of the change of velocity-dependent forces (actions and dampers) between their means over the
+/// step and its end.
 fn stiffness(midpoint: &Midpoint, linked: &[Linked<'_>], velocities: &[Vector6<f64>]) -> f64 {
     let of_dampers: f64 = linked.iter().map(|linked| linked.stiffness_of_dampers(midpoint, velocities)).sum();
     of_dampers + midpoint.stiffness_of_actions(velocities)
 }
 
-/// Makes a Newton step for the mean velocities, corrected by `contacts`; returns whether it was the last. `last` is the
-/// relative change of the previous step, and is updated.
+/// Makes a Newton step for the mean velocities, corrected by the function `contacts`; returns whether the iteration
+/// has converged. `last` is the relative change by the previous Newton step, and is updated.
 fn iterate(
     midpoint: &mut Midpoint,
     linked: &mut [Linked<'_>],
@@ -336,9 +344,10 @@ fn iterate(
     }
     midpoint.arrive();
     let change = (midpoint.weigh(&changes) / size).sqrt();
-    // Changes that fall faster than in proportion leave an error below the last one times its ratio to the one before.
+    // If changes decrease superlinearly, the remaining error is below the last change times its ratio to the change
+    // before.
     let left = if last.is_finite() && change < *last { change * (change / *last) } else { f64::INFINITY };
-    // Without any velocities the scale is zero, and `change` is not a number.
+    // If all velocities are zero, the scale is zero and `change` is NaN.
     let is_over = change <= CONVERGED
         || left <= AHEAD * CONVERGED
         || midpoint.weigh(&changes) == 0.0
@@ -353,18 +362,18 @@ impl Guess {
     }
 }
 
-/// The end of a step.
+/// The velocities at the end of a step after the projection onto the joint constraints, and its energy balance.
 struct Ended {
-    /// The velocities projected onto the joint constraints.
+    /// The velocities of all bodies, projected onto the joint constraints.
     velocities: Vec<Vector6<f64>>,
-    /// The energy loss by the projection, by linkage.
+    /// The energy loss by the projection, one entry per linkage.
     lost: Vec<f64>,
-    /// The work of drives in the projection.
+    /// The work of drives in the projection of the velocities.
     driven: f64,
 }
 
-/// Projects the velocities at the end of the step onto the joint constraints. The matrices of the linkages are then those
-/// of the end of the step.
+/// Projects the velocities at the end of the step onto the joint constraints; `None` if the constraint equations are
+/// singular. The factorised matrices of the linkages are then those at the end of the step.
 fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<Ended> {
     let moved = midpoint.moved_bodies();
     let mut ended =

@@ -3,7 +3,7 @@
 
 use std::array::from_fn;
 
-/// Computes `c -= a b` with sizes `[rows, inner, columns]`.
+/// Computes `c -= a b` for column-major matrices with sizes `[rows, inner, columns]`.
 pub fn subtract_product(sizes: [usize; 3], c: &mut [f64], a: &[f64], b: &[f64]) {
     match sizes[0] {
         6 => with_rows::<6>(sizes, c, a, b),
@@ -49,7 +49,8 @@ fn product<const M: usize>(inner: usize, c: &mut [f64], a: &[f64], b: &[f64]) {
     }
 }
 
-/// Inverts in place by Gauss-Jordan elimination with partial pivoting; returns false if the matrix is singular.
+/// Inverts a matrix in place by Gauss-Jordan elimination with partial pivoting; returns false if the matrix is
+/// singular.
 pub fn invert(n: usize, a: &mut [f64]) -> bool {
     match n {
         6 => invert_of::<6>(a),
@@ -83,7 +84,7 @@ fn invert_of<const N: usize>(entries: &mut [f64]) -> bool {
             column[k] = scaled;
         }
     }
-    // Row exchanges of the matrix are column exchanges of the inverse.
+    // Row exchanges of a matrix are column exchanges of its inverse.
     for k in (0..N).rev() {
         a.swap(k, swaps[k]);
     }
@@ -100,7 +101,7 @@ mod tests {
     #[test]
     fn a_matrix_times_its_inverse_is_the_identity_for_every_size() {
         for n in 1..=6 {
-            // The pivots of some columns are not on the diagonal.
+            // The matrix is chosen so that the pivots of some columns are not on the diagonal.
             let a: Vec<f64> = (0..n * n).map(|k| ((7 * k * k + 3 * k + 2) % 11) as f64 - 3.5).collect();
             let mut inverse = a.clone();
             assert!(invert(n, &mut inverse), "{n}");

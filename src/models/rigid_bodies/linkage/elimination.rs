@@ -1,5 +1,5 @@
-//! Block Gaussian elimination over the graph of a linkage. Its nodes are bodies, with six unknowns each, and joints,
-//! with one unknown per equation,
+//! Block Gaussian elimination over the graph of a linkage. The nodes of the graph are bodies, with six unknowns `dw`
+//! each, and joints, with one unknown `nu` per equation,
 //!
 //! ```text
 //! ( A   F ) ( dw )   ( body rows  )
@@ -16,41 +16,43 @@ use super::dense;
 use nalgebra::{Matrix6, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Steps of iterative refinement that remove the effect of the joint diagonals from a solution.
+/// Number of steps of iterative refinement that remove the effect of the regularising joint diagonals from a
+/// solution.
 const REFINEMENTS: usize = 2;
 
-/// Symbolic factorisation: the elimination order and the positions of the blocks.
+/// The symbolic factorisation of the matrix of a linkage: the elimination order and the positions of the blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     order: Vec<u32>,
-    /// For each node in elimination order, the later nodes that are coupled to it when it is eliminated.
+    /// For each node in elimination order, the nodes eliminated later that are coupled to it at that stage.
     later: Vec<Vec<u32>>,
-    /// For each node in elimination order, the slots of the blocks of all pairs of `later` nodes, by rows.
+    /// For each node in elimination order, the slots of the blocks of all pairs of its `later` nodes, by rows.
     updates: Vec<Vec<u32>>,
-    /// The slots of off-diagonal blocks by `(row, column)`.
+    /// The slots of off-diagonal blocks, by the nodes `(row, column)` of the block.
     slots: BTreeMap<(u32, u32), u32>,
-    /// For each node in elimination order and each `later` node, the slots of the blocks right of and below the
-    /// diagonal.
+    /// For each node in elimination order and each of its `later` nodes, the slots of the block right of the diagonal
+    /// block and of the block below it.
     beside: Vec<Vec<[u32; 2]>>,
     nodes: usize,
-    /// The blocks by slot; diagonal blocks come first.
+    /// The position and size of each block, by slot; diagonal blocks come first.
     blocks: Vec<Block>,
-    /// The total number of entries of all blocks.
+    /// The number of entries of all blocks together.
     entries: usize,
 }
 
-/// The slots of the blocks that a joint contributes to, for its first and its second body; zero for a body that is none.
+/// The slots of the blocks to which a joint contributes, for its first and its second body; zero for a body that is
+/// not part of the linkage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JointSlots {
-    /// Rows of the joint and columns of a body.
+    /// The blocks with the rows of the joint and the columns of each body.
     pub rows: [u32; 2],
-    /// Rows of a body and columns of the joint.
+    /// The blocks with the rows of each body and the columns of the joint.
     pub columns: [u32; 2],
-    /// Rows of a body and columns of a body.
+    /// The blocks with the rows of one body and the columns of one body.
     pub bodies: [[u32; 2]; 2],
 }
 
-/// The position and size of a column-major block.
+/// The position and size of a column-major block in the list of entries.
 #[derive(Clone, Copy, Debug)]
 struct Block {
     at: usize,
@@ -63,7 +65,7 @@ impl Block {
         self.at..self.at + self.rows * self.columns
     }
 
-    /// Subtracts the product of the block with `x`; `entries` are those of all blocks.
+    /// Subtracts the product of the block with `x` from `from`; `entries` are the entries of all blocks.
     fn subtract(&self, entries: &[f64], x: &Vector6<f64>, from: &mut Vector6<f64>) {
         let columns = entries[self.range()].chunks_exact(self.rows);
         let from = &mut from.as_mut_slice()[..self.rows];
@@ -74,8 +76,8 @@ impl Block {
 }
 
 impl Plan {
-    /// Plans the elimination for bodies and joints; `joints` are the bodies of each joint, `equations` the numbers of
-    /// their equations.
+    /// Plans the elimination for a number of bodies and for joints; `joints` are the bodies of each joint,
+    /// `equations` the number of equations of each joint.
     pub fn new(bodies: usize, joints: &[[Option<u32>; 2]], equations: &[usize]) -> Self {
         let nodes = bodies + joints.len();
         let mut near: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); nodes];
@@ -147,7 +149,7 @@ impl Plan {
         plan
     }
 
-    /// The bytes of a matrix with its factors, and of the plan.
+    /// Returns the bytes of a matrix with its factors, and of the symbolic factorisation.
     pub fn bytes(&self) -> usize {
         let lists = self.later.iter().map(|later| size_of_val(&later[..])).sum::<usize>();
         let pairs = self.updates.iter().map(|pairs| size_of_val(&pairs[..])).sum::<usize>();
@@ -156,7 +158,7 @@ impl Plan {
         2 * self.entries * size_of::<f64>() + 3 * lists + pairs + headers + blocks
     }
 
-    /// The slots of the node `joint` between a pair of bodies.
+    /// Returns the slots of the blocks of the node `joint` between a pair of bodies.
     pub fn slots_of_joint(&self, joint: u32, pair: [Option<u32>; 2]) -> JointSlots {
         let of = |body: Option<u32>, slot: &dyn Fn(u32) -> u32| body.map_or(0, slot);
         JointSlots {
@@ -167,13 +169,14 @@ impl Plan {
         }
     }
 
-    /// The slot of the block with the given row and column.
+    /// Returns the slot of the block with the given row and column.
     pub fn slot(&self, row: u32, column: u32) -> u32 {
         if row == column { row } else { self.slots[&(row, column)] }
     }
 }
 
-/// A block matrix and its factors. A block has six rows (columns) for a body, and one per equation for a joint.
+/// The blocks of the matrix of a linkage, which factorisation replaces by those of its factors. A block has six rows
+/// (columns) for a body, and one per equation for a joint.
 #[derive(Clone, Debug, Default)]
 pub struct Blocks {
     blocks: Vec<f64>,
@@ -182,13 +185,13 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Sets all blocks to zero.
+    /// Sets all blocks of the matrix to zero.
     pub fn clear(&mut self, plan: &Plan) {
         self.blocks.clear();
         self.blocks.resize(plan.entries, 0.0);
     }
 
-    /// Adds the leading part of `block` to the block at a slot.
+    /// Adds the leading rows and columns of `block` to the block at a slot.
     pub fn add(&mut self, plan: &Plan, slot: u32, block: &Matrix6<f64>) {
         let Block { at, rows, columns } = plan.blocks[slot as usize];
         for (column, into) in self.blocks[at..at + rows * columns].chunks_exact_mut(rows).enumerate() {
@@ -196,8 +199,9 @@ impl Blocks {
         }
     }
 
-    /// Factorises in place, with `diagonals` added to the joint blocks; returns false if a pivot is singular. Keeps the
-    /// matrix for [`solve_without_diagonals`](Self::solve_without_diagonals) if that `is_refined`.
+    /// Factorises the matrix in place, with `diagonals` added to the joint blocks; returns false if a pivot is
+    /// singular. If solutions are to be refined (`is_refined`), keeps the matrix for
+    /// [`solve_without_diagonals`](Self::solve_without_diagonals).
     pub fn factorise(&mut self, plan: &Plan, diagonals: &[Vector6<f64>], is_refined: bool) -> bool {
         if is_refined {
             self.whole.clone_from(&self.blocks);
@@ -237,8 +241,8 @@ impl Blocks {
         true
     }
 
-    /// Solves in place with iterative refinement against the matrix without `diagonals`: `x` solves the unregularised
-    /// equations if they are consistent.
+    /// Solves in place with iterative refinement against the matrix without the regularising diagonals: `x` solves
+    /// the unregularised equations if they are consistent.
     pub fn solve_without_diagonals(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         let right = x.to_vec();
         self.solve(plan, x);
@@ -255,7 +259,7 @@ impl Blocks {
         }
     }
 
-    /// Solves in place with the factors.
+    /// Solves in place with the factors of the matrix.
     pub fn solve(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         for (k, node) in plan.order.iter().enumerate() {
             let pivot = x[*node as usize];
@@ -279,8 +283,9 @@ impl Blocks {
 mod tests {
     use super::*;
 
-    /// Random matrices with the pattern of a graph; the product with the solution must be the right-hand side. Joints
-    /// have a diagonal, because loops of joints with six equations have more equations than degrees of freedom.
+    /// Tests random matrices with the pattern of a graph: the product with the solution must be the right-hand side.
+    /// Joints have a nonzero diagonal, because loops of joints with six equations have more equations than degrees of
+    /// freedom.
     #[test]
     fn a_solution_times_the_matrix_is_the_right_hand_side_for_chains_stars_and_loops() {
         let chain = |n: u32| -> Vec<[Option<u32>; 2]> { (0..n).map(|k| [Some(k), k.checked_sub(1)]).collect() };

@@ -1,7 +1,7 @@
-//! Linkages: bodies connected by joints, and the linear systems of their motion.
+//! Linkages: sets of bodies connected by joints, and the linear systems of their motion.
 //!
 //! The mean velocities `w` and the joint impulses `lambda` of a step solve, with `q+ = q (+) h w` (see
-//! [`midpoint`](super::midpoint)),
+//! [`midpoint`](super::midpoint)) and contact impulses `r`,
 //!
 //! ```text
 //! 2 M (w - v) = h f + J^T r + G(mean)^T lambda,    c(q+) = 0
@@ -28,45 +28,46 @@ use super::signals::SignalStep;
 use contact::islands::Islands;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// Regularising diagonal of a joint, relative to the mobility of its bodies, so that redundant joints of a loop give a
-/// regular matrix. Redundant forces are accurate to rounding over this value, `2e-5`. Two refinements reduce the error
-/// of the regularisation to the third power of this value times the mass ratio: to rounding, for mass ratios up to a
-/// million.
+/// Regularising diagonal of a joint, relative to the mobility of its bodies, so that redundant joints of a loop give
+/// a regular matrix. The relative error of redundant joint forces is the rounding unit divided by this value, `2e-5`.
+/// Two refinements reduce the error of the regularisation to the third power of this value times the mass ratio: to
+/// rounding, for mass ratios up to a million.
 const REDUNDANT: f64 = 1e-11;
 
-/// Iterations of the projection of velocities; the second and the third reduce rounding errors.
+/// Number of repetitions of the velocity projection; the second and the third reduce rounding errors.
 const PASSES: usize = 3;
 
-/// An instant of a step at which frames are evaluated.
+/// The instant of a step at which frames are evaluated.
 #[derive(Clone, Copy, Debug)]
 enum Instant {
     Start,
-    /// The mean of both ends.
+    /// The mean of the frames at both ends of the step.
     Mean,
     End,
 }
 
-/// Bodies connected by joints.
+/// A set of bodies connected by joints, with the elimination plan of its equations.
 #[derive(Clone, Debug, Default)]
 pub struct Linkage {
-    /// The indices of its bodies among the moving bodies, in ascending order.
+    /// The indices of the linkage's bodies among the moving bodies, in ascending order.
     pub bodies: Vec<u32>,
-    /// The indices of its joints, in ascending order.
+    /// The indices of the linkage's joints, in ascending order.
     pub joints: Vec<u32>,
     /// The bodies of each joint, as indices into `bodies`.
     pairs: Vec<[Option<u32>; 2]>,
-    /// The second body of each joint, as an index among the bodies with prescribed motion.
+    /// For each joint, the index of its second body among the bodies with prescribed motion, if it has prescribed
+    /// motion.
     grounds: Vec<Option<u32>>,
     plan: Plan,
-    /// The blocks of each joint.
+    /// For each joint, the slots of the matrix blocks to which it contributes.
     slots: Vec<JointSlots>,
     /// Whether joints form a loop and may be redundant.
     has_loops: bool,
 }
 
 impl Linkage {
-    /// All linkages of the joints; `places` are the indices of the system's bodies among the `moving` bodies, `given` those
-    /// among the bodies with prescribed motion.
+    /// Returns all linkages that the joints form; `places` are the indices of the system's bodies among the `moving`
+    /// bodies, `given` are their indices among the bodies with prescribed motion.
     pub fn all(joints: &[Joint], places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Vec<Self> {
         let of = |joint: &Joint| {
             let [a, b] = joint.places(&|body| places[body]);
@@ -95,12 +96,12 @@ impl Linkage {
         (0..islands.len()).map(linkage).collect()
     }
 
-    /// The bytes of the equations.
+    /// Returns the bytes of the linear system of the linkage.
     pub fn bytes(&self) -> usize {
         self.plan.bytes()
     }
 
-    /// The linkage of a single body without joints.
+    /// Returns the linkage that represents a single body without joints.
     pub fn alone() -> Self {
         Self { bodies: vec![0], plan: Plan::new(1, &[], &[]), ..Self::default() }
     }
@@ -111,39 +112,40 @@ impl Linkage {
 pub struct Linked<'a> {
     linkage: &'a Linkage,
     joints: Vec<&'a Joint>,
-    /// The indices of its bodies in the island.
+    /// The indices of the linkage's bodies in the island.
     pub bodies: Vec<u32>,
-    /// The joint forces of the last step.
+    /// The joint forces of the last step, one vector per joint.
     pub forces: Vec<Vector6<f64>>,
     /// The joint impulses `lambda` of the current step.
     impulses: Vec<Vector6<f64>>,
     /// The joint impulses of the velocity projection at the end of the current step.
     corrections: Vec<Vector6<f64>>,
-    /// The states of the drives.
+    /// The states of the drives of the joints.
     pub states: Vec<DriveState>,
-    /// The drives within the current step.
+    /// The data of the drives that are fixed within the current step.
     driving: Vec<Driving>,
     /// The energy exchanged by the drives in the last step.
     pub done: Done,
     /// The joint reactions of the last step.
     pub reactions: Vec<Reaction>,
-    /// Whether the last linear system had a solution.
+    /// Whether the linear system that was solved last had a solution.
     pub is_solved: bool,
     matrix: Blocks,
-    /// The motion of the second body of each joint where it does not move by its mass, in the current step.
+    /// For each joint, the motion of its second body in the current step if that body has prescribed motion;
+    /// otherwise that of the world.
     groundings: Vec<Grounding>,
-    /// The velocities that each joint has at the end of the step, less those of bodies that move by their masses: those of
-    /// motors, and of bodies with prescribed motion.
+    /// For each joint, the prescribed rates of its equations at the end of the step: those of motors, and those due
+    /// to bodies with prescribed motion.
     rates: Vec<Vector6<f64>>,
     /// The regularising joint diagonals, see [`REDUNDANT`].
     diagonals: Vec<Vector6<f64>>,
-    /// The right-hand side of a linear system, replaced by its solution.
+    /// The right-hand side of the linear system, which a solve replaces by the solution.
     pub x: Vec<Vector6<f64>>,
 }
 
 impl<'a> Linked<'a> {
-    /// A linkage in an island; `bodies` are the indices of its bodies in the island, `forces` the joint forces of the
-    /// last step.
+    /// Places a linkage in an island; `bodies` are the indices of its bodies in the island, `forces` are the joint
+    /// forces of the last step.
     pub fn new(
         linkage: &'a Linkage,
         joints: &'a [Joint],
@@ -177,8 +179,8 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Begins a step, with the joint forces of the last step as initial guess; `ground` gives the motion of a body with
-    /// prescribed motion over the step.
+    /// Begins a step, with the joint forces of the last step as initial guess; `ground` returns the motion over the
+    /// step of a body with prescribed motion, given its index.
     pub fn begin(&mut self, starts: &[Frame], course: &SignalStep, ground: impl Fn(u32) -> Grounding) {
         for (grounding, of) in self.groundings.iter_mut().zip(&self.linkage.grounds) {
             *grounding = of.map_or(Grounding::WORLD, &ground);
@@ -198,7 +200,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// The value of the drive equation of joint `k` for given frames; `None` without a drive.
+    /// Returns the value of the drive equation of joint `k` for given frames; `None` without a drive.
     fn deviation(&self, k: usize, frames: &[Frame], at: Instant) -> Option<f64> {
         let (joint, driving) = (self.joints[k], &self.driving[k]);
         let drive = joint.drive.as_ref()?;
@@ -210,7 +212,7 @@ impl<'a> Linked<'a> {
         })
     }
 
-    /// The reaction of joint `k` on its first body, averaged over a step.
+    /// Returns the reaction of joint `k` on its first body, averaged over a step.
     fn reaction(&self, k: usize, midpoint: &Midpoint) -> Reaction {
         let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, Instant::Mean, k));
         let (arms, apart) = joint.arms(frames);
@@ -226,7 +228,7 @@ impl<'a> Linked<'a> {
         reaction
     }
 
-    /// Ends a step: updates forces, drives and reactions, and records the energy exchanged by drives.
+    /// Ends a step: updates joint forces, drives and reactions, and records the energy exchanged by drives.
     pub fn end(&mut self, midpoint: &Midpoint) {
         let h = midpoint.h;
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
@@ -251,8 +253,9 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// The work of the second body of joint `k` over the step, where its motion is prescribed: by the discrete gradient,
-    /// what the impulses do on the first body less what the values of the equations change by.
+    /// Returns the work over the step of the second body of joint `k` if it has prescribed motion, otherwise zero. By
+    /// the discrete gradient, it is the work of the joint impulses on the first body less the impulses times the
+    /// changes of the constraint values.
     fn work_of_ground(&self, k: usize, midpoint: &Midpoint) -> f64 {
         let (Some(_), [Some(body), None]) = (self.linkage.grounds[k], self.linkage.pairs[k]) else { return 0.0 };
         let joint = self.joints[k];
@@ -282,32 +285,33 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// The joint impulses of the current step.
+    /// Returns the joint impulses of the current step.
     pub fn impulses(&self) -> &[Vector6<f64>] {
         &self.impulses
     }
 
-    /// Sets the joint impulses with which iterations begin.
+    /// Sets the initial guess of the joint impulses.
     pub fn guess(&mut self, impulses: &[Vector6<f64>]) {
         self.impulses.copy_from_slice(impulses);
     }
 
-    /// Whether a joint holds on to the world or a body with prescribed motion.
+    /// Returns whether a joint is attached to the world or to a body with prescribed motion.
     pub fn is_grounded(&self) -> bool {
         self.linkage.pairs.iter().any(|pair| pair.contains(&None))
     }
 
-    /// Whether motors or bodies with prescribed motion give joints a rate at the end of the step.
+    /// Returns whether motors or bodies with prescribed motion give a joint a nonzero rate at the end of the step.
     pub fn is_driven(&self) -> bool {
         self.rates.iter().any(|rates| rates.iter().any(|rate| *rate != 0.0))
     }
 
-    /// Whether the linkage has joints.
+    /// Returns whether the linkage has joints.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
     }
 
-    /// The frames of the bodies of a joint at an instant, with those of the bodies that move by their masses.
+    /// Returns the frames of both bodies of a joint at an instant of the step, where `frames` are those of the moving
+    /// bodies.
     fn frames<'f>(&'f self, frames: &'f [Frame], at: Instant, joint: usize) -> [&'f Frame; 2] {
         let Grounding { start, mean, end, .. } = &self.groundings[joint];
         let ground = match at {
@@ -318,8 +322,8 @@ impl<'a> Linked<'a> {
         self.linkage.pairs[joint].map(|body| body.map_or(ground, |body| &frames[self.bodies[body as usize] as usize]))
     }
 
-    /// Solves the equations linearised at the current mean velocities; the changes are in `x`. Returns false if they
-    /// have no solution.
+    /// Solves the equations of the step linearised at the current mean velocities; the changes are stored in `x`.
+    /// Returns false if the equations have no solution.
     pub fn linearise(&mut self, midpoint: &Midpoint) -> bool {
         let plan = &self.linkage.plan;
         self.matrix.clear(plan);
@@ -337,8 +341,8 @@ impl<'a> Linked<'a> {
         self.is_solved
     }
 
-    /// Assembles and factorises the matrix of the velocity constraints at the end of a step, with its frames: masses and
-    /// constraint gradients.
+    /// Assembles and factorises the matrix of the velocity constraints at the end of a step, from masses and
+    /// constraint gradients at the given frames; returns false if the matrix is singular.
     pub fn hold(&mut self, frames: &[Frame], moving: &[Motion]) -> bool {
         let plan = &self.linkage.plan;
         self.matrix.clear(plan);
@@ -377,7 +381,8 @@ impl<'a> Linked<'a> {
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
             if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
-                // A force law does not constrain velocities.
+                // A drive with a force law does not constrain velocities: its row of the matrix is that of the
+                // identity.
                 let mut none = Matrix6::zeros();
                 none[(rank - 1, rank - 1)] = -1.0;
                 self.matrix.add(plan, joint, &none);
@@ -387,7 +392,7 @@ impl<'a> Linked<'a> {
     }
 
     /// Projects velocities onto the joint constraints; if `closes`, constraint violations are closed within a unit of
-    /// time. The matrix must be that of [`Linked::hold`]. Returns the work of the drives.
+    /// time. [`Linked::hold`] must have factorised the matrix. Returns the work of the drives.
     pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) -> f64 {
         let mut work = 0.0;
         for _ in 0..if self.has_joints() { PASSES } else { 0 } {
@@ -415,8 +420,8 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives and of bodies
-    /// that prescribe a rate.
+    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives and
+    /// bodies that prescribe a rate.
     pub fn correct(&mut self) -> f64 {
         for (correction, x) in self.corrections.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *correction -= x;
@@ -424,7 +429,8 @@ impl<'a> Linked<'a> {
         self.x[self.bodies.len()..].iter().zip(&self.rates).map(|(x, rates)| -x.dot(rates)).sum()
     }
 
-    /// The energy of the change of damper impulses between the mean velocities and `velocities` at the end of the step.
+    /// Returns the energy of the change of damper impulses between the mean velocities and `velocities`, those at the
+    /// end of the step.
     pub fn stiffness_of_dampers(&self, midpoint: &Midpoint, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |k: usize| {
             let joint = self.joints[k];
@@ -455,7 +461,7 @@ impl<'a> Linked<'a> {
         (0..self.joints.len()).filter_map(energy).sum()
     }
 
-    /// Solves the factorised system for the right-hand side in `x`.
+    /// Solves the factorised system for the right-hand side in `x`, in place.
     pub fn respond(&mut self) {
         let plan = &self.linkage.plan;
         if self.linkage.has_loops {
@@ -472,7 +478,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Adds the joint impulse changes in `x` to the impulses.
+    /// Subtracts the joint unknowns in `x` from the joint impulses; their signs are opposite.
     pub fn add_impulses(&mut self) {
         for (impulse, x) in self.impulses.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *impulse -= x;

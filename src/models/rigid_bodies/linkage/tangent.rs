@@ -1,7 +1,7 @@
 //! The tangent matrix of the joint equations over a step, including the geometric stiffness of joint impulses.
 //!
-//! With the angular velocity `w` of a body over the step, `s = h w`, a vector `d` of the body has the mean
-//! `d_m = (d + d+)/2 = B d` over the step, `B = (1 - [s]x/2)^-1`, and
+//! With the angular velocity `w` of a body over a step of size `h` and `s = h w`, a vector `d` fixed in the body has
+//! the mean `d_m = (d + d+)/2 = B d` over the step, where `B = (1 - [s]x/2)^-1`, and
 //!
 //! ```text
 //! d(d_m) = D dw,    D = -(h/2) B [d_m]x,    d(d+) = 2 D dw
@@ -15,13 +15,13 @@ use super::super::motion::Motion;
 use super::{Instant, Linked, REDUNDANT};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// The first row or column of velocities.
+/// The first row or column of velocities in a block of a body.
 const V: usize = 0;
-/// The first row or column of angular velocities.
+/// The first row or column of angular velocities in a block of a body.
 const W: usize = 3;
 
-/// Adds joint impulses to the momentum balances of the bodies, and assembles the joint equations; returns false if the
-/// step is too long for a drive.
+/// Adds joint impulses to the momentum balances of the bodies, and assembles the linearised joint equations; returns
+/// false if the step is too long for a drive.
 pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) -> bool {
     (0..linked.joints.len()).all(|k| assemble_joint(linked, midpoint, k))
 }
@@ -36,7 +36,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let (_, apart_at_end) = joint.arms(end);
     let driving = linked.driving[k];
     let places = linked.linkage.pairs[k].map(|body| body.map(|body| linked.bodies[body as usize] as usize));
-    // The matrix D for a vector fixed in one of the bodies.
+    // The matrix `D = -(h/2) B [d]x` for a vector with the mean `d` that is fixed in one of the bodies.
     let turning = |side: usize, d: &Vector3<f64>| {
         places[side].map_or_else(Matrix3::zeros, |body| midpoint.turning[body] * d.cross_matrix() * (-0.5 * h))
     };
@@ -45,7 +45,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let mut wrenches = [Matrix6::<f64>::zeros(); 2];
     let mut gradients = [Matrix6::<f64>::zeros(); 2];
     let mut rests = Vector6::zeros();
-    // The total force of the equations along directions fixed in the world.
+    // The total impulse of the equations along directions fixed in the world.
     let mut pull = Vector3::zeros();
     let mut add = |at: [usize; 2], row: usize, column: usize, block: &Matrix3<f64>| {
         let mut view = stiffness[at[0]][at[1]].fixed_view_mut::<3, 3>(row, column);
@@ -71,7 +71,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let back = if turns { alpha.cross(&beta) } else { Vector3::zeros() } - opposite.cross(&alpha);
         put(&mut wrenches[0], i, &force, &lever.cross(&alpha));
         put(&mut wrenches[1], i, &-force, &back);
-        // Equations are divided by h; 2 D is the derivative at the end of the step.
+        // Joint equations are divided by `h`; the derivative of a body-fixed vector at the end of the step is `2 D`.
         let per_time = 2.0 / h;
         let end_force = if is_point { alpha_at_end } else { Vector3::zeros() };
         let mut second = if turns { of_alpha.tr_mul(&beta_at_end) * per_time } else { Vector3::zeros() };
@@ -103,8 +103,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let i = place_of_drive;
         let mut deviation = -rests[i] * h - drive.offset(driving.reference);
         if of_drive.is_none() {
-            // The direction n = 2 p / (l + l+), with the mean p of the difference of the points and its lengths l and
-            // l+ at both ends of the step.
+            // The direction is `n = 2 p / (l + l+)`, with the mean `p` of the difference of the points and their
+            // distances `l` and `l+` at both ends of the step.
             let sum = driving.start + apart_at_end.norm();
             let [along, at_end] = [(apart * 2.0, sum), (apart_at_end, apart_at_end.norm())]
                 .map(|(vector, size)| if size > 0.0 { vector / size } else { Vector3::zeros() });
@@ -115,7 +115,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
             put(&mut gradients[1], i, &-at_end, &-(levers[1].tr_mul(&at_end) * (2.0 / h)));
             let lambda = linked.impulses[k][i];
             pull += along * lambda;
-            // dn = 2 / (l + l+) (1 - n n+^T) dp.
+            // The derivative of the direction is `dn = 2 / (l + l+) (1 - n n+^T) dp`.
             let bend = if sum > 0.0 {
                 (Matrix3::identity() - along * at_end.transpose()) * (2.0 * lambda / sum)
             } else {
@@ -174,7 +174,7 @@ fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vec
     matrix.fixed_view_mut::<1, 3>(row, W).copy_from(&torque.transpose());
 }
 
-/// The contribution of a body to the diagonal of `G M^-1 G^T` of a joint.
+/// Returns the contribution of a body to the diagonal of the matrix `G M^-1 G^T` of a joint.
 pub fn mobilities(rows: &Matrix6<f64>, motion: &Motion) -> Vector6<f64> {
     Vector6::from_fn(|i, _| {
         let row = rows.row(i);

@@ -1,4 +1,4 @@
-//! The end of a step: events, bodies in sustained contact, velocities, and joint drift.
+//! The end of a time step: events, bodies in sustained contact, velocities, and joint drift.
 
 use super::super::contact::Contact;
 use super::super::frame::Frame;
@@ -7,14 +7,15 @@ use super::super::touches::Touched;
 use super::MoreauStepping;
 use nalgebra::Vector3;
 
-/// The part of displacements along normals at which they count as taken away, a tenth of what an estimate of an error is worth.
+/// Fraction of the initial error at which the iterative projection onto contact constraints stops: a tenth of the
+/// relative accuracy of an error estimate.
 const CONFINED: f64 = 1e-2;
 
-/// Most sweeps over the contacts; what is left then is not taken away.
+/// Maximum number of sweeps over the contacts in the iterative projection onto contact constraints.
 const MOST_SWEEPS: usize = 50;
 
 impl MoreauStepping<'_> {
-    /// Detects events of contacts; must be called before the impulses of the previous step are replaced.
+    /// Detects the events of contacts; must be called before the impulses of the previous step are replaced.
     pub(super) fn follow(&mut self, h: f64) {
         let (mut touches, mut new_events) = (std::mem::take(&mut self.touches), std::mem::take(&mut self.new_events));
         let touched = |contact| Touched {
@@ -32,7 +33,7 @@ impl MoreauStepping<'_> {
         (self.touches, self.new_events) = (touches, new_events);
     }
 
-    /// Predicts the gaps at the end of a step `h` with the current velocities.
+    /// Predicts the gaps at the end of a step of size `h` with the current velocities.
     pub(super) fn foresee(&mut self, h: f64) {
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
@@ -41,8 +42,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Marks the bodies in sustained contact: those of contacts that satisfy `such` and are closed at the end of the
-    /// step.
+    /// Marks the bodies in sustained contact: those with a contact that satisfies `such` and is closed at the end of
+    /// the step.
     pub(super) fn hold(&mut self, such: impl Fn(&Contact) -> bool) {
         let mut held = std::mem::take(&mut self.held);
         held.fill(false);
@@ -53,9 +54,9 @@ impl MoreauStepping<'_> {
         self.held = held;
     }
 
-    /// For each moving body, the time by which the last step of length `h` misplaces the impacts on its island, which happen when
-    /// gaps are closed: it makes them at its beginning, or at its end where the island is implicit. Where a step is made in
-    /// parts, they may be off by the whole step.
+    /// Returns, for each moving body, the largest error in time of the impacts on its island in the last step of
+    /// length `h`. An impact happens when its gap closes; the step applies it at its beginning, or at its end if the
+    /// island is implicit. If the step is divided into parts, the error may be as large as the step.
     pub fn misplaced(&self, h: f64) -> Vec<f64> {
         let mut misplaced = vec![h; self.moving.len()];
         if self.report.parts > 1 {
@@ -63,7 +64,7 @@ impl MoreauStepping<'_> {
         }
         for island in &self.tasks[..self.islands.len()] {
             let by = |contact: &Contact| {
-                // A gap that nothing closes yet is closed by what happens in the step.
+                // A gap that does not close at the initial velocities is closed by forces or impacts within the step.
                 let until = contact.closes_after().min(h);
                 if island.is_implicit() { h - until } else { until }
             };
@@ -73,9 +74,10 @@ impl MoreauStepping<'_> {
         misplaced
     }
 
-    /// Takes from displacements of the moving bodies in the last step of length `h`, of their centres and about them, what the
-    /// contacts that it has closed do not allow: bodies are where their surfaces meet at its end, whenever they met, but for the
-    /// way that they part again. By impulses along the normals, one after the other.
+    /// Projects displacements of the moving bodies in the last step of length `h` (translations and rotations) onto
+    /// those that its closed contacts allow: at the end of the step the surfaces touch, whenever they met, except for
+    /// the distance by which they have separated again. The projection uses impulses along the normals, contact by
+    /// contact.
     pub fn confine(&self, h: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let closed = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
         let way = |contact: &Contact| {
@@ -84,8 +86,9 @@ impl MoreauStepping<'_> {
         self.hold_back(self.contacts.iter().filter(closed).map(|contact| (contact, 0, way(contact))), by);
     }
 
-    /// Takes from changes of the moving bodies what contacts do not allow beyond a way that each leaves, along the normal or a
-    /// tangent by the index of its axis: by impulses along the axes, one after the other.
+    /// Projects changes of the motions of the moving bodies so that each contact changes by the given amount along
+    /// one of its axes (by index: the normal or a tangent). The projection uses impulses along the axes, contact by
+    /// contact (Gauss-Seidel).
     pub(super) fn hold_back<'c>(
         &self,
         contacts: impl Iterator<Item = (&'c Contact, usize, f64)>,
@@ -116,7 +119,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Adds what an impulse of a contact along one of its axes changes of the motions of its bodies.
+    /// Adds to `by` the changes of the motions of a contact's bodies that an impulse along one of the contact's axes
+    /// causes.
     pub(super) fn impel(&self, contact: &Contact, axis: usize, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let mut unit = Vector3::zeros();
         unit[axis] = amount;
@@ -130,8 +134,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold the first `N` of the components
-    /// of its velocity and its angular velocity at the end of the step.
+    /// Returns, for each moving body, which of the first `N` components of its velocity and angular velocity are
+    /// fixed at the end of the step by contacts with bodies that are fixed or have prescribed motion.
     pub fn held<const N: usize>(&self) -> Vec<[bool; N]> {
         let mut held = vec![[false; N]; self.moving.len()];
         let lasts = |contact: &Contact| match &self.located {
@@ -169,14 +173,14 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// The current frames of the bodies of a joint.
+    /// Returns the current frames of both bodies of a joint.
     pub(super) fn frames_of(&self, joint: &Joint) -> [Frame; 2] {
         let second = joint.bodies.1.map_or(Frame::WORLD, |body| Frame::of(self.pose(body)));
         [Frame::of(self.pose(joint.bodies.0)), second]
     }
 
     /// Measures the constraint violation (drift) of joints at the end of the step: positions relative to the size of
-    /// their bodies, directions in radians.
+    /// the joint's bodies, directions in radians.
     pub(super) fn measure_joints(&mut self) {
         let scene = self.scene;
         for (place, joint) in scene.joints.iter().enumerate() {
@@ -185,7 +189,7 @@ impl MoreauStepping<'_> {
             for row in joint.rows([&frames[0], &frames[1]]) {
                 let unit = if row.force == Vector3::zeros() { 1.0 } else { size };
                 let drift = row.value.abs() / unit;
-                // NaN counts as infinite drift.
+                // A constraint violation that is NaN counts as infinite drift.
                 if drift > self.report.drift || drift.is_nan() {
                     let drift = if drift.is_nan() { f64::INFINITY } else { drift };
                     (self.report.drift, self.report.drifted) = (drift, place);

@@ -1,4 +1,5 @@
-//! Contact detection of a step: contacts that may close within it, and overlaps at its end that detection has missed.
+//! Contact detection of a time step: contacts that may close within the step, and overlaps at its end that detection
+//! has missed.
 
 use super::super::collision::{BroadPhase, ContactPoint, contacts};
 use super::super::contact::{Contact, frame};
@@ -8,31 +9,32 @@ use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Gaps below this fraction of a body's size are contacts at any velocity: the impulse of one contact may close another
-/// nearby contact.
+/// Gaps below this fraction of a body's size count as contacts at any velocity, since the impulse of one contact may
+/// close another nearby contact.
 pub(in super::super) const NEAR: f64 = 0.01;
 
-/// Pairs of bodies processed between two polls of [`Control`].
+/// Number of pairs of bodies processed between two polls of [`Control`].
 const AT_ONCE: usize = 1 << 8;
 
-/// Admissible penetration of bodies with joints at the end of a step, relative to the smaller body: half of the
-/// tolerance 1e-3 of the verdict, because the next step measures penetration before resolving it. A smaller value would
-/// halve steps whose penetration is never reported.
+/// Admissible penetration of bodies with joints at the end of a step, relative to the smaller body: half of 1e-3,
+/// above which a solution is reported as inaccurate, because the next step measures penetration before resolving it.
+/// A smaller value would halve steps whose penetration is never reported.
 const UNSEEN: f64 = 5e-4;
 
-/// The detection margin around a body: its largest displacement in a step `h` in which forces change its speed by
-/// `fall`, plus `NEAR` times its size.
+/// Returns the detection margin around a body: its largest displacement in a step of size `h` in which forces change
+/// its speed by `fall`, plus `NEAR` times its size.
 pub(super) fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
     h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
 }
 
 impl MoreauStepping<'_> {
-    /// Finds the contacts that may close within a step `h`.
+    /// Finds the contacts that may close within a step of size `h`.
     pub(super) fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.search(h, true, control)
     }
 
-    /// Finds the contacts of the given pairs of bodies, indices in the multibody system, that are closed or nearly so.
+    /// Finds the contacts of the given pairs of bodies, by their indices in the multibody system, that are closed or
+    /// nearly closed.
     pub(super) fn detect_between(
         &mut self,
         pairs: impl Iterator<Item = (u32, u32)>,
@@ -43,7 +45,8 @@ impl MoreauStepping<'_> {
         self.search(0.0, false, control)
     }
 
-    /// Finds the contacts that may close within a step `h`; of all pairs of bodies if it `sweeps`, else of the known pairs.
+    /// Finds the contacts that may close within a step of size `h`: between all pairs of bodies if `sweeps`,
+    /// otherwise between the pairs in `self.pairs`.
     fn search(&mut self, h: f64, sweeps: bool, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);
         let (load, most) = (&mut self.load, self.most_memory);
@@ -134,8 +137,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Whether bodies with joints overlap at the end of a step, because of the curvature of their path or because
-    /// joints moved them beyond the detection margin.
+    /// Returns whether bodies with joints overlap at the end of a step, because of the curvature of their path or
+    /// because joints moved them beyond the detection margin.
     pub(super) fn meets_unseen(&self, start: &[Motion], h: f64, control: &Control) -> Result<bool, StepFailure> {
         if !self.jointed.contains(&true) {
             return Ok(false);

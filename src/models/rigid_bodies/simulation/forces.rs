@@ -18,8 +18,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// For each of the outputs of [`forces`](Self::forces), whether it is a coordinate of a hinge, slider or spring:
-    /// coordinates vary within a step, forces are averages over a step.
+    /// Returns, for each output of [`forces`](Self::forces), whether it is a coordinate of a hinge, slider or spring:
+    /// coordinates vary within a step, whereas forces are averages over a step.
     pub fn coordinates(&self) -> Vec<bool> {
         let contacts = self.contact_forces.iter().flat_map(|_| [false; 6]);
         contacts.chain(self.scene.joints.iter().flat_map(Joint::are_coordinates)).collect()

@@ -1,10 +1,11 @@
-//! Steps whose impacts are located in time, of second order.
+//! Event-driven steps of second order, in which impacts are located in time.
 //!
-//! A step is a sequence of arcs. Contacts that are closed at the beginning of an arc, and neither approach nor part, are
-//! lasting: they [stay closed](self::lasting) throughout it. All other contacts are open, and the arc ends where the first of
-//! them [closes](self::closing), or where the force of a lasting contact jumps: where it opens, or its slip passes through
-//! zero. Where contacts close, the law of impact [acts](self::strike) at once on all contacts that are closed. Bodies without a
-//! lasting contact fly,
+//! A step is a sequence of smooth arcs. Contacts that are closed at the beginning of an arc, and neither approach nor
+//! separate, are sustained contacts: they [stay closed](self::lasting) throughout the arc. All other contacts are
+//! open, and the arc ends when the first of them [closes](self::closing), or when the force of a sustained contact
+//! jumps: because it opens, or because its slip velocity passes through zero. When contacts close, the impact law is
+//! [applied](self::strike) to all closed contacts at once. Bodies without a sustained contact move freely over the
+//! length `s` of the arc,
 //!
 //! ```text
 //! v' = v + s g/2,    q+ = q (+) s v',    v+ = v' + s g/2
@@ -12,12 +13,15 @@
 //!
 //! which is exact for the centre of mass, and of second order for the rotation.
 //!
-//! Impacts of a contact may accumulate (Zeno). A ball that returns with velocity `e v` bounces on for the time
-//! `2 e v / (1 - e) / g`. An approach `v` after which that is at most `h^2 sqrt(g/d)`, for a step `h` and a body of size `d`, is
-//! ended without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of
-//! order `h^2`. Bodies that meet in flight are not pressed together by their weight, and bounce whatever their approach. With
-//! restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several bodies, their
-//! number in a step is limited, and time stepping takes the rest of the step. A run that is free to choose [changes over](self::budget) to time stepping for many steps, where arcs are too many.
+//! Impacts of a contact may accumulate (Zeno). A ball that rebounds with velocity `e v`, where `e` is its
+//! restitution, bounces for the time `2 e v / (1 - e) / g`. If an approach velocity `v` is so small that this time is
+//! at most `h^2 sqrt(g/d)`, for a step size `h` and a body of size `d`, the impact is treated without restitution, so
+//! that the contact is sustained afterwards: the bounces that are left out would be over within a time of order
+//! `h^2`. Bodies that collide in free motion are not pressed together by their weight, and rebound at any approach
+//! velocity. With restitution 1 impacts do not accumulate, and only approach velocities within rounding are treated
+//! without restitution. Where impacts accumulate between several bodies, their number in a step is limited, and time
+//! stepping takes over for the rest of the step. A run that may choose its method [switches](self::budget) to time
+//! stepping for many steps if there are too many arcs.
 
 mod budget;
 mod closing;
@@ -36,38 +40,41 @@ use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 use rustc_hash::FxHashSet;
 
-/// The number of arcs in a step, and for each moving body, beyond which time stepping takes the rest of the step: bodies that
-/// meet others so often within one step are not resolved by it. The first lets a single ball bounce until it rests.
+/// The number of arcs in a step, per step and per moving body, beyond which time stepping takes over for the rest of
+/// the step: a step does not resolve bodies that collide more often. The first number lets a single ball bounce until
+/// it rests.
 const ARCS: [usize; 2] = [64, 8];
 
-/// Limit on the arcs of a step times the number of moving bodies: their states are kept until the next step, in some 10 MB.
+/// Maximum number of arcs of a step times the number of moving bodies: the states of bodies at both ends of the arcs
+/// are kept until the next step, in about 10 MB.
 const KEPT: usize = 1 << 14;
 
-/// Velocities below this fraction of what gravity adds in the step are rounding.
+/// Velocities below this fraction of the velocity change by gravity in a step are treated as rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// The identity of a contact.
+/// The identity of a contact: the indices of both bodies and the identity number of the contact point.
 type Key = (u32, u32, u64);
 
-/// Part of a step between impacts.
+/// A smooth arc: a part of a step between impacts.
 #[derive(Clone, Debug)]
 pub struct Arc {
-    /// The times of its beginning and its end, from the beginning of the step on.
+    /// The times at the beginning and the end of the arc, relative to the beginning of the step.
     pub times: [f64; 2],
-    /// The moving bodies at its beginning, after the impacts there.
+    /// The moving bodies at the beginning of the arc, after impacts at that time.
     starts: Vec<Motion>,
-    /// The moving bodies at its end, before the impacts there.
+    /// The moving bodies at the end of the arc, before impacts at that time.
     ends: Vec<Motion>,
-    /// For each moving body, whether it has contacts; else it flies.
+    /// For each moving body, whether it has sustained contacts in the arc; otherwise it moves freely.
     held: Vec<bool>,
-    /// The work of contacts from the beginning of the step to both times, by normal and tangential components.
+    /// The work of contacts from the beginning of the step to both ends of the arc, by normal and tangential
+    /// components.
     work: [[f64; 2]; 2],
-    /// Whether all bodies move evenly, so that the arc has no error but rounding.
+    /// Whether all bodies move with constant accelerations, so that the arc is exact up to rounding.
     pub is_exact: bool,
 }
 
 impl Arc {
-    /// The moving bodies at a time within the arc, from the beginning of the step on.
+    /// Returns the moving bodies at a time within the arc, relative to the beginning of the step.
     pub fn at(&self, passed: f64, gravity: &Vector3<f64>) -> Vec<Motion> {
         let [from, to] = self.times;
         let (s, d) = (to - from, passed - from);
@@ -79,7 +86,8 @@ impl Arc {
         self.starts.iter().zip(&self.ends).zip(&self.held).map(of).collect()
     }
 
-    /// The work of contacts from the beginning of the step to a time within the arc, by normal and tangential components.
+    /// Returns the work of contacts from the beginning of the step to a time within the arc, by normal and tangential
+    /// components.
     pub fn work_at(&self, passed: f64) -> [f64; 2] {
         let [from, to] = self.times;
         let part = if to > from { ((passed - from) / (to - from)).min(1.0) } else { 1.0 };
@@ -88,77 +96,79 @@ impl Arc {
     }
 }
 
-/// What located impacts keep from arc to arc.
+/// The state of the event-driven integration that is carried from arc to arc.
 #[derive(Debug, Default)]
 pub(super) struct Located {
-    /// The contacts that last.
+    /// The identities of the sustained contacts.
     lasting: FxHashSet<Key>,
-    /// The contacts of `lasting` that stick. Their velocities at the beginning of an arc are those of an extrapolated pose, and
-    /// have errors of second order, which are no slip.
+    /// The sustained contacts that stick. Their velocities at the beginning of an arc belong to an extrapolated pose,
+    /// and have errors of second order, which do not count as slip.
     sticking: FxHashSet<Key>,
-    /// The contacts whose force ended with the last arc.
+    /// The contacts that opened at the end of the last arc.
     leaving: FxHashSet<Key>,
-    /// The pairs of bodies with a contact that opened where the last arc began, and that time.
+    /// The time at the beginning of the last arc, and the pairs of bodies with a contact that opened at that time.
     opened: (f64, Vec<(u32, u32)>),
-    /// Whether the first step has begun.
+    /// Whether the first step of the simulation has begun.
     has_begun: bool,
-    /// The time at the beginning of the step, and the length of the step.
+    /// The time at the beginning of the step, and (in `step`) the length of the step.
     begin: f64,
     step: f64,
-    /// The bodies with prescribed motion at the beginning of the step.
+    /// The poses of the bodies with prescribed motion at the beginning of the step.
     grounds: Vec<Isometry3<f64>>,
-    /// The arcs of the last step.
+    /// The smooth arcs of the last step.
     arcs: Vec<Arc>,
-    /// Its impacts; `None` if they are not recorded.
+    /// The impacts of the last step; `None` if they are not recorded.
     impacts: Option<Vec<Impact>>,
     /// For each moving body, whether contacts acted on it in the last step.
     touched: Vec<bool>,
-    /// Whether time stepping took the rest of the last step.
+    /// Whether time stepping took over for the rest of the last step.
     is_passed: bool,
-    /// The number of arcs that may be made; `None` if impacts are located at any cost.
+    /// The number of arcs that the run may still make; `None` if impacts are located at any cost.
     budget: Option<Budget>,
 }
 
 impl Located {
-    /// Whether a contact lasts.
+    /// Returns whether a contact is sustained.
     pub fn lasts(&self, contact: &Contact) -> bool {
         self.lasting.contains(&contact.key)
     }
 }
 
 impl MoreauStepping<'_> {
-    /// Lets impacts be located. The multibody system must have no joints, no forces besides gravity, and no patches.
+    /// Switches to event-driven steps, which locate impacts in time. The multibody system must have no joints, no
+    /// forces besides gravity, and no contact patches.
     ///
-    /// With a length of a step, time stepping takes over where impacts are so many that steps of this length are made faster by it.
+    /// If the step size of the run is given as `unless_many`, time stepping takes over where it is faster because of
+    /// many impacts.
     pub fn locate_impacts(&mut self, unless_many: Option<f64>) {
         let budget = unless_many.map(|step| Budget::new(step, self.moving.len()));
         self.located = Some(Box::new(Located { budget, ..Located::default() }));
     }
 
-    /// The arcs of the last step, if impacts are located.
+    /// Returns the arcs of the last step; empty for time stepping.
     pub fn arcs(&self) -> &[Arc] {
         self.located.as_ref().map_or(&[], |located| &located.arcs)
     }
 
-    /// For each moving body, whether contacts acted on it in the last step.
+    /// Returns, for each moving body, whether contacts acted on it in the last step.
     pub fn touched(&self) -> &[bool] {
         self.located.as_ref().map_or(&self.pushed, |located| &located.touched)
     }
 
-    /// Whether impacts of the last step are located, and time stepping took its rest.
+    /// Returns whether the last step was event-driven, and time stepping took over for its rest.
     pub fn is_passed(&self) -> bool {
         self.located.as_ref().is_some_and(|located| located.is_passed)
     }
 
-    /// The moving bodies at the beginning of the part of the last step, of length `h` from `starts` on, that time stepping made, and
-    /// the length of that part; `None` if there is none.
+    /// Returns the part of the last step, of length `h` from the states `starts` on, that was made by time stepping:
+    /// the moving bodies at its beginning, and its length; `None` if there is none.
     pub(super) fn time_stepped<'a>(&'a self, starts: &'a [Motion], h: f64) -> Option<(&'a [Motion], f64)> {
         let Some(located) = &self.located else { return Some((starts, h)) };
         let arc = located.arcs.last().filter(|_| located.is_passed)?;
         Some((&arc.starts, arc.times[1] - arc.times[0]))
     }
 
-    /// Makes a step of length `h` with located impacts.
+    /// Makes an event-driven step of length `h`.
     pub(super) fn advance_located(
         &mut self,
         located: &mut Located,
@@ -185,12 +195,12 @@ impl MoreauStepping<'_> {
         self.t = end;
         self.ground_at(located, end);
         self.ends.clone_from(&self.moving);
-        // What is time-stepped counts its own.
+        // Time stepping counts its own parts.
         self.report.parts += u64::from(!located.is_passed);
         Ok(())
     }
 
-    /// Begins a step without arcs, in which nothing has touched the bodies.
+    /// Begins a step: clears the arcs and impacts of the last step, and the marks of bodies on which contacts acted.
     fn begin(&mut self, located: &mut Located) {
         located.arcs.clear();
         located.impacts.iter_mut().for_each(Vec::clear);
@@ -200,8 +210,8 @@ impl MoreauStepping<'_> {
         self.ground_at(located, located.begin);
     }
 
-    /// Makes a step with located impacts to a time, with at most so many arcs; or all of it by time stepping, if the law of
-    /// contact is not solved on the way.
+    /// Makes an event-driven step to the time `end`, with at most `most` arcs; repeats the whole step by time
+    /// stepping if the contact law is not solved in an arc.
     fn advance_or_pass(
         &mut self,
         located: &mut Located,
@@ -220,7 +230,7 @@ impl MoreauStepping<'_> {
         self.pass(located, end - located.begin, control)
     }
 
-    /// Makes a step with located impacts to a time, with at most so many arcs.
+    /// Makes an event-driven step to the time `end`; after `most` arcs, time stepping takes over for the rest.
     fn advance_to(
         &mut self,
         located: &mut Located,
@@ -266,12 +276,12 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Makes the rest of a step by time stepping.
+    /// Makes the rest of a step, of length `rest`, by time stepping.
     fn pass(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (starts, before) = (self.moving.clone(), self.report.work);
         let times = [self.t - located.begin, located.step];
         self.advance(rest, HALVINGS, control)?;
-        // Velocities of the middle of a step become those of its end.
+        // Replace the velocities at the middle of the step by those at its end.
         self.moving.clone_from(&self.ends);
         self.moving.iter_mut().for_each(|motion| motion.lag = 0.0);
         located.lasting.clear();
@@ -289,31 +299,34 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// The approach of a contact below which its impacts accumulate within the step, or are rounding.
+    /// Returns the approach velocity of a contact below which its impacts would accumulate within the step, or are
+    /// rounding errors.
     fn least_approach(&self, located: &Located, contact: &Contact) -> f64 {
         let normal = contact.frame.row(0).transpose();
         let gravity = self.scene.gravity.dot(&normal).abs();
         let (fall, e) = (located.step * gravity, contact.law.restitution);
-        // Bodies that both fly have the same weight per mass, which does not bring them together again.
+        // Two bodies in free motion have the same acceleration by gravity, which does not bring them together again.
         let flies = |body: Option<u32>| body.is_some_and(|body| !self.held[body as usize]);
         if e == 1.0 || contact.bodies.into_iter().all(flies) {
             return ROUNDING * fall;
         }
-        // All bounces are over after `2 e v / ((1 - e) g)`: within a step for this approach.
+        // All bounces are over after the time `2 e v / ((1 - e) g)`: within one step for an approach velocity `v` of
+        // this size.
         let within_step = fall * ((1.0 - e) / (2.0 * e)).min(1.0);
-        // A step that has no room for all of them ends those.
+        // A step that has used half of its arcs ends all accumulations that would be over within a step.
         if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
             return within_step;
         }
         within_step * (fall / (gravity * contact.size).sqrt()).min(1.0)
     }
 
-    /// The rounding error of the velocity of a contact.
+    /// Returns the rounding error of the relative velocity at a contact.
     fn rounding(&self, located: &Located, contact: &Contact) -> f64 {
         rounding(contact, &self.moving) + ROUNDING * located.step * self.scene.gravity.norm()
     }
 
-    /// Whether the contact points of a pair of bodies come and go as features of their surfaces pass each other.
+    /// Returns whether the contact points of a pair of bodies appear and vanish as features of their surfaces pass
+    /// each other.
     fn is_patch(&self, (a, b): (u32, u32)) -> bool {
         let [a, b] = [a, b].map(|body| &self.scene.bodies[body as usize].collider);
         !a.keeps_points_with(b)

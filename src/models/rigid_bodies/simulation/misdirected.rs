@@ -1,6 +1,6 @@
-//! What it makes of impacts that a step takes surfaces as they are at its beginning, and not as they are where they meet:
-//! normals of curved surfaces turn in between, and so do the arms of bodies that rotate. And what it makes of them that a step
-//! takes several as one.
+//! Estimates of two errors of impacts in time stepping. A step uses the normals and lever arms of contacts at its
+//! beginning, although those of curved or rotating bodies have changed when the surfaces meet. And it applies several
+//! successive impacts at once.
 
 use super::super::collision::contacts;
 use super::super::contact::{Contact, frame};
@@ -9,9 +9,10 @@ use super::MoreauStepping;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 impl MoreauStepping<'_> {
-    /// For each moving body, by what its velocity and its angular velocity after the impacts of the last step, of length `h` from
-    /// `starts` on, would differ if each impact happened where the surfaces meet. Bodies of joints are left out, as are steps
-    /// that are made in parts, and impacts that are located, which happen where surfaces meet.
+    /// Returns, for each moving body, the changes of its velocity and angular velocity after the impacts of the last
+    /// step, of length `h` from the states `starts` on, if each impact happened where the surfaces meet. They are
+    /// zero for bodies with joints, for steps divided into parts, and for impacts located in time, which happen where
+    /// surfaces meet.
     pub fn misdirected(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
         let Some((starts, h)) = self.time_stepped(starts, h).filter(|_| self.report.parts <= 1) else { return by };
@@ -22,7 +23,8 @@ impl MoreauStepping<'_> {
                 continue;
             }
             let Some(there) = self.met(contact, starts, until, h) else { continue };
-            // The impulse turns with the normal, and is as large as the approach there makes it. Forces are the same in both.
+            // The impulse is rotated with the normal and scaled with the approach velocity; forces are the same in
+            // both cases.
             let Some(turn) = UnitQuaternion::rotation_between(&normal(contact), &normal(&there)) else { continue };
             let here = contact.velocity(|body| (starts[body as usize].velocity, starts[body as usize].omega)).x;
             let larger = if here < 0.0 { (there.before.x / here).max(0.0) } else { 1.0 };
@@ -36,23 +38,24 @@ impl MoreauStepping<'_> {
                 *omega += motion.mobility * (there.arms[side].cross(&turned) - angular);
             }
         }
-        // Where bodies stay together, the next steps know along which normal.
+        // Remove the changes along the normals of bodies that stay together, which the following steps correct.
         let stays =
             |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && contact.law.restitution == 0.0;
         self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0, 0.0)), &mut by);
         by
     }
 
-    /// For each moving body, by what its velocity and its angular velocity would differ if no restitution had been reduced in the
-    /// last step, of length `h` from `starts` on. A body between two others that close in on it meets them one after the other, in
-    /// turn, and many times within a step; a step makes all impacts at once, with as much restitution as adds no energy.
+    /// Returns, for each moving body, the changes of its velocity and angular velocity if no restitution had been
+    /// reduced in the last step, of length `h` from the states `starts` on. A body between two others that approach
+    /// it collides with them alternately, and many times within a step; a step applies all impacts at once, with at
+    /// most as much restitution as adds no energy.
     pub fn restituted(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
         let Some((_, h)) = self.time_stepped(starts, h).filter(|_| self.report.is_limited) else { return by };
         let fall = h * self.scene.gravity;
         let mut unit = by.clone();
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0 && contact.lacks > 0.0) {
-            // The approach that the weight makes in a step is that of bodies at rest.
+            // Deduct the approach velocity that gravity causes in a step, which bodies at rest have as well.
             let approach = -contact.before.x - fall.dot(&normal(contact)).abs();
             let lacks = contact.lacks.min(contact.law.restitution * approach);
             if lacks <= 0.0 {
@@ -66,7 +69,8 @@ impl MoreauStepping<'_> {
         by
     }
 
-    /// A contact with its frame and its approach after a time `until` of free motion; `None` if the surfaces have no such point then.
+    /// Returns a contact with its frame and its approach velocity after a time `until` of free motion; `None` if the
+    /// surfaces have no contact point of its identity at that time.
     fn met(&self, contact: &Contact, starts: &[Motion], until: f64, h: f64) -> Option<Contact> {
         let drifted = |body: u32| {
             let mut motion = starts[body as usize];
@@ -80,7 +84,7 @@ impl MoreauStepping<'_> {
             let body = pair[side] as usize;
             match (places[side], self.given[body].map(|place| &self.prescribed[place as usize])) {
                 (Some(place), _) => moved[place as usize].pose,
-                // Its pose is that of the end of the step.
+                // The stored pose of a body with prescribed motion is that at the end of the step.
                 (None, Some(given)) => {
                     let back = until - h;
                     let turned = UnitQuaternion::from_scaled_axis(given.omega * back) * given.pose.rotation;

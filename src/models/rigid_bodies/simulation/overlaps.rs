@@ -9,17 +9,16 @@ use problem::Control;
 /// Tolerance for gaps and penetration, relative to the smaller body.
 pub(super) const OVERLAP: f64 = 5e-7;
 
-/// Limit on iterations of overlap resolution within a step.
+/// Maximum number of iterations of overlap resolution within a step.
 const ROUNDS: usize = 3;
-/// Limit on iterations of the resolution of initial overlaps, which may be deep.
+/// Maximum number of iterations of the resolution of initial overlaps, which may be deep.
 const ROUNDS_AT_START: usize = 100;
 
 impl MoreauStepping<'_> {
     /// Resolves initial overlaps and projects initial velocities onto the joint constraints, both by the smallest
-    /// change in the mass norm. Returns false without success.
+    /// change in the mass norm. Returns whether both succeeded.
     ///
-    /// # Errors
-    /// If contact detection fails or is interrupted.
+    /// # Errors If contact detection fails or is interrupted.
     pub fn resolve(&mut self, control: &Control) -> Result<bool, StepFailure> {
         self.ground();
         for _ in 0..ROUNDS_AT_START {
@@ -40,7 +39,7 @@ impl MoreauStepping<'_> {
         Ok(false)
     }
 
-    /// Resolves overlaps at the beginning of a step `h`.
+    /// Resolves overlaps at the beginning of a step of size `h`.
     pub(super) fn part_overlaps(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         for _ in 0..ROUNDS {
             if self.depth(OVERLAP) <= 0.0 {
@@ -52,21 +51,21 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// The deepest penetration in excess of `fraction` of the smaller body's size; joint stops count only if `fraction`
-    /// is positive.
+    /// Returns the deepest penetration in excess of `fraction` of the smaller body's size; joint stops count only if
+    /// `fraction` is positive.
     pub(super) fn depth(&self, fraction: f64) -> f64 {
         let excess = |contact: &Contact| -contact.gap - fraction * contact.size;
         let surfaces = self.contacts.iter().filter(|contact| fraction > 0.0 || !contact.is_stop());
         surfaces.map(excess).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The deepest penetration relative to the smaller body's size.
+    /// Returns the deepest penetration relative to the smaller body's size.
     pub(super) fn overlap(&self) -> f64 {
         self.contacts.iter().map(|contact| -contact.gap / contact.size).fold(0.0, f64::max)
     }
 
-    /// Rounds tiny gaps to zero. With redundant contacts the targets `-gap/h` are inconsistent, and impulses would grow
-    /// without bound.
+    /// Rounds tiny gaps to zero. With redundant contacts the normal velocities `-gap/h` that close the gaps within a
+    /// step are inconsistent, and impulses would grow without bound.
     pub(super) fn close(&mut self) {
         for contact in &mut self.contacts {
             if contact.gap < contact.no_gap {
@@ -98,7 +97,7 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// The size of the smaller of two bodies.
+/// Returns the size of the smaller of two bodies.
 pub(super) fn smaller(scene: &MultibodySystem, a: usize, b: usize) -> f64 {
     let reach = |body: usize| scene.bodies[body].collider.reach();
     reach(a).min(reach(b))

@@ -1,4 +1,5 @@
-//! Partition into islands: the data of each island are copied, solved independently, and copied back.
+//! Partition of a multibody system into islands: the data of each island are copied, solved independently, and copied
+//! back.
 
 use super::super::contact::Contact;
 use super::super::island::{Island, Mechanism, Unsolved};
@@ -7,7 +8,7 @@ use super::MoreauStepping;
 use contact::islands::solve_apart;
 use contact::law::Law;
 
-/// The number of contacts outside the largest island from which another thread is used.
+/// The number of contacts outside the largest island from which another thread is used to solve islands.
 const WORTH_A_THREAD: usize = 200;
 
 impl MoreauStepping<'_> {
@@ -61,7 +62,7 @@ impl MoreauStepping<'_> {
         self.islands.group(self.moving.len(), links);
         self.jointed.fill(false);
         for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
-            // Links are sorted: contacts, then joints, then forces.
+            // The links of an island are sorted: contacts, then joints, then forces.
             if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
                 for &link in island {
                     let link = link as usize;
@@ -77,7 +78,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Copies the data of each island.
+    /// Copies bodies, contacts, joints and forces to the island to which they belong.
     pub(super) fn partition_into_islands(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let (laws, cone, impact_law) = (&self.scene.laws, self.scene.cone, self.impact_law);

@@ -1,37 +1,37 @@
-//! Step failures and the report of a step.
+//! Failures of time steps, and the report of a step.
 
 use super::super::island::{Unsolved, Work};
 use contact::law;
 use problem::Interrupted;
 use vi::Outcome;
 
-/// Why a step failed.
+/// Why a time step of a multibody system failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StepFailure {
-    /// A body's motion is no longer finite.
+    /// The motion of a body is not finite.
     NotFinite {
-        /// The index of the body.
+        /// The index of the body in the multibody system.
         body: usize,
     },
     /// The joint equations have no solution.
     Joints,
     /// A coefficient of friction is negative or not finite.
     Friction {
-        /// The indices of both bodies.
+        /// The indices of both bodies in the multibody system.
         bodies: [usize; 2],
-        /// The coefficient.
+        /// The value of the coefficient.
         mu: f64,
-        /// The place of the contact.
+        /// The position of the contact.
         place: [f64; 3],
     },
-    /// The contact law was not solved.
+    /// The contact law was not solved to the required accuracy.
     Unsolved {
         /// The residual of the contact law.
         residual: f64,
     },
     /// The contacts exceed the memory limit.
     TooMuchMemory {
-        /// The number of contacts found until then.
+        /// The number of contacts found before detection stopped.
         contacts: usize,
         /// The index of the body with the most contacts, and the number of its contacts.
         most_touched: Option<(usize, u32)>,
@@ -57,48 +57,53 @@ impl From<Interrupted> for StepFailure {
     }
 }
 
-/// The report of a step: contacts, energies, joints and solver statistics.
+/// The report of a time step: contacts, energies, joints and solver statistics.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactReport {
-    /// The number of contacts with an impulse.
+    /// The number of contacts, joint stops excluded, that have an impulse in the step.
     pub closed: usize,
     /// The deepest penetration at the beginning of the step, in metres.
     pub penetration: f64,
-    /// The sum of the normal impulses, in newton seconds.
+    /// The sum of the normal impulses of contacts, joint stops excluded, in newton seconds.
     pub normal_impulse: f64,
-    /// The deepest penetration relative to the smaller body's size.
+    /// The deepest penetration at the beginning of the step, relative to the smaller body's size.
     pub overlap: f64,
-    /// The work `r . (u+ + u-) / 2` of contacts by normal and tangential components, in joules.
+    /// The work `r . (u+ + u-) / 2` of contact impulses `r` with the relative velocities `u` before and after, by
+    /// normal and tangential components, in joules.
     pub work: [f64; 2],
-    /// The normal work of a step in which all contacts with an impulse have restitution one; zero in exact arithmetic.
+    /// The normal work of contacts in a step in which all contacts with an impulse have restitution one; zero in
+    /// exact arithmetic.
     pub elastic_work: f64,
     /// The kinetic energy before contacts and joints act, in joules.
     pub kinetic: f64,
-    /// The largest joint constraint violation, relative to the size of its bodies or in radians.
+    /// The largest constraint violation of a joint, relative to the size of the joint's bodies or in radians.
     pub drift: f64,
-    /// The index of the joint with the largest violation.
+    /// The index of the joint with the largest constraint violation.
     pub drifted: usize,
     /// The number of islands with contacts or joints.
     pub islands: usize,
-    /// The number of parts of the step; more than one if the step was too long for joints.
+    /// The number of parts into which the step was divided; more than one if the step was too long for the joint
+    /// equations.
     pub parts: u64,
-    /// The time in which parts are not at least twice as long as those of the run that they should exceed.
+    /// In a comparison run with longer steps, the time in parts of the step that are not at least twice as long as
+    /// those of the first run.
     pub repeated: f64,
     /// The number of Newton iterations of implicit islands in solved steps.
     pub newton: u64,
-    /// The work of drives and forces.
+    /// The work of drives and applied forces.
     pub done: Work,
     /// The number of contact problems solved.
     pub solves: u64,
-    /// The total number of pivots or iterations.
+    /// The total number of pivots or iterations of the contact solvers.
     pub iterations: u64,
-    /// The solver used last.
+    /// The name of the contact solver used last.
     pub solver: &'static str,
-    /// The largest residual of the contact law.
+    /// The largest residual of the contact law over all islands.
     pub residual: f64,
-    /// The largest residual of the law with a proximal term, which is solved in islands of many contacts.
+    /// The largest residual of the contact law with a proximal term, which is solved in islands of many contacts;
+    /// `None` if there was no such island.
     pub proximal_residual: Option<f64>,
-    /// Whether a restitution was reduced because it would have added energy.
+    /// Whether a coefficient of restitution was reduced because it would have added energy.
     pub is_limited: bool,
 }
 

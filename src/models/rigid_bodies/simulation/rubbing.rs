@@ -1,4 +1,5 @@
-//! Contacts that rub with coefficients of friction that vary: where they are in a step, and what their friction does to bodies.
+//! Frictional contacts whose coefficient of friction varies: their positions in a step, and the effect of their
+//! friction on bodies.
 
 use super::super::collision::contacts;
 use super::super::contact::Contact;
@@ -8,39 +9,41 @@ use nalgebra::Vector3;
 use std::f64::consts::FRAC_1_SQRT_2;
 use vi::coulomb::{Role, mean_speed};
 
-/// A slip this small beside the velocities of a step is that of a contact that sticks.
+/// Slip velocity, relative to the velocities in a step, below which a contact counts as sticking.
 const STICKS: f64 = 1e-6;
 
-/// The length of the last stage of an arc of located motion, as a part of the arc. The impulses of contacts are those of that stage;
-/// the first stage is as long, and has the rest of the weight.
+/// The length of the last stage of a smooth arc in event-driven steps, as a fraction of the arc. Contacts hold the
+/// impulses of the last stage; the first stage has the same length, and the remaining weight.
 const LAST_STAGE: f64 = 1.0 - FRAC_1_SQRT_2;
 
-/// A closed contact whose coefficient of friction depends on time, on its place or on the speed of its slip.
+/// A closed contact whose coefficient of friction depends on time, on its position or on the slip speed.
 #[derive(Clone, Debug)]
 pub struct Rubbing {
-    /// The index of the coefficient.
+    /// The index of the coefficient of friction.
     pub coefficient: usize,
-    /// The part of the step in which the contact is closed: that after its beginning.
+    /// The fraction of the step after which the contact is closed.
     pub begin: f64,
-    /// Whether an impact may have closed it there.
+    /// Whether an impact may have closed the contact at the fraction `begin` of the step.
     pub is_struck: bool,
-    /// The places of the contact when it is closed and at the end of the step.
+    /// The positions of the contact when it closes and at the end of the step.
     pub places: [Vector3<f64>; 2],
-    /// The speed of the slip at the end of the step.
+    /// The slip speed at the end of the step.
     pub slip_speed: f64,
-    /// The impulse of friction relative to the normal impulse; where the contact sticks, the mean of those of its bodies, which
-    /// share friction in many ways.
+    /// The friction impulse relative to the normal impulse; for a sticking contact, the mean over the sticking
+    /// contacts of its pair of bodies, since the distribution of friction among them is not unique.
     pub used: f64,
-    /// Whether the contact sticks.
+    /// Whether the contact sticks at the end of the step.
     pub is_stuck: bool,
-    /// The parts of the step at which a located step takes the coefficient, with their weights.
+    /// The fractions of the step at which an event-driven step evaluates the coefficient of friction, with their
+    /// weights; `None` for time stepping.
     pub stages: Option<[(f64, f64); 2]>,
-    /// For each of its moving bodies, by what a coefficient that is larger by one changes velocity and angular velocity.
+    /// For each moving body of the contact, its index and the derivatives of its velocity and angular velocity with
+    /// respect to the coefficient of friction.
     pub pushes: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
 }
 
 impl MoreauStepping<'_> {
-    /// Keeps the contacts of a law that was solved, if coefficients of friction vary.
+    /// Keeps the contacts of the contact law that was solved last, if coefficients of friction vary.
     pub(super) fn keep_rubbing(&mut self) {
         if !self.scene.laws.coefficients.is_empty() {
             self.rubbing.clear();
@@ -48,8 +51,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// The contacts that rubbed with coefficients that vary in the last step, of length `h`; of a step that was made in parts or
-    /// in arcs, those of the last one, as if it were the whole step.
+    /// Returns the contacts with varying coefficients of friction in the last step, of length `h`; if the step was
+    /// made in parts or in arcs, the contacts of the last of them, as if it were the whole step.
     pub fn rubbing(&self, h: f64) -> Vec<Rubbing> {
         let is_located = self.located.is_some() && !self.is_passed();
         let of_pair = |contact: &Contact| {
@@ -114,18 +117,19 @@ impl MoreauStepping<'_> {
         (0..self.rubbing.len()).filter_map(rubs).collect()
     }
 
-    /// Whether a contact sticks at the end of a step of length `h`.
+    /// Returns whether a contact sticks at the end of a step of length `h`.
     fn sticks(&self, contact: &Contact, h: f64) -> bool {
         let [before, after] = [contact.before, self.slip(contact)].map(|u| u.y.hypot(u.z));
         after <= STICKS * (before + h * self.scene.gravity.norm())
     }
 
-    /// `u` at the end of the step.
+    /// Returns the relative velocity at a contact at the end of the step.
     fn slip(&self, contact: &Contact) -> Vector3<f64> {
         contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega))
     }
 
-    /// Where a contact is at the end of the step; `None` if the surfaces have no such point then.
+    /// Returns the position of a contact at the end of the step; `None` if the surfaces have no contact point of its
+    /// identity at that time.
     fn place_at_end(&self, contact: &Contact) -> Option<Vector3<f64>> {
         let pair = [contact.key.0 as usize, contact.key.1 as usize];
         let [first, second] = pair.map(|body| (&self.scene.bodies[body].collider, self.pose(body)));
@@ -134,8 +138,8 @@ impl MoreauStepping<'_> {
         points.iter().find(|point| point.id == contact.key.2).map(|point| point.position)
     }
 
-    /// Takes from changes of the places of the moving bodies, or of their velocities, what contacts that stay closed do not
-    /// allow: what moves them along normals, and of velocities also the slip of contacts that stick.
+    /// Projects changes of the positions of the moving bodies, or of their velocities, onto those that contacts that
+    /// stay closed allow: no changes along normals, and for velocities also no slip of sticking contacts.
     pub fn restrain(&self, h: f64, is_of_velocities: bool, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let rows = |contact: &Contact| if is_of_velocities && self.sticks(contact, h) { 3 } else { 1 };
         let stays = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
@@ -144,7 +148,7 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// The impulse of friction of a contact.
+/// Returns the friction impulse of a contact.
 fn friction(contact: &Contact) -> f64 {
     contact.impulse.y.hypot(contact.impulse.z)
 }

@@ -1,4 +1,4 @@
-//! Joint stops, as contacts between the bodies of a joint.
+//! The stops of joints, as contacts between the bodies of a joint.
 
 use super::super::collision::ContactPoint;
 use super::super::contact::{Contact, STOPS, frame};

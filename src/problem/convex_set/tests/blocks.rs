@@ -1,4 +1,4 @@
-//! Projections onto blocks and their derivatives.
+//! Tests of projections onto blocks of `K`, and of their derivatives.
 
 use super::super::{ConvexSet, Derivative, Polyhedron, Shape, Workspace};
 use super::*;
@@ -21,7 +21,8 @@ proptest! {
         prop_assert!(norm(&minus(&project(&shape, &p), &p)) <= 1e-12 * (1.0 + norm(&p)));
     }
 
-    /// `<x - p, y - p> <= 0` for all `y` of the set, which only the nearest point satisfies.
+    /// Tests that `<x - p, y - p> <= 0` for all `y` of the set, which only the point `p` of the set nearest to `x`
+    /// satisfies.
     #[test]
     fn the_projection_is_the_nearest_point((shape, points) in shape_and_points(20)) {
         let x = &points[0];
@@ -46,7 +47,8 @@ proptest! {
         prop_assert!(eigenvalues.iter().all(|e| (-1e-12..=1.0 + 1e-12).contains(e)), "{eigenvalues}");
     }
 
-    /// If forward and backward differences agree, the projection is smooth and the derivative is their limit.
+    /// Tests that, where forward and backward differences agree so that the projection is smooth, the derivative is
+    /// their limit.
     #[test]
     fn the_derivative_is_the_limit_of_differences((shape, points) in shape_and_points(1)) {
         let x = &points[0];
@@ -72,7 +74,7 @@ proptest! {
         }
     }
 
-    /// Moreau's decomposition: `x = P_K(x) - P_K*(-x)` with orthogonal parts, for the self-dual cone.
+    /// Tests Moreau's decomposition `x = P_K(x) - P_K*(-x)` with orthogonal parts, for the self-dual cone.
     #[test]
     fn a_point_is_the_sum_of_its_parts_in_the_cone_and_its_polar(x in proptest::collection::vec(-9.0..9.0_f64, 1..7)) {
         let p = project(&Shape::SecondOrderCone, &x);
@@ -82,7 +84,7 @@ proptest! {
         prop_assert!(dot(&p, &q).abs() <= 1e-13 * norm(&x).powi(2));
     }
 
-    /// A polyhedron with the inequalities of a simplex has the projection of the simplex.
+    /// Tests that a polyhedron with the inequalities of a simplex has the projection of the simplex.
     #[test]
     fn a_polyhedron_agrees_with_the_simplex_that_it_describes(x in proptest::collection::vec(-3.0..3.0_f64, 2..7)) {
         let n = x.len();
@@ -95,7 +97,7 @@ proptest! {
         prop_assert!(norm(&minus(&project(&polyhedron, &x), &project(&Shape::Simplex, &x))) <= 1e-12);
     }
 
-    /// `sup <d, z>` is an upper bound of `<d, z>`, attained on a bounded set.
+    /// Tests that the support function `sup <d, z>` is an upper bound of `<d, z>`, attained if the set is bounded.
     #[test]
     fn the_support_function_is_a_least_upper_bound((shape, points) in shape_and_points(20)) {
         let d = &points[0];
@@ -126,7 +128,8 @@ fn a_product_projects_each_factor_by_itself() {
     derivative.linearise(&set, &mut x, &mut Workspace::default());
     let expected = [1.0, 0.8, 1.0, 0.0, 0.6, 1.0];
     assert!(norm(&minus(&x, &expected)) < 1e-15, "{x:?}");
-    // The derivative of the ball vanishes in radial direction; that of the cone halves a step along its axis.
+    // The derivative of the projection onto a ball vanishes in the radial direction; that onto the cone halves a
+    // vector along its axis.
     derivative.apply(&set, &[1.0, 4.0, 1.0, 1.0, 3.0, 0.0], &mut v);
     assert!(norm(&minus(&v, &[0.5, 0.0, 0.0, 0.0, 0.0, 0.5])) < 1e-15, "{v:?}");
 }

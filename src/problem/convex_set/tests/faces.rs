@@ -1,4 +1,4 @@
-//! Faces, distances and boundedness.
+//! Tests of the faces of blocks, of distances from `K`, and of its boundedness.
 
 use super::super::{ConvexSet, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace};
 use proptest::prelude::{ProptestConfig, prop_assert, proptest};
@@ -53,7 +53,7 @@ fn a_product_is_bounded_if_every_factor_is() {
 
 #[test]
 fn a_vertex_with_more_rows_than_dimensions_is_reached() {
-    // A pyramid with eight sides and its apex at (0, 0, 1), for points above the apex.
+    // A pyramid with eight sides and its apex at (0, 0, 1), and points above the apex, whose projection is the apex.
     let mut rows = Vec::new();
     for k in 0..8 {
         let angle = f64::from(k) * std::f64::consts::FRAC_PI_4;
@@ -66,7 +66,7 @@ fn a_vertex_with_more_rows_than_dimensions_is_reached() {
     }
 }
 
-/// Shapes of three components.
+/// Returns one block shape of each kind, with three components.
 fn shapes() -> Vec<Shape> {
     let rows = [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1.0, 2.0, -1.0, 0.0, 0.5];
     vec![
@@ -77,14 +77,15 @@ fn shapes() -> Vec<Shape> {
     ]
 }
 
-/// The residual `Phi` of a face.
+/// Returns the residual `Phi` of the equations of a face.
 fn residual(shape: &Shape, face: &Face, z: &[f64], g: &[f64]) -> Vec<f64> {
     let mut equations = FaceEquations::default();
     equations.set(shape, face, z, g);
     (0..z.len()).map(|i| equations.value(i, g)).collect()
 }
 
-/// The equivalent descriptions of a face: the boundary of a cone has two.
+/// Returns the equivalent descriptions of a face: two for the boundary of a cone (primal and dual form), one
+/// otherwise.
 fn descriptions(shape: &Shape, face: &Face) -> Vec<Face> {
     match (shape, face) {
         (Shape::SecondOrderCone, Face::Boundary(_)) => vec![Face::Boundary(0), Face::Boundary(1)],
@@ -95,8 +96,8 @@ fn descriptions(shape: &Shape, face: &Face) -> Vec<Face> {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..Default::default() })]
 
-    /// `z = P(x)` solves the inequality with `G = f (z - x)` for any `f > 0`, and therefore the equations of its face,
-    /// with nonnegative monitors.
+    /// Tests that the projection `z = P(x)`, which solves the variational inequality with `G = f (z - x)` for any `f
+    /// > 0`, satisfies the equations of its face with nonnegative monitors.
     #[test]
     fn a_projection_solves_the_equations_of_its_face(
         x in proptest::collection::vec(-3.0..3.0_f64, 3),
@@ -127,7 +128,7 @@ proptest! {
             let mut z = vec![0.0; 3];
             let found = shape.face(&x, &mut z, &mut Default::default());
             let g: Vec<f64> = z.iter().zip(&x).map(|(z, x)| z - x).collect();
-            // Near an apex the curvature of the boundary equations is unbounded.
+            // Near an apex the curvature terms of the boundary equations are unbounded.
             let is_curved = matches!(found, Face::Boundary(_));
             if is_curved && (z[0].abs() < 0.1 || g[0].abs() < 0.1) {
                 continue;

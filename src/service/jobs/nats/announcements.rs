@@ -1,15 +1,18 @@
-//! Announcements: how a worker that has nothing to do hears of a job, at a cost that does not grow with the number of workers.
+//! Announcements of jobs to idle workers over NATS, at a cost that does not grow with the number of workers.
 //!
-//! A worker that has nothing to do *offers* itself: it listens in a queue group, for one announcement, and the server gives each
-//! announcement to one of those that listen. It then waits at the line of the client, or looks there, and offers itself again
-//! if there is nothing. Announcements that come while no worker listens are dropped, so a worker that begins to listen asks a
-//! gateway which clients have jobs, and so does one that goes from job to job, now and then: all gateways know. Without a
-//! gateway, it asks all lines.
+//! An idle worker *offers* itself: it listens in a queue group for one announcement, and the server gives each
+//! announcement to one of the listening workers. The worker then waits for the message of the job in the queue of the
+//! client, or fetches it, and offers itself again if there is none. Announcements that come while no worker listens
+//! are dropped, so that a worker that begins to listen asks a gateway for the clients that have jobs, and so does,
+//! now and then, a worker that goes from job to job: every gateway knows these clients. If no gateway answers, the
+//! worker asks for jobs of all clients.
 //!
-//! 1. A job is announced before it is written, so that a pull waits when its message comes. The worker answers.
-//! 2. If none has answered when the message is in its line, the job is announced again, as one that is there: all workers
-//!    were busy, or the one that was told is lost.
-//! 3. Gateways remind of clients whose jobs still wait: the one that was told may be lost, or another has given a job back.
+//! 1. A job is announced before its message is written, so that a pull is waiting when the message comes. The worker
+//!    confirms the announcement.
+//! 2. If no worker has confirmed it when the message has been written, the job is announced again, as one that can be
+//!    fetched: all workers were busy, or the worker that got the announcement is lost.
+//! 3. Gateways repeat announcements for clients whose jobs still wait: a worker that got an announcement may be lost,
+//!    or a worker has given a job back.
 
 use super::gateway::Far;
 use super::servers::Exchange;
@@ -23,37 +26,37 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-/// The time for which a pull waits for a job that was announced: long beside the writes of a job.
+/// The time for which a pull waits for a job that was announced: long compared with the writes of a job.
 pub const WAIT: Duration = Duration::from_millis(200);
 
-/// The interval at which gateways remind of jobs that wait.
+/// The interval at which gateways repeat announcements for clients whose jobs wait.
 const REMIND: Duration = Duration::from_millis(250);
 
-/// The largest number of clients that are named at a time, so that the cost is bounded. Later ones have their turn when those
-/// before them have had theirs.
+/// The largest number of clients named in one answer to a worker, so that the cost is bounded. Later clients are
+/// named when the jobs of those before them have been taken.
 const MOST_NAMED: usize = 256;
 
-/// The number of clients of running jobs in an answer to an idle worker: one of these jobs may have lost its worker, and nobody
-/// announces the message that then comes again. Each answer names the next.
+/// The number of clients of running jobs in an answer to an idle worker: one of these jobs may have lost its worker,
+/// and its message, which comes again, is not announced. Each answer names the next clients.
 const MOST_AGAIN: usize = 2;
 
-/// The time that a gateway has to answer.
+/// The time limit for a gateway to answer which clients have jobs.
 const ANSWER: Duration = Duration::from_secs(5);
 
-/// The pause before something is tried again.
+/// The pause before a failed request to the NATS servers is repeated.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The queue groups of workers and of gateways.
+/// The NATS queue groups of workers and of gateways.
 const WORKERS: &str = "workers";
 const GATEWAYS: &str = "gateways";
 
-/// What an announcement says of a job that is in its line already.
+/// The payload of an announcement of a job whose message has been written.
 const THERE: &[u8] = b"there";
 
-/// What a worker asks that has had nothing to do for a while.
+/// The payload of the question of a worker that has been idle for a while.
 const AGAIN: &[u8] = b"again";
 
-/// An announcement of a job that is still to be written.
+/// An announcement of a job whose message has yet to be written.
 #[derive(Debug)]
 pub struct Announced {
     begun: Instant,
@@ -61,38 +64,38 @@ pub struct Announced {
 }
 
 impl Announced {
-    /// Whether a worker waits for the job, as far as is known.
+    /// Whether a worker is known to wait for the announced job.
     async fn heard(self) -> bool {
         if !self.answer.is_finished() {
             self.answer.abort();
             return false;
         }
-        // Its pull must not end before the message comes.
+        // The worker's pull must not end before the message of the job comes.
         self.begun.elapsed() < WAIT / 2 && self.answer.await.unwrap_or(false)
     }
 }
 
-/// What a worker has been told by an announcement.
+/// The content of an announcement.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Told {
-    /// A job of this client is about to arrive.
+    /// A job of this client is about to be put into the queue.
     Soon(String),
-    /// A job of this client is there.
+    /// A job of this client is in the queue and can be fetched.
     There(String),
 }
 
-/// The clients that may have jobs; `None` if no gateway says so.
+/// A pending answer of a gateway: the clients that may have jobs; `None` if no gateway answers.
 pub type Answer = BoxFuture<'static, Option<Vec<String>>>;
 
 impl Exchange {
-    /// Announces a job that is about to be written.
+    /// Announces a job of `client` whose message is about to be written.
     pub fn announce(&self, client: Client) -> Announced {
         let (connection, subject) = (self.client.clone(), self.subject("arrival", client.token()));
         let answer = tokio::spawn(async move { connection.request(subject, "".into()).await.is_ok() });
         Announced { begun: Instant::now(), answer }
     }
 
-    /// Announces a job that is in its line, unless a worker waits for it.
+    /// Announces a job whose message has been written, unless a worker waits for it.
     pub async fn announce_again(&self, client: Client, announced: Announced) {
         if !announced.heard().await {
             self.remind(client).await;
@@ -103,14 +106,14 @@ impl Exchange {
         let _ = self.client.publish(self.subject("arrival", client.token()), THERE.into()).await;
     }
 
-    /// Listens for one announcement.
+    /// Listens for one announcement of a job.
     pub async fn offer(&self) -> Option<Subscriber> {
         let mut offer = self.client.queue_subscribe(self.subject("arrival", "*"), WORKERS.to_owned()).await.ok()?;
         offer.unsubscribe_after(1).await.ok()?;
         Some(offer)
     }
 
-    /// Takes an announcement.
+    /// Reads an announcement, and confirms it if the message of the job has yet to be written.
     pub async fn hear_announcement(&self, announcement: Message) -> Option<Told> {
         let client = announcement.subject.rsplit_once('.')?.1.to_owned();
         if &*announcement.payload == THERE {
@@ -122,15 +125,15 @@ impl Exchange {
         Some(Told::Soon(client))
     }
 
-    /// Takes an offer back. An announcement that has come meanwhile is passed on as that of a job that is there; one that is on
-    /// its way has no answer.
+    /// Stops listening for an announcement. One that has come meanwhile is passed on as that of a job that can be
+    /// fetched; one that is on its way stays unconfirmed.
     pub async fn take_back(&self, mut offer: Subscriber) {
         if let Some(Some(announcement)) = offer.next().now_or_never() {
             let _ = self.client.publish(announcement.subject, THERE.into()).await;
         }
     }
 
-    /// Asks a gateway which clients have jobs that wait; `again` asks for some that run as well.
+    /// Asks a gateway for the clients with waiting jobs; `again` asks for some clients with running jobs as well.
     pub fn ask_lines(&self, again: bool) -> Answer {
         let (connection, subject) = (self.client.clone(), self.subject("lines", "all"));
         let question = if again { AGAIN } else { b"" };
@@ -150,7 +153,7 @@ impl Exchange {
 }
 
 impl Jobs {
-    /// Tells workers which clients have jobs.
+    /// Answers the questions of workers for the clients that have jobs.
     pub(super) async fn answer_workers(&self) {
         let Some(far) = &self.far else { return };
         let exchange = &far.exchange;
@@ -172,7 +175,7 @@ impl Jobs {
         }
     }
 
-    /// Reminds of clients whose jobs have waited for a while.
+    /// Repeats announcements for clients whose jobs have waited for a while.
     pub(super) async fn remind_workers(&self) {
         let Some(far) = &self.far else { return };
         let mut ticks = interval(REMIND);
@@ -189,7 +192,7 @@ impl Jobs {
         }
     }
 
-    /// The clients with jobs or chunks that wait.
+    /// Returns the clients with waiting jobs or chunks.
     fn waiting_clients(&self, far: &Far) -> Vec<Client> {
         let sweeps = far.mirror().sweeps_that_wait(MOST_NAMED);
         let mut clients: Vec<Client> =

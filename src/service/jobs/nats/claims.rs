@@ -1,10 +1,11 @@
-//! What a worker does with the message of a job, by the entry of the job and what has become of the worker that has
-//! claimed it.
+//! The decision of a worker about the NATS message of a job, by the stored entry of the job and the state of the
+//! worker that has claimed it.
 //!
-//! JetStream gives a message again if it hears nothing of it for a while. The worker that had it may be lost; or it may be
-//! cut off from the servers, or just slow, and still have the job. Only a worker that is lost is evidence against the job,
-//! and only if the job ran alone on it: a job is set aside when it has taken [`MOST_LOST`] workers down so. A job that has
-//! lost a worker runs alone from then on (for the first while: see `Jobs::apart`), so that a first loss says nothing yet.
+//! JetStream delivers a message again if it hears nothing of it for a while. The worker that got it first may be
+//! lost; or it may be cut off from the servers, or slow, and still be solving the job. Only the loss of a worker is
+//! evidence against the job, and only if the job ran alone on it: a job is set aside when it has made [`MOST_LOST`]
+//! workers die in that way. A job that has lost a worker runs alone from then on (at first: see `Jobs::apart`), so
+//! that a first loss is no evidence.
 
 use super::entry::{Claim, Entry};
 use super::parts::{Done, Part};
@@ -12,36 +13,36 @@ use crate::jobs::{Ended, Ending, Fault, Record};
 use jiff::Timestamp;
 use std::time::Duration;
 
-/// The number of workers that a job may take down while it runs alone.
+/// The number of workers lost while a job ran alone on them, at which the job is set aside.
 const MOST_LOST: u32 = 2;
 
-/// What has become of a worker that has claimed a job.
+/// The state of the worker that has claimed a job, as far as another worker can find out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Holder {
-    /// It says that it has the job.
+    /// The worker says that it is solving the job.
     HasIt,
-    /// It says that it does not have the job any more.
+    /// The worker says that it is not solving the job any more.
     LeftIt,
-    /// It is not connected to the servers.
+    /// The worker is not connected to the servers.
     Lost,
-    /// It may be any of these.
+    /// The state of the worker is unknown.
     Unknown,
 }
 
-/// What to do with a message, by the entry `E` of its job or chunk.
+/// The decision about a message, by the entry `E` of its job or chunk.
 #[derive(Debug)]
 pub enum Decision<E> {
-    /// Acknowledge it: the job has ended.
+    /// Acknowledge the message: the job has ended.
     Drop,
-    /// Leave the job for so long.
+    /// Leave the job to the worker that has claimed it, for this time.
     Wait(Duration),
-    /// The job is over; the entry says how.
+    /// End the job without a solve; the entry says how it ended.
     End(Box<E>),
-    /// Solve the job; the entry has the claim.
+    /// Solve the job; the entry contains the claim of this worker.
     Take(Box<E>),
 }
 
-/// Decides for the worker `name`, which hears nothing of lost workers for `lost_after`.
+/// Decides about the message of a job, for the worker `name`. A lost worker is noticed after `lost_after`.
 pub fn decide(entry: &Entry, name: &str, holder: Holder, lost_after: Duration) -> Decision<Entry> {
     let mut entry = entry.clone();
     if entry.record.ended.is_some() {
@@ -64,7 +65,7 @@ pub fn decide(entry: &Entry, name: &str, holder: Holder, lost_after: Duration) -
     Decision::End(Box::new(entry))
 }
 
-/// Decides likewise for a chunk of a sweep, which is set aside as a job is.
+/// Decides about the message of a chunk of a sweep, as [`decide`] does for a job.
 pub fn decide_part(part: &Part, name: &str, holder: Holder, lost_after: Duration) -> Decision<Part> {
     let mut part = part.clone();
     if part.done.is_some() {
@@ -82,7 +83,7 @@ pub fn decide_part(part: &Part, name: &str, holder: Holder, lost_after: Duration
     Decision::Take(Box::new(part))
 }
 
-/// Whether what a worker has claimed is left to it; otherwise, its loss is counted.
+/// Whether a job or chunk is left to the worker that has claimed it; if that worker is lost, counts the loss.
 fn is_left_to_holder(claim: Option<Claim>, holder: Holder, crashes: &mut u32, crashes_alone: &mut u32) -> bool {
     let Some(claim) = claim else { return false };
     match holder {
@@ -109,7 +110,7 @@ mod tests {
         Entry::waiting(Record { ended: None, ..Record::example(Held::Table(Fingerprint::of(b""))) })
     }
 
-    /// The entry after a worker has taken the job and become `holder`, and the next has decided.
+    /// Returns the decision of a second worker, after a first one has claimed the job and got the state `holder`.
     fn again(entry: &Entry, holder: Holder) -> Decision<Entry> {
         let Decision::Take(taken) = decide(entry, "first", Holder::Unknown, LONG) else { panic!("not taken") };
         assert_eq!(taken.claim.as_ref().unwrap().worker, "first");
@@ -143,7 +144,7 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         }
-        // The first was lost before it was known that the job had better run alone.
+        // The first worker was lost before the job was known to need to run alone.
         assert_eq!(lost, 3);
     }
 

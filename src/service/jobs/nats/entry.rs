@@ -1,4 +1,4 @@
-//! The entry of a job in the bucket of states: a JSON object, changed by compare-and-set alone.
+//! The entry of a job in the NATS bucket of states: a JSON object, changed only by compare-and-set.
 
 use crate::jobs::{Client, Record, Results};
 use jiff::Timestamp;
@@ -8,26 +8,26 @@ use serde_json::value::RawValue;
 use std::fmt::Write as _;
 use std::net::IpAddr;
 
-/// The version of entries and of what they refer to. Who does not know it leaves the job to others.
+/// The version of entries and of the data that they refer to. A worker of another version leaves the job to others.
 pub const FORMAT: u32 = 3;
 
-/// The largest size of a specification and of results that stand in the entry of their job, in bytes of JSON.
+/// The largest size of a specification and of results that are stored in the entry of their job, in bytes of JSON.
 pub const SHORT: usize = 16 << 10;
 
-/// The entry of a job.
+/// The entry of a job in the NATS bucket of states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Entry {
-    /// [`FORMAT`].
+    /// The version of the entry, [`FORMAT`].
     pub format: u32,
-    /// The row of the job. A job that has neither ended nor a claim waits.
+    /// The record of the job. A job that has neither an end nor a claim is waiting.
     pub record: Record,
-    /// The worker that has the job.
+    /// The claim of the worker that is solving the job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub claim: Option<Claim>,
-    /// The job is a sweep of which there are chunks.
+    /// Whether the job is a sweep that is divided into chunks with entries of their own.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub divided: bool,
-    /// The specification, if it is short.
+    /// The posted specification of the job, if it is short.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub document: Option<String>,
     /// The results of a job that has ended, if they are short.
@@ -35,43 +35,44 @@ pub struct Entry {
     pub results: Option<Box<RawValue>>,
 }
 
-/// The claim of a worker to a job.
+/// The claim of a worker to a job or chunk.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
-    /// The name of the worker.
+    /// The name of the worker that has the claim.
     pub worker: String,
-    /// When it took the job.
+    /// The time at which the worker claimed the job or chunk.
     pub started: Timestamp,
-    /// Whether the job runs alone on it, as one does that has lost a worker before: the loss of this one is then evidence
-    /// against the job.
+    /// Whether the job runs alone on the worker, as a job does that has lost a worker: the loss of this worker is
+    /// then evidence against the job.
     pub alone: bool,
 }
 
-/// Results as they stand in an entry, with every byte as it is; `None` if they are longer than that.
+/// Returns results in the form in which an entry contains them, byte for byte; `None` if they are longer than
+/// [`SHORT`].
 pub fn short(results: &Results) -> Option<Box<RawValue>> {
     let json = results.text().filter(|json| json.len() <= SHORT)?;
     let short = RawValue::from_string(String::from_utf8(json.to_vec()).ok()?).ok()?;
-    // White space around it would not be read again.
+    // White space around the JSON would be lost when the entry is parsed.
     (short.get().trim().len() == json.len()).then_some(short)
 }
 
-/// Only the version.
+/// The version of an entry, which is read before the rest.
 #[derive(Deserialize)]
 struct Version {
     format: u32,
 }
 
-/// What has a `format` in the bucket of states, and is changed by compare-and-set.
+/// An object with a `format` in the bucket of states, changed only by compare-and-set.
 pub trait Versioned: Serialize + DeserializeOwned {
-    /// Reads it; `None` if another version wrote it.
+    /// Parses the object; `None` if another version wrote it.
     fn read(text: &[u8]) -> Option<Self> {
         let Version { format } = serde_json::from_slice(text).ok()?;
         if format == FORMAT { serde_json::from_slice(text).ok() } else { None }
     }
 
-    /// The same as JSON.
+    /// Encodes the object as JSON, to be stored in the bucket of states.
     fn text(&self) -> Vec<u8> {
-        // Strings and finite numbers can always be encoded.
+        // The object consists of strings and finite numbers, so that encoding cannot fail.
         serde_json::to_vec(self).unwrap_or_default()
     }
 }
@@ -79,12 +80,12 @@ pub trait Versioned: Serialize + DeserializeOwned {
 impl Versioned for Entry {}
 
 impl Entry {
-    /// The entry of a waiting job.
+    /// Creates the entry of a waiting job.
     pub fn waiting(record: Record) -> Self {
         Self { format: FORMAT, record, claim: None, divided: false, document: None, results: None }
     }
 
-    /// The entry with the specification, if that is short.
+    /// Adds the specification to the entry, if it is short.
     pub fn with_document(self, document: &[u8]) -> Self {
         let short = str::from_utf8(document).ok().filter(|document| document.len() <= SHORT);
         Self { document: short.map(str::to_owned), ..self }
@@ -92,7 +93,7 @@ impl Entry {
 }
 
 impl Client {
-    /// The client as one token of a subject.
+    /// Returns the client as one token of a NATS subject.
     pub(super) fn token(self) -> String {
         let (kind, bytes) = match self {
             Self::Token(number) => ('t', number.to_be_bytes().to_vec()),
@@ -100,7 +101,7 @@ impl Client {
             Self::Address(IpAddr::V6(address)) => ('a', address.octets().to_vec()),
         };
         bytes.into_iter().fold(kind.to_string(), |mut text, byte| {
-            // Writing to a string cannot fail.
+            // Writing digits to a string cannot fail.
             let _ = write!(text, "{byte:02x}");
             text
         })

@@ -1,25 +1,25 @@
-//! The message of a job. That of a job which has just been admitted has its entry and its revision, so that a worker reads
-//! nothing before it claims the job. An entry that has changed since has another revision, so that the claim fails, and the
-//! worker reads what there is.
+//! The message of a job in the NATS queue. The message of a job that has just been admitted contains the job's entry
+//! and its revision, so that a worker reads nothing before it claims the job. An entry that has changed meanwhile has
+//! another revision, so that the claim fails, and the worker reads the current entry.
 
 use super::entry::{Entry, FORMAT, Versioned as _};
 
-/// What the message of a job says.
+/// The content of the message of a job.
 #[derive(Debug)]
 pub struct Errand {
     /// The entry of the job when the message was written.
     pub entry: Entry,
-    /// Its revision.
+    /// The revision of the entry when the message was written.
     pub revision: u64,
 }
 
 impl Errand {
-    /// The message of a job whose entry has just been written.
+    /// Encodes the message of a job whose entry has just been written.
     pub fn text(entry: &Entry, revision: u64) -> Vec<u8> {
         [revision.to_string().as_bytes(), b"\n", &entry.text()].concat()
     }
 
-    /// Reads a message; `None` if it says nothing, or nothing that this version knows.
+    /// Parses a message; `None` if it contains no entry, or one that another version wrote.
     pub fn read(text: &[u8]) -> Option<Self> {
         let end = text.iter().position(|byte| *byte == b'\n')?;
         let revision = str::from_utf8(&text[..end]).ok()?.parse().ok()?;
@@ -27,7 +27,7 @@ impl Errand {
     }
 }
 
-/// The message of what is to be read.
+/// Returns a message without an entry, which is then to be read from the bucket of states.
 pub fn bare() -> Vec<u8> {
     FORMAT.to_string().into_bytes()
 }

@@ -1,4 +1,5 @@
-//! What is followed: keys of the bucket of states, first the latest value of each, and then as they change; and core subjects.
+//! Subscriptions over NATS: keys of the bucket of states, first the latest value of each and then each change; and
+//! core subjects.
 
 use super::servers::Exchange;
 use super::worker::PAUSE;
@@ -10,7 +11,7 @@ use std::fmt::Display;
 use tokio::time::sleep;
 
 impl Exchange {
-    /// The messages of a core subject of this kind, once the servers are there.
+    /// Subscribes to the core subject `kind` of `of`, once the servers are reachable.
     pub async fn hear(&self, kind: &str, of: impl Display) -> Subscriber {
         let subject = self.subject(kind, of);
         loop {
@@ -24,7 +25,8 @@ impl Exchange {
         }
     }
 
-    /// Calls `came` for each key that fits `filter`, with its value, if it has one. What is purged is not told.
+    /// Calls `came` for each key that matches `filter`, with its value, or `None` if the key was deleted. Purged keys
+    /// are not reported.
     pub async fn follow(&self, filter: &str, came: impl Fn(&str, Option<&[u8]>)) {
         let kv::Store { stream, prefix, .. } = &self.state;
         loop {

@@ -1,8 +1,9 @@
-//! A gateway: it admits jobs, and answers for all that any gateway has admitted.
+//! A gateway: it admits jobs to NATS servers, and answers requests for all jobs that any gateway has admitted.
 //!
-//! The order in which a job is written makes each part of it findable by what comes after: the idempotency key, which
-//! reserves the id; specification and entry; and the message. A gateway that dies in between leaves a reserved id, which a
-//! client that comes again under its key takes over, or an entry without a message, which every gateway looks for.
+//! A job is written in an order in which each part can be found by those after it: the idempotency key, which
+//! reserves the id; specification and entry; and the message in the queue. A gateway that dies in between leaves a
+//! reserved id, which the client takes over when it repeats its request with the key, or an entry without a message,
+//! which every gateway looks for.
 
 use super::announcements::Announced;
 use super::entry::{Entry, FORMAT, Versioned as _};
@@ -31,22 +32,21 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-/// The time after which a reserved id whose job is not there belongs to who asks for it: the gateway that reserved it has
+/// The age from which a reserved id without a job may be used by a repeated request: the gateway that reserved it has
 /// died before it wrote the entry.
 const TAKE_OVER: Duration = Duration::from_secs(10);
 
-/// The interval between two searches for jobs without a message, the age at which a job is looked for, and the number of
-/// jobs of a search.
+/// The interval between two searches for jobs without a message, and the age from which a job is looked for.
 const SWEEP: Duration = Duration::from_secs(60);
 const UNQUEUED: Duration = Duration::from_secs(60);
 
-/// The silence after which the bucket counts as read at a start.
+/// The silence after which the bucket of states counts as completely read at the start of a gateway.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// The pause between attempts to read or write what the servers did not take.
+/// The pause between attempts to read or write what the servers did not accept.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The other side of a gateway.
+/// The connection of a gateway to the NATS servers, with what it knows of the jobs there.
 #[derive(Debug)]
 pub struct Far {
     pub exchange: Exchange,
@@ -54,18 +54,19 @@ pub struct Far {
 }
 
 impl Far {
-    /// What was last seen of each job.
+    /// Locks and returns the mirror: the last known state of each job.
     pub fn mirror(&self) -> MutexGuard<'_, Mirror> {
         self.mirror.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The tasks of a gateway; dropping it ends them.
+/// The tasks of a gateway; dropping this value ends them.
 pub struct Gateway {
     _tasks: JoinSet<()>,
 }
 
-/// A job on its way to the servers; one that does not get there, or whose client goes away meanwhile, leaves no trace.
+/// A job on its way to the servers; if it does not arrive, or its client disconnects meanwhile, dropping this value
+/// removes all traces of the job.
 struct Posting<'a> {
     jobs: &'a Jobs,
     far: &'a Far,
@@ -79,33 +80,33 @@ impl Drop for Posting<'_> {
             return;
         }
         self.jobs.drop_from_mirror(self.far, self.job);
-        // A client that has no key does not know the job, and one that has a key comes again.
+        // A client without a key does not know the job; one with a key repeats its request, and finds the job.
         if self.job.key.is_none() {
             self.jobs.store.let_go(self.job);
         }
     }
 }
 
-/// The value of an idempotency key.
+/// The stored value of an idempotency key.
 #[derive(Debug, Serialize, Deserialize)]
 struct Reserved {
     id: String,
     key: Key,
 }
 
-/// What a key stands for.
+/// The meaning of an idempotency key.
 enum Reservation {
-    /// A job that is to be admitted, under this id.
+    /// No job has been admitted under the key; a new one is to get this id.
     Free(JobId),
-    /// A job that has been admitted.
+    /// This job has been admitted under the key.
     Taken(Arc<Job>),
 }
 
 impl Gateway {
-    /// Joins the exchange, and reads the entries of all jobs.
+    /// Connects to the NATS servers, and reads the entries of all jobs.
     ///
     /// # Errors
-    /// The servers do not answer, or refuse.
+    /// The servers do not answer, or refuse the connection.
     pub async fn open(
         bounds: Bounds,
         solver: Solver,
@@ -120,7 +121,7 @@ impl Gateway {
         let (read, is_read) = tokio::sync::oneshot::channel();
         let mirroring = Arc::clone(&jobs);
         tasks.spawn(async move { mirroring.follow_entries(read).await });
-        // The task that reads outlives this function.
+        // Receiving cannot fail, since the task that reads the entries outlives this function.
         let _ = is_read.await;
         let [hearing, ending, counting, forgetting, sweeping, answering, reminding] = [0; 7].map(|_| Arc::clone(&jobs));
         tasks.spawn(async move { hearing.follow_progress().await });
@@ -135,7 +136,7 @@ impl Gateway {
 }
 
 impl Jobs {
-    /// Admits a job to be solved elsewhere, or returns the earlier job with the same idempotency key.
+    /// Admits a job to be solved on other machines, or returns the earlier job with the same idempotency key.
     pub(in crate::jobs) async fn submit_far(&self, far: &Far, order: Order) -> Result<Arc<Job>, AdmissionError> {
         far.exchange.near()?;
         self.admits(order.client, order.document.len())?;
@@ -166,7 +167,7 @@ impl Jobs {
         Ok(job)
     }
 
-    /// The job that the client has already posted under this key.
+    /// Returns the job that the client has already posted under the idempotency key `key`.
     pub(in crate::jobs) async fn recall_far(
         &self,
         far: &Far,
@@ -194,12 +195,12 @@ impl Jobs {
                 let age = (Timestamp::now().as_second() - message.time.unix_timestamp()).max(0).unsigned_abs();
                 self.reserved(far, key, &message.payload, Some(Duration::from_secs(age))).await
             }
-            // Its job has been deleted in between.
+            // The job of the idempotency key has been deleted between the two requests.
             None => Err(AdmissionError::KeyInUse),
         }
     }
 
-    /// What a key stands for that was reserved so long ago.
+    /// Returns the meaning of an idempotency key whose stored value is `text`, written `age` ago.
     async fn reserved(
         &self,
         far: &Far,
@@ -224,7 +225,7 @@ impl Jobs {
         }
     }
 
-    /// The job with this id, in memory or in the bucket.
+    /// Returns the job with this id, from memory or from the bucket of states.
     pub(in crate::jobs) async fn look_up_far(&self, far: &Far, id: JobId) -> Result<Option<Arc<Job>>, Away> {
         if let Some(job) = self.find(id) {
             return Ok(Some(job));
@@ -243,7 +244,7 @@ impl Jobs {
             if entry.record.ended.is_some() || entry.record.dismissed {
                 return false;
             }
-            // A sweep keeps the rows that it has, of which the next worker makes the table.
+            // A sweep keeps the rows that it has; the next worker makes the table of them.
             if entry.claim.is_some() || entry.divided {
                 entry.record.dismissed = true;
             } else {
@@ -255,7 +256,7 @@ impl Jobs {
         if entry.record.ended.is_none() {
             self.ask_to_stop(far, id).await.map_err(|Away| Unwritable)?;
         } else {
-            // A worker that takes it finds that it has ended.
+            // If removing the message fails, a worker that takes it finds that the job has ended.
             let _ = far.exchange.dequeue(id, job.client).await;
         }
         self.take_over(far, id, entry, revision).await;
@@ -267,16 +268,16 @@ impl Jobs {
         asked.map(|_| ()).map_err(|error| away(&error))
     }
 
-    /// Cancels a job and deletes it.
+    /// Cancels a job and deletes it from the servers and from memory.
     pub(in crate::jobs) async fn forget_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
-        // Its place in the queue is free at once.
+        // The place of the job in the queue is free at once.
         self.take_out(job);
         self.erase_far(far, job).await.map_err(|Away| Unwritable)?;
         self.take_away(far, job.id, 0, Timestamp::now());
         Ok(())
     }
 
-    /// Removes a job from the servers: first its entry, which is what a worker needs to end it.
+    /// Removes a job from the servers; its entry first, without which no worker can write its end.
     async fn erase_far(&self, far: &Far, job: &Job) -> Result<(), Away> {
         let (exchange, id) = (&far.exchange, job.id);
         let entry = exchange.entry(id).await.ok().flatten().map(|(entry, _)| entry);
@@ -302,14 +303,14 @@ impl Jobs {
         }
     }
 
-    /// The posted document of a job.
+    /// Returns the posted specification of a job.
     pub(in crate::jobs) async fn document_far(&self, far: &Far, job: &Job) -> io::Result<Arc<[u8]>> {
         let document = far.exchange.document(job.id).await?;
         let damaged = || io::Error::new(io::ErrorKind::InvalidData, "its digest is not known");
         job.digest.get().ok_or_else(damaged)?.vouch(document).map(Arc::from)
     }
 
-    /// The results of a job.
+    /// Returns the results of a job, from memory or from the servers.
     pub(in crate::jobs) async fn results_far(&self, far: &Far, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
         let short = far.mirror().short_results(job.id);
         match short {
@@ -318,7 +319,7 @@ impl Jobs {
         }
     }
 
-    /// Deletes what the bucket says of jobs that were deleted long ago.
+    /// Removes the remaining entries of jobs that were deleted long ago from the bucket of states.
     pub(in crate::jobs) async fn expire_far(&self, far: &Far, now: Timestamp) {
         let gone = far.mirror().forget_gone(now);
         for id in gone {
@@ -328,8 +329,8 @@ impl Jobs {
         }
     }
 
-    /// Lets the requests go that wait for the end of a job: they are answered with its address, at which another gateway
-    /// answers.
+    /// Wakes the requests that wait for the end of a job: they are answered with the address of the job, which
+    /// another gateway serves.
     pub(in crate::jobs) fn leave_far(&self) {
         for job in self.all() {
             let mut lifecycle = job.lock();
@@ -341,7 +342,7 @@ impl Jobs {
         }
     }
 
-    /// Keeps the mirror up to date; says on `read` when all that was there has been read.
+    /// Keeps the mirror of the entries up to date; signals on `read` when all existing entries have been read.
     async fn follow_entries(&self, read: tokio::sync::oneshot::Sender<()>) {
         let Some(far) = &self.far else { return };
         let mut read = Some(read);
@@ -353,7 +354,8 @@ impl Jobs {
                     }
                     loop {
                         let next = messages.next();
-                        // Entries that are changed while they are read come later, and fewer come than there were.
+                        // Entries that change while they are read are delivered later, so that fewer come now than
+                        // were counted.
                         let next = if read.is_some() { timeout(SILENCE, next).await.ok() } else { Some(next.await) };
                         match next {
                             None => {
@@ -396,7 +398,7 @@ impl Jobs {
         }
     }
 
-    /// Hears of ends from the workers that have written them, before the servers tell of the entries.
+    /// Receives the ends of jobs from the workers that have written them, which is earlier than by the entries.
     async fn hear_ends(&self) {
         let Some(far) = &self.far else { return };
         let mut ends = far.exchange.hear("ended", "*").await;
@@ -407,7 +409,7 @@ impl Jobs {
         }
     }
 
-    /// Counts the chunks of shared sweeps.
+    /// Counts the waiting and the claimed chunks of shared sweeps.
     async fn follow_parts(&self) {
         let Some(far) = &self.far else { return };
         let came = |key: &str, text: Option<&[u8]>| {
@@ -418,7 +420,7 @@ impl Jobs {
         far.exchange.follow("part.*.*", came).await;
     }
 
-    /// Hears the progress of jobs, that of those which ran before this gateway included.
+    /// Receives the progress of running jobs, including those that started before this gateway.
     async fn follow_progress(&self) {
         let Some(far) = &self.far else { return };
         let exchange = &far.exchange;
@@ -439,7 +441,7 @@ impl Jobs {
         }
     }
 
-    /// Removes jobs from the servers that were forgotten here to make room.
+    /// Removes jobs from the servers that this gateway has removed from memory to make room.
     async fn forget_expired(&self, mut forgotten: UnboundedReceiver<Arc<Job>>) {
         let Some(far) = &self.far else { return };
         while let Some(job) = forgotten.recv().await {
@@ -450,8 +452,8 @@ impl Jobs {
         }
     }
 
-    /// Looks for waiting jobs that have an entry and no message, and puts them into the queue: their gateway died before it
-    /// had. Each job is looked for once.
+    /// Looks for waiting jobs that have an entry and no message, and puts them into the queue: their gateway died
+    /// before it had written the message. Each job is looked for once.
     async fn sweep(&self) {
         let Some(far) = &self.far else { return };
         let mut looked_for = None;
@@ -467,7 +469,7 @@ impl Jobs {
             for job in waiting {
                 match far.exchange.is_queued(job.id, job.client).await {
                     Ok(true) => {}
-                    // It may have been taken, and have ended, since the mirror was last told of it.
+                    // The job may have been taken, and have ended, since the mirror was last updated.
                     Ok(false) => {
                         if let Ok(Some((entry, _))) = far.exchange.entry(job.id).await
                             && entry.claim.is_none()
@@ -488,7 +490,7 @@ impl Jobs {
 }
 
 impl Far {
-    /// Writes specification, entry and message of a job that has been admitted.
+    /// Writes the specification, the entry and the message of a job that has been admitted.
     async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>, announced: Option<Announced>) -> Result<(), Away> {
         let exchange = &self.exchange;
         job.digest.get_or_init(|| Digest::of(document));
@@ -499,14 +501,14 @@ impl Far {
         let (opened, written, created) =
             join!(exchange.open_line(job.client), written, exchange.create(&key, entry.text()));
         opened.and(written)?;
-        // Without a revision, an earlier attempt whose answer was lost has written it.
+        // Without a revision, the entry was written by an earlier attempt whose answer was lost.
         let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
         exchange.enqueue(job.id, job.client, text, announced).await
     }
 }
 
 impl Exchange {
-    /// Removes a key of the bucket of states, and all trace of it.
+    /// Removes a key of the bucket of states, including its history.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -517,7 +519,8 @@ impl Exchange {
     }
 }
 
-/// The entries of all jobs, first the latest of each, and then as they come; and the number of the first.
+/// Subscribes to the entries of all jobs, first the latest of each and then each change; also returns the number of
+/// existing entries.
 async fn entries(exchange: &Exchange) -> Result<(push::Ordered, u64), async_nats::Error> {
     exchange.near()?;
     let config = push::OrderedConfig {
@@ -531,7 +534,8 @@ async fn entries(exchange: &Exchange) -> Result<(push::Ordered, u64), async_nats
     Ok((consumer.messages().await?, count))
 }
 
-/// The name of an idempotency key: its text may have characters that a subject may not.
+/// Returns the key under which an idempotency key is stored: its text may have characters that a subject must not
+/// have.
 fn reservation(client: Client, key: &Key) -> String {
     format!("key.{}.{}", client.token(), Digest::of(key.name.as_bytes()))
 }

@@ -1,4 +1,5 @@
-//! What a worker hears beside its jobs: clients, jobs that are to stop, and the questions of other workers.
+//! What a worker receives over NATS beside its jobs: new clients, jobs that are to stop, and questions of other
+//! workers.
 
 use super::claims::Holder;
 use super::parts::Work;
@@ -11,11 +12,11 @@ use std::time::Duration;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-/// The time that another worker has to say whether it has a job.
+/// The time limit for another worker to answer whether it is solving a job.
 const ANSWER: Duration = Duration::from_secs(2);
 
 impl Worker {
-    /// Starts what goes on beside the jobs; it ends with what is returned.
+    /// Starts the tasks that run beside the jobs; dropping the returned set ends them.
     pub fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
         let [clients, cancels, questions] = [0; 3].map(|_| Arc::clone(self));
         let mut tasks = JoinSet::new();
@@ -31,7 +32,7 @@ impl Worker {
         tasks
     }
 
-    /// Tells other workers whether this one has a job, or a chunk.
+    /// Answers the questions of other workers whether this worker is solving a job or chunk.
     async fn answer(&self) {
         loop {
             let mut questions = self.exchange.hear("worker", &self.name).await;
@@ -46,13 +47,13 @@ impl Worker {
         }
     }
 
-    /// What has become of the worker that has claimed a job, or a chunk.
+    /// Asks the worker `holder`, which has claimed a job or chunk, whether it is still solving it.
     pub async fn ask(&self, holder: &str, work: Work, lost_after: Duration) -> Holder {
         let question = self.exchange.client.request(self.exchange.subject("worker", holder), work.to_string().into());
         match timeout(ANSWER, question).await {
             Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
             Ok(Ok(_)) => Holder::LeftIt,
-            // It may be connecting again, as this one has just done.
+            // A worker without a connection may be reconnecting, as this worker has done recently.
             Ok(Err(error))
                 if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
             {
@@ -62,7 +63,7 @@ impl Worker {
         }
     }
 
-    /// A client wants a job to stop, or the job has ended that was to.
+    /// Stops the job `key` for a client if `is`, or else forgets the request, since the job has ended.
     fn cancel(&self, key: &str, is: bool) {
         let Ok(id) = key.parse::<JobId>() else { return };
         if !is {
@@ -79,7 +80,7 @@ impl Worker {
     }
 }
 
-/// The last part of a key or a subject.
+/// Returns the last token of a key or a subject.
 fn last(key: &str) -> &str {
     key.rsplit_once('.').map_or(key, |(_, last)| last)
 }

@@ -1,13 +1,14 @@
-//! The clients in turn: each has a subject, with a consumer that all workers pull from. A worker asks the next client that
-//! may have a job, and then the one behind it, so that the jobs of one client, however many, delay those of another by one
-//! job at most.
+//! The order in which a worker takes the jobs of clients: each client has a subject, with a consumer from which all
+//! workers pull. A worker asks for a job of the next client that may have one, and then of the one after it, so that
+//! the jobs of one client, however many, delay those of another by at most one job.
 //!
-//! A worker that has nothing to do is told of a job before it is in the queue (see `announcements`). It then has a pull wait at
-//! the consumer of the client, so that the job comes without being asked for. Pulls may bring more jobs than the worker has
-//! places for; it gives these back at once, to others.
+//! An idle worker hears of a job before the job is in the queue (see `announcements`). It then starts a pull at the
+//! consumer of the client, which waits for the message of the job. Pulls may bring more jobs than the worker can
+//! solve at a time; it gives these back at once, to others.
 //!
-//! A client that had no job when it was asked is asked again when the worker is told of one, by an announcement or by a gateway
-//! that it asks. After a while it asks anyway: messages that come again are not announced.
+//! A client that had no job when it was asked for is asked for again when the worker hears of a job of the client, by
+//! an announcement or from a gateway. After a while it is asked for in any case: messages that are delivered again
+//! are not announced.
 
 use super::announcements::{Answer, Told, WAIT};
 use super::servers::Exchange;
@@ -28,27 +29,27 @@ use tokio::sync::{Notify, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// The time after which a worker that has nothing to do asks again which clients have jobs.
+/// The time after which an idle worker asks again which clients have jobs.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// The time for which a worker that goes from job to job knows which clients have some: long beside a question, short beside
-/// what a client notices.
+/// The time for which a worker that goes from job to job relies on the last answer to which clients have jobs: long
+/// compared with a question, short compared with what a client notices.
 const KNOWN: Duration = Duration::from_millis(20);
 
-/// The longest time for which it waits for the answer before it goes on with what it knows.
+/// The longest time for which a worker that goes from job to job waits for the answer to which clients have jobs.
 const SOON: Duration = Duration::from_millis(50);
 
-/// The time that a consumer has to say whether it has a message. One that comes later comes again.
+/// The time limit for a consumer to say whether it has a message. A message that comes later is delivered again.
 const ANSWER: Duration = Duration::from_secs(5);
 
-/// The clients.
+/// The clients of the jobs that a worker takes, and the state of its requests for jobs.
 #[derive(Debug, Default)]
 pub struct Lines {
     turns: Mutex<Turns>,
     arrival: Notify,
-    /// One place at a time asks.
+    /// The state of the requests for jobs, which one thread of execution of the worker makes at a time.
     asking: tokio::sync::Mutex<Asking>,
-    /// The number of places without a job.
+    /// The number of the worker's concurrent solves that have no job.
     idle: AtomicUsize,
 }
 
@@ -59,23 +60,23 @@ struct Turns {
     may: HashSet<String>,
 }
 
-/// The consumers of clients, and what waits there.
+/// The consumers of clients, and the pending requests for jobs.
 #[derive(Debug, Default)]
 struct Asking {
     consumers: HashMap<String, Consumer<pull::Config>>,
     pulls: Pulls,
-    /// The pulls, while all places have jobs.
+    /// The task that has the pulls while all concurrent solves have jobs.
     aside: Option<Aside>,
-    /// What brings the next announcement, while a place has nothing to do and waits for none.
+    /// The subscription that brings the next announcement, while the worker has a free place and no pull waits.
     offer: Option<Subscriber>,
-    /// The question which clients have jobs, while it has no answer, and when it last had one.
+    /// The unanswered question which clients have jobs, and the time of the last answer.
     question: Option<Question>,
     told: Option<Instant>,
-    /// When a place that has nothing to do asks again.
+    /// The time at which an idle worker asks again which clients have jobs.
     look: Option<Instant>,
 }
 
-/// A question to gateways on its way.
+/// A question to gateways that has not been answered.
 struct Question(Answer);
 
 impl fmt::Debug for Question {
@@ -84,18 +85,18 @@ impl fmt::Debug for Question {
     }
 }
 
-/// Pulls that wait for a message, and their clients.
+/// Pulls that wait for a message, with their clients.
 #[derive(Debug, Default)]
 struct Pulls {
     clients: HashSet<String>,
     waiting: FuturesUnordered<BoxFuture<'static, (String, Option<Message>)>>,
 }
 
-/// A task that gives back what pulls bring.
+/// A task that gives back the messages that pulls bring.
 #[derive(Debug)]
 struct Aside {
     pulls: JoinHandle<Pulls>,
-    /// Ends the task.
+    /// Ends the task that gives messages back.
     wanted: oneshot::Sender<()>,
 }
 
@@ -104,14 +105,14 @@ impl Turns {
         self.order.iter().any(|client| self.may.contains(client))
     }
 
-    /// A client that may have a job, which then goes to the end.
+    /// Returns the next client that may have a job, and moves it to the end of the order.
     fn next(&mut self) -> Option<String> {
         let client = self.order.iter().find(|client| self.may.contains(*client))?.clone();
         self.goes_last(&client);
         Some(client)
     }
 
-    /// A client has had its turn.
+    /// Moves a client that has had its turn to the end of the order.
     fn goes_last(&mut self, client: &str) {
         if let Some(place) = self.order.iter().position(|known| known == client)
             && let Some(client) = self.order.remove(place)
@@ -120,7 +121,7 @@ impl Turns {
         }
     }
 
-    /// These clients may have jobs; `None` stands for all.
+    /// Adds clients that may have jobs; `None` stands for all known clients.
     fn learn(&mut self, clients: Option<Vec<String>>) {
         let Some(clients) = clients else {
             self.may = self.order.iter().cloned().collect();
@@ -140,25 +141,26 @@ impl Turns {
 }
 
 impl Lines {
-    /// Adds a client.
+    /// Adds a client that may have a job.
     pub fn add(&self, client: &str) {
         self.lock().add(client);
         self.arrival.notify_one();
     }
 
-    /// Has who waits look again whether it is over.
+    /// Makes tasks that wait for a job check again whether the worker is to stop.
     pub fn look(&self) {
         self.arrival.notify_one();
     }
 
-    /// The message of the next job, with the time in which its consumer has to hear of it; `None` if `is_over` says so
-    /// while there is none.
+    /// Returns the message of the next job, with the time within which its consumer expects a sign of life; `None` if
+    /// `is_over` returns true while there is no job.
     pub async fn next(&self, exchange: &Exchange, is_over: impl Fn() -> bool) -> Option<(Message, Duration)> {
         self.idle.fetch_add(1, Relaxed);
         let mut asking = self.asking.lock().await;
         asking.resume().await;
         let next = self.next_of(&mut asking, exchange, is_over).await;
-        // Without another place that goes on with them, pulls must not keep what they bring, nor announcements be heard.
+        // If no other concurrent solve waits for a job, pulls must give back what they bring, and no announcement is
+        // wanted.
         if self.idle.fetch_sub(1, Relaxed) == 1 {
             asking.put_aside();
             if let Some(offer) = asking.offer.take() {
@@ -183,7 +185,7 @@ impl Lines {
             }
             let next = self.lock().next();
             let (client, message) = if let Some(client) = next {
-                // Taken before the consumer is asked: an announcement meanwhile puts it back.
+                // The client is removed before its consumer is asked: an announcement meanwhile adds it again.
                 self.lock().may.remove(&client);
                 let message = asking.ask(exchange, &client).await;
                 (client, message)
@@ -223,7 +225,7 @@ impl Lines {
             if let Some(message) = message {
                 let wait =
                     asking.consumers.get(&client).map_or(LOOK, |consumer| consumer.cached_info().config.ack_wait);
-                // The next in the line, as far as the server knows.
+                // The consumer has further messages of the client, as far as the server knows.
                 if message.info().is_ok_and(|info| info.pending > 0) {
                     self.lock().may.insert(client);
                 }
@@ -232,14 +234,14 @@ impl Lines {
         }
     }
 
-    /// Asks which clients have jobs, if that is not known any more, and waits for the answer for a moment.
+    /// Asks which clients have jobs, if the last answer is too old, and waits for the answer for a short time.
     async fn learn_in_time(&self, asking: &mut Asking, exchange: &Exchange) {
         if asking.told.is_some_and(|told| told.elapsed() < KNOWN) {
             return;
         }
         let is_new = asking.question.is_none();
         let question = asking.question.get_or_insert_with(|| Question(exchange.ask_lines(false)));
-        // One that has had no answer in time is not waited for again.
+        // A question that was not answered in time is not waited for again.
         let most = if is_new { SOON } else { Duration::ZERO };
         if let Ok(clients) = timeout(most, &mut question.0).await {
             asking.question = None;
@@ -257,7 +259,7 @@ impl Asking {
     /// Asks the consumer of a client for a message, without waiting for one to arrive.
     async fn ask(&mut self, exchange: &Exchange, client: &str) -> Option<Message> {
         let asked = async {
-            // With a time of its own, the request would wait for a message.
+            // With a time limit in the request, the server would wait for a message.
             let mut messages = self.consumer(exchange, client).await?.fetch().max_messages(1).messages().await?;
             timeout(ANSWER, messages.next()).await?.transpose()
         };
@@ -270,8 +272,8 @@ impl Asking {
         }
     }
 
-    /// Offers a place that has nothing to do, unless it is offered, or a pull waits for what was announced. What was announced
-    /// before is asked for.
+    /// Listens for an announcement, unless the worker does so already or a pull waits for an announced job. Also asks
+    /// which clients have jobs, since earlier announcements were missed.
     async fn listen(&mut self, exchange: &Exchange) {
         if self.offer.is_some() || !self.pulls.clients.is_empty() {
             return;
@@ -280,7 +282,7 @@ impl Asking {
         self.question = Some(Question(exchange.ask_lines(false)));
     }
 
-    /// Has a pull wait for the next message of a client.
+    /// Starts a pull that waits for the next message of a client.
     async fn wait_for(&mut self, exchange: &Exchange, client: String) {
         if self.pulls.clients.contains(&client) {
             return;
@@ -316,7 +318,7 @@ impl Asking {
         self.consumers.remove(client);
     }
 
-    /// Gives back what the pulls bring from now on.
+    /// Starts a task that gives back the messages that the pulls bring from now on.
     fn put_aside(&mut self) {
         if self.pulls.clients.is_empty() {
             return;
@@ -330,7 +332,7 @@ impl Asking {
                     _ = &mut is_wanted => return pulls,
                     next = pulls.next() => match next {
                         Some((_, Some(message))) => {
-                            // Otherwise, the message comes again after a while.
+                            // If giving back fails, the message is delivered again after a while.
                             let _ = message.ack_with(AckKind::Nak(None)).await;
                         }
                         Some((_, None)) => {}
@@ -342,17 +344,17 @@ impl Asking {
         self.aside = Some(Aside { pulls, wanted });
     }
 
-    /// Goes on with the pulls that are still waiting.
+    /// Takes the pulls that still wait back from the task that gives messages back.
     async fn resume(&mut self) {
         let Some(Aside { pulls, wanted }) = self.aside.take() else { return };
-        // It may have ended by itself.
+        // Sending fails if the task has ended by itself.
         let _ = wanted.send(());
         self.pulls = pulls.await.unwrap_or_default();
     }
 }
 
 impl Pulls {
-    /// What the next pull has brought, if any waits.
+    /// Returns the client and the message, if any, of the next pull that ends; `None` if no pull waits.
     async fn next(&mut self) -> Option<(String, Option<Message>)> {
         let next = self.waiting.next().await?;
         self.clients.remove(&next.0);
@@ -388,7 +390,7 @@ mod tests {
         let lines = Lines::default();
         ["a", "b"].iter().for_each(|client| lines.add(client));
         lines.lock().may.clear();
-        // One of them is new.
+        // The client `c` was not known to the worker.
         lines.lock().learn(Some(vec!["c".to_owned(), "b".to_owned()]));
         let next = || lines.lock().next();
         assert_eq!([next(), next(), next()].map(Option::unwrap), ["b", "c", "b"]);

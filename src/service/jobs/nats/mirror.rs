@@ -1,7 +1,7 @@
-//! The mirror of a gateway: every entry of the bucket of states as a job in memory, in the index and, while it waits, in
-//! the queue, which no worker of this process takes from. What a client asks of a job is answered from there, as by a
-//! service on one machine. An entry that has just been written elsewhere may be on its way; who asks for a job that is not
-//! here is answered from the bucket.
+//! The mirror of a gateway: every entry of the bucket of states as a job in memory, in the index and, while it waits,
+//! in the queue, from which no worker of this process takes jobs. The requests of clients are answered from the
+//! mirror, as by a service on one machine. An entry that another process has just written may still be on its way: a
+//! request for a job that is not in memory is answered from the bucket.
 
 use super::entry::Entry;
 use super::gateway::Far;
@@ -22,18 +22,18 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
-/// What was last seen of each job.
+/// The last known state of each job on the NATS servers.
 #[derive(Debug, Default)]
 pub struct Mirror {
     jobs: HashMap<JobId, Seen>,
     running: BTreeMap<JobId, Client>,
-    /// The last of the running jobs whose client was named to a worker.
+    /// The last of the running jobs whose client was named to an idle worker.
     named: Option<JobId>,
-    /// The jobs that were deleted, and when: what is left of them in the bucket is removed after a while.
+    /// The jobs that were deleted, with the times of deletion: their remains in the bucket are removed after a while.
     gone: VecDeque<(Timestamp, JobId)>,
-    /// The short results that came lately, for those who wait for them.
+    /// Short results that were received recently, for the clients that wait for them.
     short: Short,
-    /// The chunks of shared sweeps.
+    /// The unfinished chunks of shared sweeps.
     parts: OpenParts,
 }
 
@@ -50,7 +50,7 @@ impl Default for Short {
 /// The number of short results that are kept: sixteen megabytes at most.
 const KEPT_RESULTS: usize = 1024;
 
-/// The time for which the bucket says that a job was deleted, for gateways that are cut off meanwhile.
+/// The time for which the bucket records that a job was deleted, for gateways that are cut off meanwhile.
 const GONE: Duration = Duration::from_secs(24 * 3600);
 
 #[derive(Debug)]
@@ -62,48 +62,48 @@ struct Seen {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Waiting,
-    /// In its attempt of this number.
+    /// The job is running, in the attempt with this number of crashes before it.
     Running(u32),
     Ended,
     Gone,
 }
 
-/// The progress of an attempt, as workers tell it.
+/// The progress of an attempt to solve a job, as workers publish it.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Told {
-    /// The number of the attempt, from one.
+    /// The number of the attempt, counted from one.
     pub attempt: u32,
-    /// Its progress.
+    /// The progress of the attempt at the job, with its latest events.
     pub progress: Progress,
 }
 
 impl Mirror {
-    /// A job that this gateway has put into the queue.
+    /// Adds a job that this gateway has put into the queue.
     pub fn admitted(&mut self, id: JobId) {
         self.jobs.insert(id, Seen { revision: 0, phase: Phase::Waiting });
     }
 
-    /// The numbers of chunks that wait for a worker, and of jobs and chunks that workers have.
+    /// Returns the number of chunks that wait for a worker, and the number of jobs and chunks that workers have.
     pub fn load(&self) -> (usize, usize) {
         let (waiting, claimed) = self.parts.count();
         (waiting, self.running.len() + claimed)
     }
 
-    /// The entry of a chunk is now this.
+    /// Updates the state of a chunk by its new entry; `None` if the entry was deleted.
     pub fn part_came(&mut self, id: PartId, part: Option<&Part>) {
         let sweep = self.jobs.get(&id.sweep);
-        // An entry that comes late does not count.
+        // An entry that comes after the end of its sweep does not count.
         if !sweep.is_some_and(|sweep| matches!(sweep.phase, Phase::Ended | Phase::Gone)) {
             self.parts.came(id, part);
         }
     }
 
-    /// The short results of a job, if they came lately.
+    /// Returns the short results of a job, if they were received recently.
     pub fn short_results(&mut self, id: JobId) -> Option<Arc<RawValue>> {
         self.short.0.find(&id.number().to_le_bytes())
     }
 
-    /// The deleted jobs of which nothing needs to be known any more.
+    /// Removes and returns the deleted jobs whose deletion need not be recorded any more.
     pub fn forget_gone(&mut self, now: Timestamp) -> Vec<JobId> {
         let mut forgotten = Vec::new();
         while let Some((when, id)) = self.gone.front().copied()
@@ -116,17 +116,17 @@ impl Mirror {
         forgotten
     }
 
-    /// The running jobs.
+    /// Returns the running jobs.
     pub fn running_jobs(&self) -> Vec<JobId> {
         self.running.keys().copied().collect()
     }
 
-    /// Sweeps with chunks that wait, up to `most`.
+    /// Returns up to `most` sweeps with chunks that wait.
     pub fn sweeps_that_wait(&self, most: usize) -> Vec<JobId> {
         self.parts.sweeps_that_wait().take(most).collect()
     }
 
-    /// The clients of up to `most` running jobs: of those behind the last that were named.
+    /// Returns the clients of up to `most` running jobs, after the job that was named last.
     pub fn next_running(&mut self, most: usize) -> Vec<Client> {
         let behind = self.named.map_or(Bound::Unbounded, Bound::Excluded);
         let rest = self.running.range((behind, Bound::Unbounded));
@@ -138,7 +138,8 @@ impl Mirror {
 }
 
 impl Jobs {
-    /// Takes over an entry, unless a later one has been, and returns its job; `None` if the job was deleted since.
+    /// Updates a job by its entry, unless a later entry has been seen, and returns the job; `None` if it has been
+    /// deleted.
     pub(super) async fn take_over(&self, far: &Far, id: JobId, entry: Entry, revision: u64) -> Option<Arc<Job>> {
         let (job, forgotten) = self.mirror(far, id, entry, revision);
         self.store.tidy(forgotten).await;
@@ -155,7 +156,8 @@ impl Jobs {
         let (crashes, ended) = (record.crashes, record.ended.clone());
         let job = self.find(id).unwrap_or_else(|| {
             let job = Arc::new(Job::recovered(id, crate::jobs::Record { ended: None, ..record.clone() }, None));
-            // A key that names two jobs, which the bucket does not allow, finds the first.
+            // Insertion may fail if a key names two jobs, which the bucket does not allow; the key then finds the
+            // first job.
             let _ = self.store.index().insert(&job);
             job
         });
@@ -183,7 +185,7 @@ impl Jobs {
                 intake.drain_rate.departed(Instant::now());
             }
             drop(intake);
-            // Those of jobs that had ended before are read when they are asked for.
+            // The results of jobs that had ended before the start of the gateway are read on request.
             if let (Some(results), true) = (results, before.is_some()) {
                 mirror.short.0.insert(id.number().to_le_bytes().into(), results.into());
             }
@@ -209,7 +211,7 @@ impl Jobs {
         (Some(job), forgotten)
     }
 
-    /// A job was deleted, as the bucket says with this revision.
+    /// Records that a job was deleted, which the bucket reports with this revision.
     pub(super) fn take_away(&self, far: &Far, id: JobId, revision: u64, when: Timestamp) {
         let mut mirror = far.mirror();
         let before = mirror.jobs.get(&id).map(|seen| (seen.revision, seen.phase));
@@ -231,7 +233,7 @@ impl Jobs {
         }
     }
 
-    /// A job that could not be put into the queue, or that this gateway has forgotten.
+    /// Removes a job that could not be put into the queue, or whose client has disconnected.
     pub(super) fn drop_from_mirror(&self, far: &Far, job: &Job) {
         let mut mirror = far.mirror();
         mirror.jobs.remove(&job.id);
@@ -240,7 +242,7 @@ impl Jobs {
         self.store.index().forget(job.id);
     }
 
-    /// Passes progress on to who follows a job.
+    /// Passes the progress of a job on to the clients that follow it.
     pub(super) fn hear(&self, id: JobId, told: Told) {
         let Some(job) = self.find(id).filter(|job| job.attempt() == told.attempt) else { return };
         if let Some(control) = job.control() {
@@ -250,14 +252,14 @@ impl Jobs {
 }
 
 impl Lifecycle {
-    /// The job runs on a worker elsewhere.
+    /// Marks the job as running on a worker of another machine.
     fn run_elsewhere(&mut self, started: Moment) {
         if !matches!(self.state, State::Ended(_)) {
             self.state = State::Running { started, control: Arc::new(Control::new()), halt: None, on_trial: false };
         }
     }
 
-    /// The job waits for a worker elsewhere.
+    /// Marks the job as waiting for a worker of another machine.
     fn wait_elsewhere(&mut self) {
         if !matches!(self.state, State::Ended(_)) {
             self.state = State::Accepted(None);
@@ -265,7 +267,7 @@ impl Lifecycle {
     }
 }
 
-/// The waiting and the running time of a job that ended elsewhere.
+/// Returns the times that a job on another machine waited and ran.
 fn timing(ended: &Ended, created: Timestamp) -> Option<Timing> {
     let started = ended.started?;
     let between = |from: Timestamp, to: Timestamp| to.duration_since(from).try_into().unwrap_or_default();
@@ -292,7 +294,7 @@ mod tests {
         mirror.running.remove(&JobId::of_number(1));
         assert_eq!(named(&mut mirror), [2, 3]);
         mirror.running.remove(&JobId::of_number(2));
-        // Each once, however few there are.
+        // Each client is named once, however few there are.
         assert_eq!(named(&mut mirror), [3]);
     }
 }

@@ -1,5 +1,5 @@
-//! Jobs beyond one machine: gateways and workers that share them over NATS JetStream, where a service on one machine has
-//! a queue in memory and a folder.
+//! Jobs shared by several machines: gateways and workers exchange them over NATS JetStream, while a service on one
+//! machine has a queue in memory and a data folder.
 //!
 //! ```text
 //! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended, with its entry (`errand`);
@@ -23,18 +23,19 @@
 //!         NAME.worker.WORKER                   asks a worker whether it still has a job
 //! ```
 //!
-//! 1. A gateway writes specification and entry, and then the message, which is what a job in the queue is; then it answers
-//!    202. It holds all entries in memory, as a mirror of the bucket, so that what reads a job does not know of NATS
-//!    (see `mirror`); nothing in it is not in NATS.
-//! 2. A worker takes a message of the next client in turn (`lines`; announcements tell an idle worker of messages, see
-//!    `announcements`), and claims the job by a compare-and-set of the entry. As long as it has the job it tells JetStream,
-//!    which gives the message to another otherwise (`worker`). A small job is solved before it would be claimed, and its end
-//!    is then the only change of its entry.
-//! 3. The results are complete before the entry says that the job has ended, or stand in it; by a compare-and-set that fails
-//!    if another worker has claimed the job since. The message is acknowledged last. So a message that comes twice, at whatever
-//!    moment its worker died, does no harm: its job has ended, or begins again.
-//! 4. The worker that has claimed a sweep divides it, and makes its table in the end; the chunks are solved by whoever takes
-//!    their messages (`sweeps`, `parts`).
+//! 1. A gateway writes the specification and the entry of a job, and then its message, which puts it into the queue;
+//!    then it responds 202. A gateway has all entries in memory, as a mirror of the bucket, so that requests for jobs
+//!    are answered without NATS (see `mirror`); everything in the mirror is also on the servers.
+//! 2. A worker takes a message of the next client in turn (`lines`; announcements report messages to idle workers,
+//!    see `announcements`), and claims the job by a compare-and-set of the entry. As long as it solves the job it
+//!    sends signs of life to JetStream, which otherwise gives the message to another worker (`worker`). A small job
+//!    is solved instead of claimed, and its end is then the only change of its entry.
+//! 3. The results are completely written before the entry says that the job has ended, or are stored in the entry, by
+//!    a compare-and-set that fails if another worker has claimed the job meanwhile. The message is acknowledged last.
+//!    So a message that is delivered twice, at whatever moment its worker died, does no harm: its job has ended, or
+//!    begins again.
+//! 4. The worker that has claimed a sweep divides it, and makes its table in the end; the chunks are solved by the
+//!    workers that take their messages (`sweeps`, `parts`).
 
 mod announcements;
 mod claims;

@@ -1,16 +1,16 @@
-//! The chunks of shared sweeps that are not done, as a gateway sees them: those that wait for a worker, and those that a worker
-//! has.
+//! The unfinished chunks of shared sweeps, as a gateway sees them: those that wait for a worker, and those that a
+//! worker has claimed.
 
 use super::parts::{Part, PartId};
 use crate::jobs::JobId;
 use std::collections::HashMap;
 
-/// The chunks that are not done, by their sweeps, with whether a worker has claimed them.
+/// The unfinished chunks by their sweeps; the value says whether a worker has claimed the chunk.
 #[derive(Debug, Default)]
 pub struct OpenParts(HashMap<JobId, HashMap<PartId, bool>>);
 
 impl OpenParts {
-    /// The entry of a chunk is now this.
+    /// Updates the state of a chunk by its new entry; `None` if the entry was deleted.
     pub fn came(&mut self, id: PartId, part: Option<&Part>) {
         match part.filter(|part| part.done.is_none()) {
             Some(part) => {
@@ -24,18 +24,18 @@ impl OpenParts {
         }
     }
 
-    /// A sweep has ended, or is deleted: its chunks have no further entries.
+    /// Removes all chunks of a sweep that has ended or was deleted, and whose chunks get no further entries.
     pub fn end(&mut self, sweep: JobId) {
         self.0.remove(&sweep);
     }
 
-    /// The sweeps with chunks that wait.
+    /// Returns the sweeps with chunks that wait for a worker.
     pub fn sweeps_that_wait(&self) -> impl Iterator<Item = JobId> {
         let waits = |parts: &HashMap<PartId, bool>| parts.values().any(|is_claimed| !is_claimed);
         self.0.iter().filter(move |(_, parts)| waits(parts)).map(|(sweep, _)| *sweep)
     }
 
-    /// The numbers of chunks that wait, and of those that workers have.
+    /// Returns the number of chunks that wait, and the number of those that workers have claimed.
     pub fn count(&self) -> (usize, usize) {
         let parts = || self.0.values().flat_map(HashMap::values);
         let claimed = parts().filter(|is_claimed| **is_claimed).count();

@@ -1,4 +1,5 @@
-//! How the NATS servers are reached, and what is made there: flags with their environment variables.
+//! The options of the connection to NATS servers and of the streams there: command-line flags with their environment
+//! variables.
 
 use clap::Args;
 use std::io;
@@ -6,7 +7,7 @@ use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The NATS servers of gateways and workers.
+/// The NATS servers over which gateways and workers share jobs.
 #[derive(Args, Clone, Debug)]
 pub struct Nats {
     /// Share jobs with other gateways and with workers over these NATS servers, such as `nats://host:4222` or
@@ -61,12 +62,12 @@ impl Default for Nats {
 }
 
 impl Nats {
-    /// Whether jobs are shared over NATS.
+    /// Whether jobs are shared over NATS servers.
     pub fn is_used(&self) -> bool {
         !self.servers.is_empty()
     }
 
-    /// Checks the name, which is a part of the names of streams.
+    /// Checks the name with which streams, buckets and subjects begin.
     ///
     /// # Errors
     /// [`io::ErrorKind::InvalidInput`], with the flag and what is expected.
@@ -79,7 +80,7 @@ impl Nats {
         Ok(())
     }
 
-    /// The time without a sign of life after which a worker counts as lost.
+    /// Returns the time without a sign of life after which a worker counts as lost.
     pub fn lost_after(&self) -> Duration {
         Duration::from_secs(self.lost_seconds.get())
     }

@@ -1,7 +1,8 @@
-//! The chunks of a sweep that workers share: each is a message of its own, with an entry that says which members it has, who
-//! has claimed it, and what has become of it. A worker that takes it claims it by a compare-and-set, writes its rows, and
-//! only then the end, by a compare-and-set that fails if the chunk has been withdrawn or claimed by another since; it
-//! acknowledges last. So a chunk counts once, however often its message comes.
+//! The chunks of a sweep that workers share: each is a message of its own, with an entry that says which members it
+//! has, which worker has claimed it, and its outcome. A worker that takes the message claims the chunk by a
+//! compare-and-set, writes the rows, and only then the outcome, by a compare-and-set that fails if the chunk has been
+//! withdrawn or claimed by another worker meanwhile; it acknowledges last. So a chunk counts once, however often its
+//! message is delivered.
 
 use super::claims::{Decision, Holder, decide_part};
 use super::entry::{Claim, Entry, FORMAT, Versioned};
@@ -21,73 +22,74 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
-/// What a message of the queue stands for.
+/// The work that a message of the queue stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Work {
-    /// A job; of a sweep, the division into chunks and the table.
+    /// A job; if it is a sweep, its division into chunks and its table.
     Job(JobId),
-    /// A chunk of a sweep.
+    /// A chunk of a sweep that workers share.
     Part(PartId),
 }
 
-/// The name of a chunk of a sweep.
+/// The identity of a chunk of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PartId {
-    /// The job of the sweep.
+    /// The job of the sweep that the chunk belongs to.
     pub sweep: JobId,
-    /// The attempt at the sweep in which the chunk was made, and its number within.
+    /// The number of the attempt at the sweep in which the chunk was made.
     pub attempt: u32,
-    /// The number.
+    /// The number of the chunk within the attempt at the sweep.
     pub number: u32,
 }
 
-/// The entry of a chunk.
+/// The entry of a chunk of a sweep in the NATS bucket of states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Part {
-    /// [`FORMAT`].
+    /// The version of the entry, [`FORMAT`].
     pub format: u32,
-    /// The first of its members, and the one behind the last.
+    /// The index of the first member of the chunk, and the one behind the last.
     pub first: usize,
     pub end: usize,
-    /// Why its members cannot be solved, if that is known.
+    /// The reason, if known, for which the members of the chunk cannot be solved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<Lost>,
-    /// When the time is over that the client allows for the sweep.
+    /// The time up to which the client allows the sweep to run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<Timestamp>,
-    /// The worker that has it.
+    /// The claim of the worker that is solving the chunk.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub claim: Option<Claim>,
-    /// The number of workers that were lost while they had it, and of those on which it ran alone.
+    /// The number of workers that were lost while they had the chunk, and of those on which it ran alone.
     pub crashes: u32,
     pub crashes_alone: u32,
-    /// What has become of it.
+    /// The outcome of the chunk, once it is finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<Done>,
 }
 
-/// What has become of a chunk.
+/// The outcome of a chunk of a sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Done {
-    /// So many of its first members have rows, in so many bytes; none has if the solve was stopped.
+    /// The number of first members of the chunk that have rows, and the size of the rows in bytes; zero rows if the
+    /// solve was stopped.
     Rows {
         rows: usize,
-        /// The members that took processes down.
+        /// The number of members that made processes die.
         lost: usize,
         steps: u64,
         bytes: usize,
         digest: Digest,
-        /// The time of the solve, zero if it says nothing of other members.
+        /// The time of the solve in seconds; zero if it does not predict the time of other members.
         seconds: f64,
-        /// The attempt that made the rows.
+        /// The attempt at the chunk that made the rows, which is a part of their name.
         attempt: u32,
     },
-    /// The sweep cannot go on.
+    /// A fault that prevents the whole sweep from continuing.
     Broken(Fault),
-    /// It took workers down.
+    /// The chunk has made several workers die.
     Poisoned,
-    /// It is not wanted any more.
+    /// The chunk was withdrawn by the worker that divides the sweep.
     Withdrawn,
 }
 
@@ -99,25 +101,25 @@ impl fmt::Display for PartId {
 }
 
 impl PartId {
-    /// The chunk of this sweep in whose number a key ends.
+    /// Parses the identity of a chunk of `sweep` from a key that ends in the numbers of the attempt and the chunk.
     pub fn of_key(sweep: JobId, key: &str) -> Option<Self> {
         let (attempt, number) = key.rsplit('.').next()?.split_once('_')?;
         Some(Self { sweep, attempt: attempt.parse().ok()?, number: number.parse().ok()? })
     }
 
-    /// The chunk whose entry has this key.
+    /// Parses the identity of a chunk from the key of its entry.
     pub fn of(key: &str) -> Option<Self> {
         let (sweep, _) = key.strip_prefix("part.")?.split_once('.')?;
         Self::of_key(sweep.parse().ok()?, key)
     }
 
-    /// The key of its entry.
+    /// Returns the key of the chunk's entry.
     pub fn key(self) -> String {
         let Self { sweep, attempt, number } = self;
         format!("part.{sweep}.{attempt}_{number}")
     }
 
-    /// The name of the rows of an attempt at it.
+    /// Returns the name under which the rows of an attempt at the chunk are stored.
     pub fn rows(self, attempt: u32) -> String {
         let Self { sweep, attempt: of_sweep, number } = self;
         format!("rows.{sweep}.{of_sweep}_{number}.{attempt}")
@@ -133,7 +135,7 @@ impl fmt::Display for Work {
     }
 }
 
-/// A text that names nothing which this version knows.
+/// The error of a text that names no work known to this version.
 #[derive(Debug)]
 pub struct Unknown;
 
@@ -152,12 +154,12 @@ impl FromStr for Work {
 }
 
 impl Work {
-    /// What a message with this subject stands for.
+    /// Parses the work that a message with this subject stands for.
     pub fn of(subject: &str) -> Option<Self> {
         subject.rsplit('.').next()?.parse().ok()
     }
 
-    /// The job that it belongs to.
+    /// Returns the job of the work; for a chunk, that of its sweep.
     pub fn job(self) -> JobId {
         match self {
             Self::Job(id) | Self::Part(PartId { sweep: id, .. }) => id,
@@ -168,7 +170,7 @@ impl Work {
 impl Versioned for Part {}
 
 impl Part {
-    /// A chunk that waits for a worker.
+    /// Creates the entry of a chunk that waits for a worker, with the time up to which the sweep may run.
     pub fn waiting(chunk: &Chunk, until: Option<Timestamp>) -> Self {
         let Chunk { members, lost } = chunk.clone();
         Self {
@@ -184,14 +186,14 @@ impl Part {
         }
     }
 
-    /// The members.
+    /// Returns the members of the chunk.
     pub fn chunk(&self) -> Chunk {
         Chunk { members: self.first..self.end, lost: self.lost.clone() }
     }
 }
 
 impl Exchange {
-    /// The chunks of a sweep that have entries.
+    /// Returns the chunks of a sweep that have entries.
     ///
     /// # Errors
     /// See [`Trouble`].
@@ -210,7 +212,7 @@ impl Exchange {
         Ok(parts)
     }
 
-    /// Removes the chunks of a sweep and their rows.
+    /// Removes the entries of the chunks of a sweep and their rows.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -229,13 +231,14 @@ impl Exchange {
         }
         let rows = format!("{}rows.{sweep}.>", self.data.prefix);
         self.data.stream.purge().filter(rows).await.map_err(|error| away(&error))?;
-        // Last: what is long is found by the entries. A worker that takes the message of a chunk without one acknowledges it.
+        // The entries are removed last, since long rows are found by them. A worker that takes the message of a chunk
+        // without an entry acknowledges it.
         self.clear(&format!("part.{sweep}.*")).await
     }
 }
 
 impl Worker {
-    /// Solves the chunk that a message stands for.
+    /// Claims and solves the chunk that a message stands for; returns how to answer the message.
     pub async fn see_to_part(&self, id: PartId, lost_after: Duration) -> Reply {
         let key = id.key();
         let (found, sweep) = tokio::join!(self.exchange.read::<Part>(&key), self.exchange.entry(id.sweep));
@@ -277,17 +280,17 @@ impl Worker {
         reply
     }
 
-    /// Has a chunk stop if its sweep is to.
+    /// Registers the job of a chunk, and stops the job if its sweep is to stop.
     pub async fn begin_part(&self, id: PartId, job: &Arc<Job>) {
         self.mine().insert(Work::Part(id), Some(Arc::clone(job)));
         let is_cancelled = self.cancelled().contains(&id.sweep);
         if is_cancelled {
-            // Nothing on a disk is to be changed.
+            // The job is in memory only, so that cancelling it cannot fail.
             let _ = self.jobs.cancel(job).await;
         }
     }
 
-    /// The specification of a sweep, which is kept for its next chunk.
+    /// Returns the specification of a sweep, which is kept in memory for the next chunk of the sweep.
     async fn document(&self, sweep: JobId, entry: &Entry) -> io::Result<Arc<[u8]>> {
         let known = self.latest().clone();
         if let Some((_, document)) = known.filter(|(id, _)| *id == sweep) {
@@ -329,7 +332,7 @@ impl Worker {
         }
     }
 
-    /// Gives a chunk back that was claimed.
+    /// Releases the claim to a chunk, so that another worker takes it.
     async fn release_part(&self, id: PartId, (part, revision): (Part, u64)) -> Reply {
         let (key, claim) = (id.key(), part.claim.clone());
         let released = self.exchange.alter(&key, Some((part, revision)), |part: &mut Part| {
@@ -342,12 +345,12 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The next worker finds that this one does not have it.
+            // The next worker asks this worker, which answers that it does not have the chunk.
             Err(_) => Reply::Later(PAUSE),
         }
     }
 
-    /// Writes rows and end of a chunk, however long it takes.
+    /// Writes the rows and the outcome of a chunk, with retries until the servers accept them.
     async fn finish_part(&self, id: PartId, (part, revision): (Part, u64), done: Done, rows: &[u8]) -> Reply {
         let attempt = part.crashes + 1;
         let name = id.rows(attempt);
@@ -371,7 +374,8 @@ impl Worker {
                 is_mine
             });
             match change.await {
-                // The claim stays, so that an answer that was lost on its way is found here as well.
+                // The claim stays in the entry, by which an end whose confirmation was lost is recognized here as
+                // well.
                 Ok(Some((part, _))) if part.claim == claim && !matches!(part.done, Some(Done::Withdrawn)) => {
                     return Reply::Acknowledge;
                 }
@@ -387,7 +391,7 @@ impl Worker {
         }
     }
 
-    /// Writes the rows of a chunk, however long it takes.
+    /// Writes the rows of a chunk, with retries until the servers accept them.
     pub async fn write_rows(&self, name: &str, rows: &[u8]) {
         while self.exchange.put_rows(name, rows).await.is_err() {
             sleep(PAUSE).await;
@@ -408,7 +412,7 @@ impl Worker {
 }
 
 impl Jobs {
-    /// Takes a chunk of a sweep on, as a job that no client sees.
+    /// Queues a chunk of a sweep in this process, as a job that no client sees.
     pub(super) fn take_part(
         &self,
         record: Record,
@@ -420,9 +424,9 @@ impl Jobs {
         let left = until.map(|until| until.duration_since(Timestamp::now()).as_secs_f64().max(0.0));
         let chunks = Chunks::part(SweepFacts { seconds: left, ..facts }, chunk);
         let record = Record { key: None, ..record };
-        // Under a name of its own: a worker may have several chunks of a sweep.
+        // The job has an id of its own, since a worker may have several chunks of a sweep.
         let job = Arc::new(Job::taken_on(JobId::new(), record, Some(chunks), document));
-        // Without a key, nothing is in its way.
+        // Insertion succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
         self.arrival.notify_one();
@@ -430,14 +434,14 @@ impl Jobs {
     }
 }
 
-/// What has become of a chunk that ended after `time`, and its rows.
+/// Returns the outcome of a chunk that ended after `time`, and its rows.
 pub fn outcome(job: &Job, ended: &Ended, time: Duration) -> (Done, Vec<u8>) {
     if let Ending::Broken(fault) = ended.ending {
         return (Done::Broken(fault), Vec::new());
     }
     let Some(chunks) = &job.chunks else { return (Done::Broken(Fault::Defect), Vec::new()) };
     let (lost, log) = (chunks.lost(), chunks.log());
-    // There is one record at most.
+    // The log of a chunk contains at most one record.
     let (count, steps, rows) = match log.in_order().next() {
         Some((record, Ok(rows))) => (record.members.len(), record.steps, rows),
         Some((_, Err(_))) | None => (0, 0, Vec::new()),

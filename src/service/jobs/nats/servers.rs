@@ -1,4 +1,4 @@
-//! The connection to the NATS servers, and the stream and the buckets there.
+//! The connection to the NATS servers, and the stream and the buckets that are stored there.
 
 use super::announcements::Announced;
 use super::entry::{Entry, Versioned};
@@ -21,7 +21,7 @@ use std::time::Duration;
 use thiserror::Error;
 use tokio::time::{Instant, sleep};
 
-/// The NATS servers do not answer.
+/// The error that the NATS servers do not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the NATS servers do not answer")]
 pub struct Away;
@@ -32,12 +32,12 @@ impl From<Away> for io::Error {
     }
 }
 
-/// Why an entry is not at hand.
+/// The reason why an entry of the bucket of states could not be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// The servers do not answer.
+    /// The NATS servers do not answer.
     Away,
-    /// Another version wrote it.
+    /// Another version of the program wrote the entry.
     OtherVersion,
 }
 
@@ -53,28 +53,28 @@ impl From<Trouble> for Away {
     }
 }
 
-/// The time that the servers have to answer, and the time for which a start waits for them.
+/// The time limit for an answer of the servers, and that of the connection at the start of the process.
 const ANSWER: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The interval of pings, after two of which without an answer a connection counts as lost.
+/// The interval of pings; after two unanswered pings a connection counts as lost.
 const PING: Duration = Duration::from_secs(10);
 
-/// The first and the longest pause between attempts to connect.
+/// The first and the longest pause between attempts to connect to the servers.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(4);
 
-/// The time for which JetStream knows the ids of messages that it has, and takes none twice.
+/// The time for which JetStream rejects messages with the id of an earlier message.
 const REMEMBERED: Duration = Duration::from_secs(120);
 
-/// The largest number of jobs of one client that run at a time: beyond what any pool of workers has.
+/// The largest number of running jobs of one client, larger than any pool of workers.
 const MOST_RUNNING: i64 = 100_000;
 
-/// The largest text that is one message, in bytes. The largest message that servers take by default is 1 MiB, with its
-/// headers.
+/// The largest text that is stored as one message, in bytes. By default, NATS servers accept messages of up to 1 MiB,
+/// including their headers.
 pub const ONE_MESSAGE: usize = (1 << 20) - (4 << 10);
 
-/// The stream and the buckets.
+/// The connection to the NATS servers, with the stream and the buckets that gateways and workers share.
 pub struct Exchange {
     pub name: String,
     pub client: async_nats::Client,
@@ -85,7 +85,7 @@ pub struct Exchange {
     pub objects: ObjectStore,
     /// The time without a sign of life after which a worker counts as lost.
     pub lost_after: Duration,
-    /// When the connection was last made: what is learned of others soon after says little.
+    /// The time of the latest connection: shortly afterwards, a missing answer of another process says little.
     connected: Arc<Mutex<Instant>>,
     /// The clients whose subjects are known to have a consumer.
     lines: Mutex<HashSet<String>>,
@@ -98,18 +98,18 @@ impl fmt::Debug for Exchange {
 }
 
 impl Exchange {
-    /// Connects to the servers, and creates the stream and the buckets if they do not exist. `role` names the connection
-    /// for who looks after the servers.
+    /// Connects to the NATS servers, and creates the stream and the buckets if they do not exist. `role` is a part of
+    /// the connection's name, which the administrator of the servers sees.
     ///
     /// # Errors
-    /// The options are invalid, or the servers do not answer within a minute, or refuse.
+    /// The options are invalid, the servers do not answer within a minute, or they refuse.
     pub async fn join(options: &Nats, role: &str) -> io::Result<Self> {
         options.check()?;
         let connected = Arc::new(Mutex::new(Instant::now()));
         let client = connect(options, role, &connected).await?;
         let jetstream = ContextBuilder::new().timeout(ANSWER).ack_timeout(ANSWER).build(client.clone());
         let begun = Instant::now();
-        // The servers of a cluster that has just been started have to choose a leader first.
+        // The servers of a cluster that has just been started have to elect a leader first.
         let (messages, state, data, objects) = loop {
             match create(&jetstream, options).await {
                 Ok(created) => break created,
@@ -137,12 +137,12 @@ impl Exchange {
         })
     }
 
-    /// Whether the servers are connected.
+    /// Whether the NATS servers are connected.
     pub fn is_near(&self) -> bool {
         self.client.connection_state() == State::Connected
     }
 
-    /// For how long the connection has been up.
+    /// Returns the time for which the connection has been up; zero if it is down.
     pub fn connected_for(&self) -> Duration {
         if self.is_near() {
             self.connected.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
@@ -151,20 +151,20 @@ impl Exchange {
         }
     }
 
-    /// Returns at once if the servers are not connected: a request would wait until its time is over.
+    /// Returns an error at once if the servers are not connected, since a request would wait until its time limit.
     ///
     /// # Errors
-    /// They are not.
+    /// The servers are not connected.
     pub fn near(&self) -> Result<(), Away> {
         if self.is_near() { Ok(()) } else { Err(Away) }
     }
 
-    /// A core subject of this exchange.
+    /// Returns the core subject `kind` of `of` under the name that gateways and workers share.
     pub fn subject(&self, kind: &str, of: impl fmt::Display) -> String {
         format!("{}.{kind}.{of}", self.name)
     }
 
-    /// The entry of a job, and its revision, as the leader of its servers has it; `None` if there is none.
+    /// Returns the entry of a job, and its revision, as the leader of the servers has it; `None` if there is none.
     ///
     /// # Errors
     /// See [`Trouble`].
@@ -172,7 +172,7 @@ impl Exchange {
         self.read(&job_key(id)).await
     }
 
-    /// What stands under a key of the bucket of states, and its revision; `None` if there is nothing.
+    /// Returns the object stored under a key of the bucket of states, and its revision; `None` if there is none.
     ///
     /// # Errors
     /// See [`Trouble`].
@@ -182,7 +182,8 @@ impl Exchange {
         Ok(Some((entry, message.sequence)))
     }
 
-    /// The latest value of a key, as the leader has it: what was written before is there, whichever server is asked.
+    /// Returns the latest value of a key, as the leader of the servers has it, so that it includes every completed
+    /// write.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -196,7 +197,7 @@ impl Exchange {
         }
     }
 
-    /// Creates an entry; returns its revision, or `None` if there is one already.
+    /// Creates an entry in the bucket of states; returns its revision, or `None` if the key has an entry already.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -209,8 +210,9 @@ impl Exchange {
         }
     }
 
-    /// Changes an entry as `change` does, if it returns true, and returns it as it is then, with its revision; `None` if there
-    /// is none. `known` is the entry as it was last seen, and its revision.
+    /// Applies `change` to the entry of a job, and writes the entry if `change` returns true, again if it was changed
+    /// meanwhile. Returns the entry with its revision; `None` if there is none. `known` is the entry as last seen,
+    /// with its revision.
     ///
     /// # Errors
     /// See [`Trouble`].
@@ -223,7 +225,7 @@ impl Exchange {
         self.alter(&job_key(id), known, change).await
     }
 
-    /// Changes what stands under a key of the bucket of states, likewise.
+    /// Applies `change` to the object under a key of the bucket of states, as [`Exchange::change`] does to an entry.
     ///
     /// # Errors
     /// See [`Trouble`].
@@ -275,7 +277,7 @@ impl Exchange {
         Ok(())
     }
 
-    /// Whether the message of a job, or of a chunk, is in the stream: it has not been acknowledged.
+    /// Whether the message of a job or chunk is in the stream, which means that it has not been acknowledged.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -293,11 +295,11 @@ impl Exchange {
         self.lines().contains(&client.token())
     }
 
-    /// Puts the message of a job, or of a chunk, in the stream, once, and has a worker take it; `announced` has it wait for the
-    /// message already.
+    /// Puts the message of a job or chunk into the stream, once, and announces it to an idle worker; `announced` is
+    /// an announcement that has been made already.
     ///
     /// # Errors
-    /// The servers do not answer, so that it may be there or not.
+    /// The servers do not answer, so that the message may be in the stream or not.
     pub async fn enqueue(
         &self,
         id: impl fmt::Display,
@@ -314,16 +316,17 @@ impl Exchange {
         Ok(())
     }
 
-    /// Removes the message of a job, or of a chunk, that waits.
+    /// Removes the message of a job or chunk that waits.
     ///
     /// # Errors
     /// The servers do not answer.
     pub async fn dequeue(&self, id: impl fmt::Display, client: Client) -> Result<(), Away> {
         self.near()?;
-        // By its number: a consumer of Debian's server counts wrongly what is left after a purge by subject.
+        // The message is removed by its number: after a purge by subject, consumers of some NATS servers (as in
+        // Debian) count the remaining messages wrongly.
         match self.messages.get_last_raw_message_by_subject(&self.job_subject(id, client)).await {
             Ok(message) => {
-                // One that has been acknowledged in between is not there any more.
+                // A message that has been acknowledged in between is not in the stream any more.
                 let _ = self.messages.delete_message(message.sequence).await;
                 Ok(())
             }
@@ -341,17 +344,17 @@ impl Exchange {
     }
 }
 
-/// The key of the entry of a job.
+/// Returns the key of the entry of a job in the bucket of states.
 pub fn job_key(id: JobId) -> String {
     format!("job.{id}")
 }
 
-/// The job in whose id a subject or a key ends.
+/// Parses the job whose id is the last token of a subject or key.
 pub fn job_of(subject: &str) -> Option<JobId> {
     subject.rsplit('.').next()?.parse().ok()
 }
 
-/// Logs why a request failed.
+/// Logs why a request to the NATS servers failed.
 pub fn away(error: &dyn fmt::Display) -> Away {
     tracing::warn!(%error, "the NATS servers do not answer");
     Away
@@ -398,20 +401,20 @@ async fn connect(options: &Nats, role: &str, connected: &Arc<Mutex<Instant>>) ->
     }
 }
 
-/// Whether it is no use to try again.
+/// Whether an error of a connection attempt makes further attempts useless.
 fn is_final(kind: ConnectErrorKind) -> bool {
     use ConnectErrorKind::{Authentication, AuthorizationViolation, ServerParse, Tls};
     matches!(kind, Authentication | AuthorizationViolation | ServerParse | Tls)
 }
 
-/// Reads a file with a secret, without the white space around it.
+/// Reads a file with a secret, without the white space around the secret.
 fn secret(path: &Path) -> io::Result<String> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))?;
     Ok(text.trim().to_owned())
 }
 
-/// The pause before an attempt to connect again.
+/// Returns the pause before the next attempt to connect, after `attempts` attempts.
 fn pause_before(attempts: usize) -> Duration {
     let doublings = u32::try_from(attempts.saturating_sub(1)).unwrap_or(u32::MAX);
     FIRST_PAUSE.saturating_mul(2_u32.saturating_pow(doublings)).min(LONGEST_PAUSE)
@@ -460,7 +463,8 @@ async fn bucket(
     match jetstream.get_key_value(&bucket).await {
         Ok(bucket) => Ok(bucket),
         Err(_) => {
-            // What the library makes of a bucket (ADR-8 of NATS): by itself, it asks servers before 2.10 what they do not know.
+            // The configuration of a bucket (ADR-8 of NATS) is given explicitly: that of the client library contains
+            // settings that servers before 2.10 do not know.
             let config = stream::Config {
                 name: format!("KV_{bucket}"),
                 description: Some(description.to_owned()),

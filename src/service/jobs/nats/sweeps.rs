@@ -1,13 +1,15 @@
-//! A sweep that workers share. The worker that has claimed it *divides* it: chunks become messages in the line of the client,
-//! whoever takes one writes its rows, and in the end the divider makes the table of them, as a service on one machine does.
-//! Dividing takes no place of the worker, which takes other messages meanwhile, chunks of the same sweep included.
+//! A sweep that workers share. The worker that has claimed it, its divider, turns chunks into messages in the queue
+//! of the client; the worker that takes such a message solves the chunk and writes its rows, and in the end the
+//! divider makes the table of the rows, as a service on one machine does. Dividing occupies no solver process of the
+//! divider, which takes other messages meanwhile, including chunks of the sweep.
 //!
-//! 1. Chunks are solved in the place that took the sweep for [`UNSHARED`]: most sweeps are over then.
-//! 2. Then the rows so far are written, and chunks are put into the queue, always some more than workers have taken. Entries
-//!    of chunks say what has become of them; the divider follows them, and fetches rows as they come.
-//! 3. A divider that is lost is replaced as the worker of any job is: the next begins with the rows and the chunks that it
-//!    finds, and lets who solves a chunk go on.
-//! 4. Chunks and rows are removed when the entry of the job says that it has ended, before its message is acknowledged.
+//! 1. For the time [`UNSHARED`], the divider solves chunks itself: most sweeps are over then.
+//! 2. Then the rows so far are written, and chunks are put into the queue, always some more than workers have taken.
+//!    Entries of chunks report their outcomes; the divider follows the entries, and fetches rows as they come.
+//! 3. A divider that is lost is replaced as the worker of any job is: the next divider begins with the rows and
+//!    chunks that it finds, and leaves claimed chunks to their workers.
+//! 4. Chunks and rows are removed when the entry of the job says that it has ended, before its message is
+//!    acknowledged.
 
 mod here;
 
@@ -36,41 +38,44 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// The time for which the worker that took a sweep is alone with it: long beside the writes and reads of a chunk.
+/// The time for which the worker that took a sweep solves it alone: long compared with the writes and reads of a
+/// chunk.
 const UNSHARED: Duration = Duration::from_millis(100);
 
-/// The number of workers that a sweep is divided for as long as none has taken a chunk.
+/// The number of workers assumed for the size of chunks as long as no worker has taken a chunk.
 const EXPECTED: usize = 4;
 
 /// The least number of chunks that wait for workers.
 const WAITING: usize = 2;
 
-/// The largest number of sweeps that one worker divides at a time: each has its rows in a file and follows its chunks. Others
-/// are given back after a chunk.
+/// The largest number of sweeps that one worker divides at a time: each has its rows in a file and follows its
+/// chunks. Further sweeps are given back after a chunk.
 const MOST_DIVIDED: usize = 64;
 
-/// The number of chunks that are halved when they have taken workers down, to find the member that does; the members of
-/// further ones are set aside together. One member in a chunk of the largest size is found by half of these.
+/// The number of chunks that are halved after they made workers die, to find the member that does so; the members of
+/// further such chunks are set aside together. Half of this number suffices to find one member in a chunk of the
+/// largest size.
 const HALVED: usize = 16;
 
-/// The interval at which the divider looks whether the sweep is still its own, and the chunks as it was told.
+/// The interval at which the divider checks whether it still has the claim to the sweep, and reads the entries of the
+/// chunks.
 const LOOK: Duration = Duration::from_secs(5);
 
-/// The interval at which it looks after chunks that are to stop.
+/// The interval at which the divider checks chunks that have been asked to stop.
 const STOPPING: Duration = Duration::from_millis(200);
 
-/// How the division of a sweep ended.
+/// The way in which the division of a sweep ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Divided {
-    /// The job has ended, or has been left.
+    /// The job of the sweep has ended, or has been given back.
     Settled,
-    /// There is no room for another divided sweep.
+    /// The worker divides the largest number of sweeps already.
     Full,
-    /// Another worker divides it.
+    /// Another worker has claimed the sweep.
     Lost,
 }
 
-/// A sweep that this worker divides.
+/// A sweep that this worker has claimed and divides.
 struct Sweep<'w> {
     worker: &'w Arc<Worker>,
     job: Arc<Job>,
@@ -80,34 +85,34 @@ struct Sweep<'w> {
     document: Arc<[u8]>,
     entry: (Entry, u64),
     attempt: u32,
-    /// The number of the next chunk.
+    /// The number that the next chunk of the sweep gets.
     number: u32,
-    /// When the time that the client allows is over.
+    /// The time up to which the client allows the sweep to run.
     until: Option<Timestamp>,
-    /// The chunks that others solve, or that wait, with whether a worker has claimed them.
+    /// The chunks that wait or that other workers solve; the flag says whether a worker has claimed the chunk.
     out: HashMap<PartId, (Chunk, bool)>,
-    /// The chunk that is solved here.
+    /// The chunk that the divider itself solves.
     here: Option<Here>,
-    /// What was solved here, and is not written yet.
+    /// The outcomes and rows of chunks that the divider has solved and not written to the servers.
     unwritten: Vec<(PartId, Chunk, Done, Vec<u8>)>,
     rows: RowFile,
     stopping_since: Option<Instant>,
-    /// The number of chunks that have taken workers down.
+    /// The number of chunks that have made workers die.
     poisoned: usize,
-    /// Chunks have entries.
+    /// Whether chunks of the sweep have entries.
     has_parts: bool,
-    /// The sweep is one of those that the worker divides for others.
+    /// The count of this sweep among those that the worker divides for others, once it is shared.
     counted: Option<Counted<'w>>,
 }
 
-/// A count of one until it is dropped.
+/// A count of one, which is subtracted when this value is dropped.
 struct Counted<'w>(&'w AtomicUsize);
 
 impl<'w> Counted<'w> {
-    /// Counts one more, up to `most`.
+    /// Adds one to `count`, unless it has reached `most`.
     fn within(count: &'w AtomicUsize, most: usize) -> Option<Self> {
         let more = |count: usize| (count < most).then_some(count + 1);
-        // Only then: one that is made and dropped would count one less.
+        // The value is made only on success: making and dropping it otherwise would subtract one.
         count.fetch_update(Relaxed, Relaxed, more).is_ok().then(|| Self(count))
     }
 }
@@ -118,19 +123,19 @@ impl Drop for Counted<'_> {
     }
 }
 
-/// The file of the rows, which is removed with it.
+/// The file of the rows of a sweep, which is removed when this value is dropped.
 struct RowFile(PathBuf);
 
 impl Drop for RowFile {
     fn drop(&mut self) {
-        // It may not have been needed.
+        // Removal fails if no file was needed, which is harmless.
         let _ = fs::remove_file(&self.0);
     }
 }
 
 impl Worker {
-    /// Has a sweep solved, in part by others. `is_new` says that no worker has had it before; `place` is freed when nothing of
-    /// it is solved there any more.
+    /// Solves a sweep, in part by other workers. `is_new` says that no worker has had the sweep before; `place` is
+    /// dropped when this worker solves no chunk in it any more.
     pub async fn divide(
         self: &Arc<Self>,
         claimed: Claimed,
@@ -200,7 +205,7 @@ impl Worker {
 }
 
 impl Sweep<'_> {
-    /// Divides the sweep until its job has ended or has been left.
+    /// Divides the sweep until its job has ended or has been given back.
     async fn go(&mut self, place: &mut Option<Place>) -> Divided {
         let (alone_until, mut following) = (Instant::now() + UNSHARED, JoinSet::new());
         let mut told: Option<UnboundedReceiver<(PartId, Part)>> = None;
@@ -284,7 +289,7 @@ impl Sweep<'_> {
         lifecycle.parked || matches!(lifecycle.state, State::Ended(_))
     }
 
-    /// Takes over the rows and the chunks of those who divided the sweep before.
+    /// Takes over the rows and the chunks of the workers that divided the sweep before.
     async fn adopt(&mut self) {
         let id = self.job.id;
         let mut parts = loop {
@@ -296,14 +301,15 @@ impl Sweep<'_> {
         };
         let of_attempt = parts.iter().filter(|(part, _)| part.attempt == self.attempt);
         self.number = of_attempt.map(|(part, _)| part.number + 1).max().unwrap_or(0);
-        // First those that are done, as they were made: members that they did not come to may be in later ones.
+        // Finished chunks come first, in the order in which they were made: members that they did not solve may be in
+        // later chunks.
         parts.sort_unstable_by_key(|(part, _)| (part.attempt, part.number));
         let (done, waiting): (Vec<_>, Vec<_>) = parts.into_iter().partition(|(_, part)| part.done.is_some());
         for (part_id, part) in done {
             let chunk = match part.done {
                 Some(Done::Rows { rows, .. }) => Chunk { members: part.first..part.first + rows, lost: part.lost },
                 Some(Done::Poisoned) => part.chunk(),
-                // Of others, nothing is left.
+                // Chunks with other outcomes have left no rows.
                 _ => continue,
             };
             if let Some(done) = part.done
@@ -318,7 +324,7 @@ impl Sweep<'_> {
             if !self.chunks.adopt(&chunk.members) {
                 continue;
             }
-            // Who made it may have died before it was in the queue.
+            // The worker that made the chunk may have died before the message was in the queue.
             let client = self.job.client;
             while let Ok(false) | Err(_) = self.worker.exchange.is_queued(part_id, client).await {
                 match self.worker.exchange.enqueue(part_id, client, bare(), None).await {
@@ -330,7 +336,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Follows the entries of the chunks from now on.
+    /// Subscribes to the entries of the sweep's chunks.
     fn follow(&self, following: &mut JoinSet<()>) -> UnboundedReceiver<(PartId, Part)> {
         let (tell, told) = unbounded_channel();
         let (worker, id) = (Arc::clone(self.worker), self.job.id);
@@ -338,7 +344,7 @@ impl Sweep<'_> {
             let filter = format!("part.{id}.*");
             let came = |key: &str, text: Option<&[u8]>| {
                 if let (Some(part_id), Some(part)) = (PartId::of_key(id, key), text.and_then(Part::read)) {
-                    // Its receiver outlives this.
+                    // Sending cannot fail, since the receiver outlives this task.
                     let _ = tell.send((part_id, part));
                 }
             };
@@ -347,7 +353,7 @@ impl Sweep<'_> {
         told
     }
 
-    /// Whether more chunks are to wait for workers.
+    /// Whether more chunks are to be put into the queue.
     fn wants_more(&self) -> bool {
         let claimed = self.out.values().filter(|(_, is_claimed)| *is_claimed).count();
         self.out.len() - claimed < WAITING.max(claimed)
@@ -359,7 +365,7 @@ impl Sweep<'_> {
         id
     }
 
-    /// Puts the next chunk into the queue; returns whether there was one.
+    /// Puts the next chunk into the queue; returns false if there was none.
     async fn post(&mut self) -> bool {
         let workers = self.out.len() + usize::from(self.here.is_some());
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
@@ -375,13 +381,13 @@ impl Sweep<'_> {
     /// Writes the entry of a chunk that has none.
     async fn enter(&mut self, id: PartId, part: &Part) {
         self.has_parts = true;
-        // One that is there already was written by an attempt at this whose answer was lost.
+        // An existing entry was written by an attempt of this call whose answer was lost.
         while self.worker.exchange.create(&id.key(), part.text()).await.is_err() {
             sleep(PAUSE).await;
         }
     }
 
-    /// An entry of a chunk has changed.
+    /// Updates the state of a chunk by its new entry.
     async fn came(&mut self, id: PartId, part: Part) {
         let Some((_, is_claimed)) = self.out.get_mut(&id) else { return };
         *is_claimed = part.claim.is_some();
@@ -392,7 +398,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Counts out what has become of a chunk, and fetches its rows.
+    /// Records the outcome of a chunk, and fetches its rows.
     async fn count(&mut self, id: PartId, chunk: &Chunk, done: Done) {
         let first = chunk.members.start;
         let (solved, time) = match done {
@@ -448,7 +454,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// A sweep that goes on is not what earlier workers were lost by.
+    /// Clears the suspicion against the sweep: since it has progressed, it was not the cause of earlier losses of
+    /// workers.
     async fn note_progress(&mut self) {
         let (entry, revision) = &self.entry;
         let claim = entry.claim.clone();
@@ -471,7 +478,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Takes back the chunks that no worker has claimed; in the end, all: those whose workers do not answer any more.
+    /// Withdraws the chunks that no worker has claimed; after a time limit all chunks, since their workers do not
+    /// answer.
     async fn withdraw(&mut self) {
         let since = *self.stopping_since.get_or_insert_with(Instant::now);
         let all = since.elapsed() > self.worker.exchange.lost_after.max(LAST_CALL);
@@ -489,12 +497,12 @@ impl Sweep<'_> {
             match changed.await {
                 Ok(Some((part, _))) => {
                     if matches!(part.done, Some(Done::Withdrawn)) {
-                        // A worker that takes it finds that it is not wanted.
+                        // If removing the message fails, a worker that takes it finds that the chunk is withdrawn.
                         let _ = self.worker.exchange.dequeue(id, self.job.client).await;
                     }
                     self.came(id, part).await;
                 }
-                // The client has deleted the job.
+                // The entry is missing, since the client has deleted the job.
                 Ok(None) => {
                     if let Some((chunk, _)) = self.out.remove(&id) {
                         self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
@@ -505,13 +513,14 @@ impl Sweep<'_> {
         }
     }
 
-    /// Looks at the chunks, of which news may have been lost; returns whether the sweep is still this worker's.
+    /// Reads the entries of the chunks, in case a change was missed; returns whether this worker still has the claim
+    /// to the sweep.
     async fn look(&mut self) -> bool {
         let exchange = &self.worker.exchange;
         let claim = &self.entry.0.claim;
         match exchange.entry(self.job.id).await {
             Ok(Some((entry, _))) if entry.record.ended.is_some() || entry.claim != *claim => return false,
-            // The client has deleted it, which is told as a wish to stop.
+            // If the client has deleted the job, the request to stop it arrives separately.
             Ok(_) | Err(_) => {}
         }
         let ids: Vec<PartId> = self.out.keys().copied().collect();
@@ -531,17 +540,17 @@ impl Sweep<'_> {
 }
 
 impl Jobs {
-    /// Takes a sweep on that another process has admitted, to be divided here.
+    /// Creates the job of a sweep that another process has admitted, to be divided by this worker.
     fn take_charge(&self, id: JobId, record: &Record, facts: SweepFacts, document: &Arc<[u8]>) -> Arc<Job> {
         let record = Record { key: None, ..record.clone() };
         let job = Arc::new(Job::taken_on(id, record, Some(Chunks::new(facts)), Arc::clone(document)));
-        // Without a key, nothing is in its way.
+        // Insertion succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         job
     }
 }
 
-/// Waits until a job has settled, if there is one.
+/// Waits until a job has ended or was parked; without a job, waits for ever.
 async fn settled(job: Option<Arc<Job>>) -> Option<Arc<Ended>> {
     match job {
         Some(job) => job.settled().await,
@@ -549,7 +558,7 @@ async fn settled(job: Option<Arc<Job>>) -> Option<Arc<Ended>> {
     }
 }
 
-/// The next of what is told, if anything is.
+/// Receives the next value, if there is a channel; without one, waits for ever.
 async fn next<T>(told: &mut Option<UnboundedReceiver<T>>) -> Option<T> {
     match told {
         Some(told) => told.recv().await,

@@ -1,4 +1,5 @@
-//! Specifications and results: values of a bucket, or objects if they are longer than a message may be.
+//! Specifications, results and rows on NATS servers: values of a bucket, or objects if they are longer than a message
+//! may be.
 
 use super::entry::{Entry, SHORT};
 use super::servers::{Away, Exchange, ONE_MESSAGE, Trouble, away};
@@ -13,11 +14,11 @@ use std::sync::Arc;
 use tokio::io::AsyncReadExt;
 use tokio::task::spawn_blocking;
 
-/// The size of a piece in which an object is read.
+/// The size of the pieces in which an object is read, in bytes.
 const PIECE: usize = 128 << 10;
 
 impl Exchange {
-    /// Writes a text.
+    /// Stores a text under `name`.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -29,13 +30,13 @@ impl Exchange {
         self.objects.put(name, &mut text.as_slice()).await.map(|_| ()).map_err(|error| away(&error))
     }
 
-    /// Writes a text to `to`; returns whether there is one.
+    /// Copies the text stored under `name` to `to`; returns false if there is none.
     ///
     /// # Errors
-    /// The servers do not answer, or the text is cut off, or `to` cannot be written.
+    /// The servers do not answer, the text is incomplete, or `to` cannot be written.
     async fn copy(&self, name: &str, to: &mut (impl Write + Send)) -> io::Result<bool> {
         self.near()?;
-        // Any of the servers that keep it has it at hand; one that has yet to get it does not say so.
+        // Any server with a replica answers; one that is behind may not have the text, and then the leader is asked.
         let value = match self.data.get(name).await {
             Ok(Some(value)) => Some(value),
             Ok(None) | Err(_) => self.last(&self.data, name).await?.map(|message| message.payload),
@@ -57,10 +58,10 @@ impl Exchange {
         }
     }
 
-    /// The specification of a job.
+    /// Returns the specification of a job.
     ///
     /// # Errors
-    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if the specification is missing.
     pub async fn document(&self, id: JobId) -> io::Result<Vec<u8>> {
         match self.entry(id).await {
             Ok(Some((entry, _))) => self.document_of(id, &entry).await,
@@ -69,10 +70,10 @@ impl Exchange {
         }
     }
 
-    /// The specification of a job with this entry.
+    /// Returns the specification of a job whose entry is `entry`.
     ///
     /// # Errors
-    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if the specification is missing.
     pub async fn document_of(&self, id: JobId, entry: &Entry) -> io::Result<Vec<u8>> {
         if let Some(document) = &entry.document {
             return Ok(document.clone().into_bytes());
@@ -81,7 +82,7 @@ impl Exchange {
         if self.copy(&document_name(id), &mut text).await? { Ok(text) } else { Err(gone()) }
     }
 
-    /// Writes the results of an attempt; returns where they are held.
+    /// Stores the results of an attempt at a job; returns the place to record in the job's entry.
     ///
     /// # Errors
     /// The servers do not answer, or results in a file cannot be read.
@@ -103,10 +104,10 @@ impl Exchange {
         Ok(held)
     }
 
-    /// The results of an attempt; long ones in a temporary file.
+    /// Returns the results of an attempt at a job; long ones in a temporary file.
     ///
     /// # Errors
-    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if they are damaged or not there.
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if the results are damaged or missing.
     pub async fn results(&self, id: JobId, attempt: u32, held: &Held) -> io::Result<Arc<Results>> {
         let name = results_name(id, attempt);
         Ok(Arc::new(match held {
@@ -130,7 +131,7 @@ impl Exchange {
         }))
     }
 
-    /// The results that stand in the entry of a job, if they are short; empty if they do not.
+    /// Returns the results that are stored in the entry of a job, if they are short; empty if there are none.
     async fn short_results(&self, id: JobId, bytes: usize) -> Result<Vec<u8>, Away> {
         if bytes > SHORT {
             return Ok(Vec::new());
@@ -142,7 +143,7 @@ impl Exchange {
         }
     }
 
-    /// Writes rows of a sweep under a name.
+    /// Stores rows of a sweep under a name.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -150,16 +151,16 @@ impl Exchange {
         self.put(name, rows.to_vec()).await
     }
 
-    /// Rows of a sweep.
+    /// Returns the rows of a sweep that are stored under a name.
     ///
     /// # Errors
-    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if they are damaged or not there.
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if the rows are damaged or missing.
     pub async fn rows(&self, name: &str, digest: Digest) -> io::Result<Vec<u8>> {
         let mut rows = Vec::new();
         if self.copy(name, &mut rows).await? { digest.vouch(rows) } else { Err(gone()) }
     }
 
-    /// Removes the results of an attempt.
+    /// Removes the results of an attempt at a job.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -167,7 +168,7 @@ impl Exchange {
         self.remove(&results_name(id, attempt)).await
     }
 
-    /// Removes a text.
+    /// Removes the text stored under `name`.
     ///
     /// # Errors
     /// The servers do not answer.
@@ -184,12 +185,12 @@ impl Exchange {
     }
 }
 
-/// The name of the specification of a job.
+/// Returns the name under which the specification of a job is stored.
 pub fn document_name(id: JobId) -> String {
     format!("document.{id}")
 }
 
-/// The name of the results of an attempt at a job.
+/// Returns the name under which the results of an attempt at a job are stored.
 fn results_name(id: JobId, attempt: u32) -> String {
     format!("results.{id}.{attempt}")
 }

@@ -1,4 +1,4 @@
-//! How a worker over NATS works: flags with their environment variables.
+//! The options of a worker that takes jobs over NATS: command-line flags with their environment variables.
 
 use super::options::Nats;
 use crate::options::Options;
@@ -7,7 +7,7 @@ use jiff::SignedDuration;
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::time::Duration;
 
-/// The options of a worker.
+/// The options of a worker that takes jobs over NATS.
 #[derive(Args, Clone, Debug)]
 pub struct WorkOptions {
     /// The servers over which jobs are shared with other machines
@@ -46,7 +46,7 @@ impl Default for WorkOptions {
     }
 }
 
-/// Parses a time such as `10m` or `90s`.
+/// Parses a duration such as `10m` or `90s`.
 fn duration(text: &str) -> Result<Duration, String> {
     let time: SignedDuration = text.parse().map_err(|error| format!("{error}; write a time such as 10m"))?;
     time.try_into().map_err(|_| "write a time such as 10m".to_owned())

@@ -1,5 +1,5 @@
-//! A worker: it takes jobs from the servers, has the processes that it supervises solve them, and gives the results back.
-//! Within, it is a service in memory of its own, whose only client is the queue.
+//! A worker over NATS: it takes jobs from the servers, lets the processes that it supervises solve them, and returns
+//! the results. Internally, it is a service in memory, whose only client is the queue on the servers.
 //!
 //! It only connects to the servers, and nothing connects to it, so that it runs wherever these can be reached.
 
@@ -31,26 +31,26 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep, timeout};
 use uuid::Uuid;
 
-/// The interval at which progress is told, and that at which it is written for gateways that come later.
+/// The interval at which progress is published, and that at which it is stored for gateways that start later.
 const TELL: Duration = Duration::from_millis(100);
 const KEEP: Duration = Duration::from_secs(5);
 
-/// The signs of life of a worker within the time after which it counts as lost.
+/// The number of signs of life that a worker sends within the time after which it counts as lost.
 const BEATS: u32 = 4;
 
-/// The time that another worker has to say whether it has a job.
+/// The time limit for sending what remains when the worker stops.
 const ANSWER: Duration = Duration::from_secs(2);
 
-/// The time for solves that are left to reach their next step.
+/// The time limit for solves that are stopped to reach their next step.
 pub const LAST_CALL: Duration = Duration::from_secs(10);
 
-/// The pause before something is tried again, and before a job is looked at again whose entry is not there yet.
+/// The pause before a failed request is repeated, and before a job is tried again whose entry could not be read.
 pub const PAUSE: Duration = Duration::from_millis(500);
 
 /// The time for which a job of another version is left to a worker that can read it.
 pub const OTHERS: Duration = Duration::from_secs(10);
 
-/// The worker and the jobs that it has.
+/// The state of a worker, with the jobs that it has.
 pub struct Worker {
     pub name: String,
     pub exchange: Exchange,
@@ -59,13 +59,13 @@ pub struct Worker {
     mine: Mutex<HashMap<Work, Option<Arc<Job>>>>,
     /// The number of sweeps that this worker divides for others.
     pub divided: AtomicUsize,
-    /// The specification of the sweep that the worker last had a chunk of.
+    /// The specification of the sweep of which the worker last had a chunk.
     latest: Mutex<Option<(JobId, Arc<[u8]>)>>,
     compiled: Compiled,
-    /// Jobs that are to stop.
+    /// The jobs that clients have asked to stop.
     cancelled: Mutex<HashSet<JobId>>,
     until_idle: Option<Duration>,
-    /// When a job last ended.
+    /// The time at which a message of a job was last answered.
     active: Mutex<Instant>,
     is_stopping: AtomicBool,
 }
@@ -78,21 +78,21 @@ pub struct Claimed {
     pub document: Arc<[u8]>,
 }
 
-/// A place of a worker, which takes the next message when this is dropped.
+/// One of the worker's concurrent solves; when this value is dropped, the next message is taken.
 pub type Place = oneshot::Sender<()>;
 
-/// What becomes of a message.
+/// The answer to a message of the queue.
 pub enum Reply {
-    /// The job has ended, or is deleted.
+    /// Acknowledge the message: the job has ended, or is deleted.
     Acknowledge,
-    /// It is to come again after a while.
+    /// Let the message be delivered again after this time.
     Later(Duration),
-    /// Another worker has the job, and a message of its own.
+    /// Send no answer: another worker has the job, and a message of its own.
     Nothing,
 }
 
 impl Reply {
-    /// What becomes of a message whose entry is not at hand.
+    /// Returns the answer to a message whose entry could not be read.
     pub fn after(trouble: Trouble) -> Self {
         match trouble {
             Trouble::OtherVersion => Self::Later(OTHERS),
@@ -101,9 +101,9 @@ impl Reply {
     }
 }
 
-/// Works until there has been nothing to do for the time that `options` say, or until a message on `stop`; running jobs
-/// then have the grace time, which a second message cuts short. Each of the processes that `launcher` starts may take
-/// `memory_mib` for a solve.
+/// Works until there has been nothing to do for the time given in `options`, or until a message on `stop`; running
+/// jobs then have the grace time, which a second message cuts short. Each of the processes that `launcher` starts may
+/// take `memory_mib` MiB for a solve.
 ///
 /// # Errors
 /// The servers do not answer at the start, or the processes cannot be started.
@@ -165,12 +165,13 @@ pub async fn work(
             };
             if !have_ended {
                 worker.leave_jobs();
-                // A solve that does not stop is given to another worker when this one is not heard any more.
+                // A solve that does not stop is given to another worker when this worker sends no signs of life any
+                // more.
                 let _ = timeout(LAST_CALL, &mut all).await;
             }
         }
     }
-    // What has been written to the connection leaves with it.
+    // Messages that are buffered for the connection are sent before the process ends.
     let _ = timeout(ANSWER, worker.exchange.client.flush()).await;
     tracing::info!("stopped");
     drop(pool);
@@ -187,7 +188,7 @@ impl Worker {
         }
     }
 
-    /// Leaves sweeps that this worker divides to others, for it takes no more chunks itself.
+    /// Gives up the sweeps that this worker divides, since it solves no more chunks itself.
     fn leave_sweeps(&self) {
         let mine = self.mine();
         let jobs: Vec<_> = mine.iter().filter(|(work, _)| matches!(work, Work::Job(_))).collect();
@@ -197,7 +198,8 @@ impl Worker {
         }
     }
 
-    /// Takes jobs and has them solved, one after the other. Sweeps that are divided for others go on beside them.
+    /// Takes jobs and lets them be solved, one after the other. Sweeps that are divided for others continue beside
+    /// them.
     async fn take_jobs(self: &Arc<Self>) {
         let mut attended = JoinSet::new();
         while let Some((message, lost_after)) = self.lines.next(&self.exchange, || self.is_over()).await {
@@ -210,18 +212,18 @@ impl Worker {
         while attended.join_next().await.is_some() {}
     }
 
-    /// Sees to a message until it is answered.
+    /// Handles a message until it is answered, and sends signs of life meanwhile.
     async fn attend(self: &Arc<Self>, message: &Message, lost_after: Duration, place: Place) {
         let mut beats = interval_at(Instant::now() + lost_after / BEATS, lost_after / BEATS);
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let beating = async {
             loop {
                 beats.tick().await;
-                // If this is lost, the next comes in time.
+                // If a sign of life is lost, the next one comes in time.
                 let _ = message.ack_with(AckKind::Progress).await;
             }
         };
-        // Freed with the answer at the latest.
+        // The place is freed with the answer at the latest.
         let mut place = Some(place);
         let reply = tokio::select! {
             reply = self.see_to(message, lost_after, &mut place) => reply,
@@ -233,13 +235,13 @@ impl Worker {
             Reply::Nothing => Ok(()),
         };
         if let Err(error) = replied {
-            // The message comes again, and its entry says that the job has ended.
+            // The message is delivered again, and the entry then says that the job has ended.
             tracing::debug!(%error, "a message could not be answered");
         }
         *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 
-    /// Whether no more jobs are to be taken.
+    /// Whether the worker is to take no more jobs.
     fn is_over(&self) -> bool {
         let idle = self.active.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
         let is_idle = self.until_idle.is_some_and(|most| idle > most) && self.mine().is_empty();
@@ -248,11 +250,11 @@ impl Worker {
 
     async fn see_to(self: &Arc<Self>, message: &Message, lost_after: Duration, place: &mut Option<Place>) -> Reply {
         let Some(work) = Work::of(&message.subject) else {
-            // Another version knows what it is.
+            // The message is left to a worker of another version, which may know its kind.
             return Reply::Later(OTHERS);
         };
         if self.mine().contains_key(&work) {
-            // Its last signs of life came late.
+            // The message was delivered again because the worker's signs of life came late.
             return Reply::Later(lost_after);
         }
         self.mine().insert(work, None);
@@ -273,10 +275,10 @@ impl Worker {
         reply
     }
 
-    /// Solves a job, if it is small, and claims it otherwise, if it is to be solved.
+    /// Solves a job at once, if it is small, and otherwise claims it.
     async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
         let errand = Errand::read(&message.payload);
-        // A message that comes again may have ended a worker, and only a claim shows that.
+        // A message that is delivered again may have made a worker die, which only a claim records.
         if message.info().is_ok_and(|info| info.delivered == 1)
             && let Some(errand) = &errand
             && self.solve_small(id, errand).await
@@ -286,8 +288,9 @@ impl Worker {
         self.claim(id, errand, lost_after).await
     }
 
-    /// Solves a small job at once, which takes less time than to claim it, and writes its end; returns whether it has done so.
-    /// An end is refused if the entry has changed since the message was written: another has ended the job, or claimed it.
+    /// Solves a small job at once, which takes less time than to claim it, and writes its end; returns whether it has
+    /// done so. The write is refused if the entry has changed since the message was written, because another worker
+    /// has ended or claimed the job.
     async fn solve_small(&self, id: JobId, errand: &Errand) -> bool {
         let Errand { entry, revision } = errand;
         let (Some(estimate), Some(document)) = (&entry.record.estimate, &entry.document) else { return false };
@@ -302,13 +305,13 @@ impl Worker {
         let entry = Entry { record, results: Some(results), ..entry.clone() };
         match self.exchange.state.update(job_key(id), entry.text().into(), *revision).await {
             Ok(revision) => self.tell_end(id, &entry, revision).await,
-            // If the answer was lost, it is found ended.
+            // If the write succeeded and only its answer was lost, the claim that follows finds the job ended.
             Err(_) => return false,
         }
         true
     }
 
-    /// Claims a job, if it is to be solved.
+    /// Claims a job, unless its entry says that it is not to be solved.
     async fn claim(&self, id: JobId, errand: Option<Errand>, lost_after: Duration) -> Result<Claimed, Reply> {
         let mut found = match errand {
             Some(Errand { entry, revision }) => Ok(Some((entry, revision))),
@@ -348,13 +351,13 @@ impl Worker {
         }
     }
 
-    /// Ends a job whose specification is not there.
+    /// Ends a job whose specification is missing.
     async fn end_unread(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
         let ended = Ended::unsolved(crate::jobs::Ending::Broken(crate::jobs::Fault::Damaged));
         self.write_end(id, (entry, revision), &ended, None).await
     }
 
-    /// Gives a job back that was claimed.
+    /// Releases the claim to a job, so that another worker takes it.
     pub async fn release(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
         let (claim, divided) = (entry.claim.clone(), entry.divided);
         let released = self.exchange.change(id, Some((entry, revision)), |entry| {
@@ -368,7 +371,7 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The next worker finds that this one does not have it.
+            // The next worker asks this worker, which answers that it does not have the job.
             Err(_) => Reply::Later(PAUSE),
         }
     }
@@ -386,20 +389,20 @@ impl Worker {
         reply
     }
 
-    /// Has a job stop if a client wants it to.
+    /// Registers a job that is being solved, and stops it if a client wants it to stop.
     pub async fn begin(&self, job: &Arc<Job>, is_dismissed: bool) {
         self.mine().insert(Work::Job(job.id), Some(Arc::clone(job)));
         let is_cancelled = self.cancelled().contains(&job.id);
         if is_cancelled || is_dismissed {
-            // Nothing on a disk is to be changed.
+            // The job is in memory only, so that cancelling it cannot fail.
             let _ = self.jobs.cancel(job).await;
         }
     }
 
-    /// Forgets a job that has ended, or been left.
+    /// Removes a job that has ended, or was given back, from memory, and the requests and progress stored for it.
     pub async fn let_go(&self, job: &Arc<Job>, is_kept: bool) {
         let id = job.id;
-        // Before another job of this id: the same worker may take it again.
+        // The job is removed before another job of this id is added: this worker may take the job again.
         let _ = self.jobs.forget(job).await;
         if is_kept {
             let _ = self.exchange.clear(&format!("progress.{id}")).await;
@@ -409,7 +412,8 @@ impl Worker {
         }
     }
 
-    /// Tells the progress of a job until it has ended, or has been left. Returns whether the progress has been written.
+    /// Publishes the progress of a job until it has ended or is given back. Returns its end, and whether progress has
+    /// been stored.
     pub async fn follow_job(&self, job: &Arc<Job>) -> (Option<Arc<Ended>>, bool) {
         let (id, attempt) = (job.id, job.attempt());
         let mut looks = interval_at(Instant::now() + TELL, TELL);
@@ -431,7 +435,7 @@ impl Worker {
                 last = now;
                 told = progress.events.last().map_or(told, |(number, _)| *number);
                 let text = serde_json::to_vec(&Told { attempt, progress }).unwrap_or_default();
-                // Who does not hear it hears the next.
+                // A lost report of progress is made up for by the next.
                 let _ = self.exchange.client.publish(self.exchange.subject("progress", id), text.into()).await;
             }
             if kept.elapsed() > KEEP && self.exchange.is_near() {
@@ -443,7 +447,7 @@ impl Worker {
         }
     }
 
-    /// Writes results and end of a job, however long it takes.
+    /// Writes the results and the end of a job, with retries until the servers accept them.
     pub async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
         let (id, attempt) = (job.id, job.attempt());
         let (mut ended, results) =
@@ -489,7 +493,7 @@ impl Worker {
                 is_mine
             });
             match change.await {
-                // An answer that was lost on its way is found here as well.
+                // An end whose confirmation was lost on its way is recognized here as well.
                 Ok(Some((entry, revision))) if entry.record.ended.is_some() && entry.record.crashes + 1 == attempt => {
                     self.tell_end(id, &entry, revision).await;
                     return Reply::Acknowledge;
@@ -499,7 +503,7 @@ impl Worker {
                     let _ = self.exchange.remove_results(id, attempt).await;
                     return Reply::Nothing;
                 }
-                // The client has deleted it.
+                // The entry is missing, since the client has deleted the job.
                 Ok(None) => {
                     let _ = self.exchange.remove_results(id, attempt).await;
                     return Reply::Acknowledge;
@@ -510,29 +514,30 @@ impl Worker {
         }
     }
 
-    /// Tells gateways the end of a job, which they hear of later otherwise.
+    /// Sends the end of a job to gateways, which would otherwise learn of it later.
     async fn tell_end(&self, id: JobId, entry: &Entry, revision: u64) {
         let text = Errand::text(entry, revision);
         let _ = self.exchange.client.publish(self.exchange.subject("ended", id), text.into()).await;
     }
 
-    /// The specification of the sweep that the worker last had a chunk of.
+    /// Locks and returns the specification of the sweep of which the worker last had a chunk.
     pub fn latest(&self) -> MutexGuard<'_, Option<(JobId, Arc<[u8]>)>> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The jobs and chunks that the worker has; those that it has begun to solve as jobs.
+    /// Locks and returns the jobs and chunks that the worker has; the value is the job in this process, once it has
+    /// begun.
     pub fn mine(&self) -> MutexGuard<'_, HashMap<Work, Option<Arc<Job>>>> {
         self.mine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The jobs that are to stop.
+    /// Locks and returns the jobs that clients have asked to stop.
     pub fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
         self.cancelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The end of a job with its short results, for its entry; `None` if results are longer, or there are none.
+/// Returns the end of a job with its short results, for its entry; `None` if results are longer, or there are none.
 fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
     let Some(Held::Memory(results)) = &ended.held else { return None };
     let json = short(results)?;
@@ -540,12 +545,12 @@ fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
 }
 
 impl Jobs {
-    /// Takes a job on that another process has admitted.
+    /// Queues a job in this process that another process has admitted.
     fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>) -> Arc<Job> {
-        // Keys are the business of who admits jobs.
+        // Idempotency keys concern only the gateways, which admit jobs.
         let record = Record { key: None, ..record.clone() };
         let job = Arc::new(Job::taken_on(id, record, None, document));
-        // Without a key, nothing is in its way.
+        // Insertion succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
         self.arrival.notify_one();

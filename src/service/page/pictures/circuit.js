@@ -1,6 +1,6 @@
-// A circuit as a ladder: nodes are rails, ground the lowest, and components stand between the rails of their nodes. It is drawn
-// from the netlist alone, for any circuit, without a crossing that could be read as a joint. Dots move with the currents; rails have
-// the colour of their voltage; what conducts is lit.
+// The picture of a circuit as a ladder: nodes are rails, ground the lowest, and components stand between the rails of
+// their nodes. It is drawn from the netlist alone, for any circuit, without crossings that could be read as
+// junctions. Dots move with the currents; rails have the colour of their voltage; conducting components are lit.
 
 import { film } from "./film.js";
 import { nearestTo } from "../plots.js";
@@ -8,13 +8,13 @@ import { number } from "../numbers.js";
 import { dot, line, surface } from "./surface.js";
 
 const FRAMES = 401;
-const MOST = 40; // components that are drawn
+const MOST = 40; // largest number of components that are drawn
 const ROW = 74; // pixels between rails
 const DOTS = 22; // pixels between the dots of a current
 
 const KINDS = { R: "resistor", C: "capacitor", L: "inductor", V: "voltage_source", I: "current_source", D: "diode", S: "switch", E: "voltage_source", H: "voltage_source", G: "current_source", F: "current_source", Z: "zener" };
 
-// The components of a circuit: {kind, name, nodes, note}.
+// Returns the components of a circuit: {kind, name, nodes, note}.
 export function componentsOf(circuit) {
   if (typeof circuit.netlist === "string") return fromNetlist(circuit.netlist);
   return (circuit.components ?? []).flatMap((component) => {
@@ -63,7 +63,8 @@ export function needs(specification) {
 
 const nodesOf = (components) => [...new Set(components.flatMap(({ nodes }) => nodes))];
 
-// Rails from the top, ground last: a node stands near those it is joined to.
+// Returns the nodes in the order of their rails from the top, ground last: a node is near those to which it is
+// joined.
 function railsOf(components) {
   const nodes = nodesOf(components).filter((node) => node !== "0");
   const order = [];
@@ -85,7 +86,7 @@ function railsOf(components) {
 export function make(specification, run, { canvas: standing } = {}) {
   const components = componentsOf(specification.problem.circuit);
   const rails = railsOf(components);
-  // Components stand in the order of their upper rails, so that rails stay short.
+  // Components are sorted by their upper rails, so that rails stay short.
   const rank = (component) => component.nodes.map((node) => rails.indexOf(node)).sort((a, b) => a - b);
   const columns = [...components].sort((a, b) => rank(a)[0] - rank(b)[0] || rank(a)[1] - rank(b)[1]);
   const current = (component) => run.fields[`i(${component.name})`];
@@ -117,7 +118,7 @@ export function make(specification, run, { canvas: standing } = {}) {
       const i0 = current(component)?.[k] ?? 0;
       const flows = Math.abs(i0) > 1e-6 * largest;
       const ink = flows ? colour("--accent") : colour("--quiet");
-      // Between two rails, never on one that it passes.
+      // A component stands between two rails, never on a rail that its wire passes.
       const rows = Math.abs(to - from) / ROW;
       const middle = Math.min(from, to) + ROW * (Math.ceil(rows / 2) - 0.5);
       const half = 22;
@@ -130,7 +131,7 @@ export function make(specification, run, { canvas: standing } = {}) {
       context.fillText(component.name, x(i) + 15, middle - 2);
       context.fillStyle = colour("--quiet");
       if (component.note && step > 60) context.fillText(component.note, x(i) + 15, middle + 12);
-      // Dots move by the charge that has passed: their speed is the current.
+      // Dots move by the charge that has passed, so that their speed is proportional to the current.
       if (!flows || !travelled[i]) return;
       const shift = ((travelled[i][k] / whole) * 60 * DOTS) % DOTS;
       const length = Math.abs(to - from);
@@ -147,7 +148,7 @@ export function make(specification, run, { canvas: standing } = {}) {
   return { element: canvas, draw, dispose, hint: "Rails are nodes, red above ground and blue below; dots move with the current; conducting components are coloured." };
 }
 
-// The charge that has passed, by the trapezoidal rule.
+// Returns the charge that has passed at each time, by the trapezoidal rule.
 function charge(t, current) {
   if (!current) return null;
   const passed = [0];
@@ -155,7 +156,7 @@ function charge(t, current) {
   return passed;
 }
 
-// A large value that is not a single spike.
+// Returns a large absolute value of a column that is not a single spike: the 98th percentile.
 function percentile(column) {
   const sizes = Float64Array.from(column, Math.abs).sort();
   return sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 0;

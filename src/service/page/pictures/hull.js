@@ -1,7 +1,8 @@
-// The convex hull of a few points in space as triangles, counter-clockwise from outside: each face of three points that has all
-// others on one side. Cubic in the number of points, which are at most a thousand and mostly eight.
+// The convex hull of a few points in space as triangles, counter-clockwise from outside: each face is spanned by
+// three points that have all others on one side. Cubic in the number of points, which is at most `MOST` and mostly
+// eight.
 
-const MOST = 120; // points; of more a part is taken
+const MOST = 120; // largest number of points; of more points only some are used
 
 export function hullOf(all) {
   const every = Math.ceil(all.length / MOST);
@@ -23,7 +24,7 @@ export function hullOf(all) {
       }
     }
   }
-  // All points of a plane are one face, a fan about its middle.
+  // Adds the face of all points in a plane, as a fan of triangles about its middle.
   function addFace(normal, heights) {
     const corners = points.map((_, i) => i).filter((i) => Math.abs(heights[i]) <= 1e-9 * size);
     const key = corners.join();

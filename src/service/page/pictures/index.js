@@ -1,5 +1,5 @@
-// The picture of what is simulated, by the type of the problem: each is drawn from the specification and a film by one time cursor. A file is
-// fetched where its picture is wanted.
+// The pictures of simulated systems, by the type of the problem: each is drawn from the specification and a film at
+// the time of one cursor. The script of a picture is fetched when the picture is wanted.
 
 import { typeOf } from "../fields.js";
 import { statesOf, viewOf } from "./kinds.js";
@@ -15,14 +15,14 @@ const LOADERS = {
 
 const BY_TYPE = { rigid_bodies: "scene", circuit: "circuit", obstacle: "obstacle", elastic: "elastic", mechanical: "plane" };
 
-// The name of the picture of a specification, nothing where there is no picture of such a problem.
+// Returns the name of the picture of a specification, or null if there is no picture of such a problem.
 export function pictureOf(specification) {
   if (specification === null || typeof specification !== "object" || !specification.problem) return null;
-  // A run that looks for a state of rest has nothing that moves.
+  // A run that looks for an equilibrium has nothing that moves.
   if (specification.steady_state) return null;
   if (viewOf(specification)) return "plane";
   return BY_TYPE[typeOf(specification)] ?? (statesOf(specification) ? "phase" : null);
 }
 
-// {needs, make} of a picture.
+// Fetches the functions {needs, make} of a picture.
 export const load = (name) => LOADERS[name]();

@@ -1,12 +1,12 @@
-// What tells the pictures apart.
+// Properties of a specification that decide which picture it gets.
 
-// The view that a user gave.
+// Returns the view that a user has given in the specification, or null.
 export const viewOf = (specification) => {
   const { view } = specification;
   return view && typeof view === "object" && Object.keys(view.points ?? {}).length > 0 ? view : null;
 };
 
-// The two states of a problem that has no others.
+// Returns the names of the two states of a problem that has exactly two, or null.
 export function statesOf(specification) {
   const [problem] = Object.values(specification.problem);
   const names = Object.keys(problem?.states ?? {});

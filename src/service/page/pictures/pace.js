@@ -1,20 +1,21 @@
-// Whether frames come fast enough, by the time from one to the next after something was drawn.
+// Measures whether frames are drawn fast enough, by the time between frames after something was drawn.
 
-const SLOWEST = 24; // frames a second below which less is drawn
-const FEWEST = 5; // frames that are judged together: those in which the browser prepares what it draws say nothing
-const LONG = 400; // milliseconds that these take together at least
+const SLOWEST = 24; // frames per second below which less is drawn
+const FEWEST = 5; // number of frames that are judged together: while the browser prepares what it draws, single frames say nothing
+const LONG = 400; // least total time of the frames judged together, in milliseconds
 
 export class Pace {
   #slow;
   #waits = false;
   #frames = [];
 
-  // Calls `slow()` where frames come more slowly than `SLOWEST` a second, again after as many more.
+  // Calls `slow()` if frames are slower than `SLOWEST` per second, and again after as many more slow frames.
   constructor(slow) {
     this.#slow = slow;
   }
 
-  // Something was drawn. What the browser does until it asks for the frame after the next is what it cost: a reader who stops costs nothing.
+  // Measures a frame in which something was drawn: its cost is the time between the next two frames. While nothing is
+  // drawn, nothing is measured.
   frame() {
     if (this.#waits) return;
     this.#waits = true;
@@ -26,7 +27,7 @@ export class Pace {
     );
   }
 
-  // By the median: a page that was out of sight for a while has one long frame.
+  // Judges by the median: a page that was out of view for a while has one long frame.
   #judge(time) {
     this.#frames.push(time);
     const sum = this.#frames.reduce((all, one) => all + one, 0);

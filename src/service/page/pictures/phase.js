@@ -1,5 +1,5 @@
-// The phase plane of a Filippov system, or of any problem with two states: the trajectory, the surfaces where the rates jump, and
-// the parts along which it slides.
+// The phase plane of a Filippov system, or of any problem with two states: the trajectory, the surfaces where the
+// rates jump, and the parts of the surfaces along which the trajectory slides.
 
 import { compile, parameterValues } from "../expressions.js";
 import { range } from "../fields.js";
@@ -9,21 +9,21 @@ import { statesOf } from "./kinds.js";
 import { dot, line, surface } from "./surface.js";
 
 const FRAMES = 801;
-const CELLS = 90; // along each axis, over which the surface is sought
-const INSIDE = 1e-6; // a share away from 0 and 1 by more than this slides
+const CELLS = 90; // number of cells along each axis in which the surface is located
+const INSIDE = 1e-6; // the system slides if the weight of one side differs from 0 and 1 by more than this
 
 export function needs(specification) {
   if (!statesOf(specification)) return null;
   return { ...film(specification), output: { times: { count: FRAMES } } };
 }
 
-// Functions that are zero where the rates jump.
+// Returns functions of the state that are zero where the rates jump.
 function surfacesOf({ filippov }) {
   if (!filippov) return [];
   if (filippov.surface !== undefined) return [compile(filippov.surface)].filter((one) => one !== null);
   const indicators = (filippov.regions ?? []).map(({ indicator }) => compile(indicator));
   if (indicators.some((one) => one === null)) return [];
-  // Between two regions both indicators are the least: the difference is zero, and none is less.
+  // On the surface between two regions both indicators are equal, and no other indicator is smaller.
   return indicators.flatMap((a, i) =>
     indicators.slice(i + 1).map((b) => (scope) => {
       const both = [a(scope), b(scope)];
@@ -44,7 +44,7 @@ export function make(specification, run, { canvas: standing } = {}) {
   const slides = (k) => specification.problem.filippov !== undefined && shares.some((share) => share[k] > INSIDE && share[k] < 1 - INSIDE);
   let time = run.t[0];
 
-  // The parts of all surfaces: sought at each time anew where the time moves them, else once.
+  // The segments of all surfaces: located anew at each time if they depend on time, otherwise once.
   let sought = null;
   const zeros = () => {
     if (sought !== null) return sought;
@@ -100,7 +100,7 @@ export function make(specification, run, { canvas: standing } = {}) {
   return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint };
 }
 
-// The zero lines of a function by marching squares: in each cell, segments between the zeros on its edges.
+// Returns the zero lines of a function by marching squares: segments between the zeros on the edges of each cell.
 function zeroLines(f, [x0, x1], [y0, y1]) {
   const [dx, dy] = [(x1 - x0) / CELLS, (y1 - y0) / CELLS];
   const values = [];

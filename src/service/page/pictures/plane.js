@@ -1,5 +1,6 @@
-// A system in a plane as its `view` describes it: points as expressions, some with a radius, and segments between them. Without a
-// view a mechanical system shows its gaps as bars. A contact flashes at an impact and stays lit while it is closed.
+// The picture of a system in a plane, as its `view` describes it: points as expressions, some with a radius, and
+// segments between them. Without a view, a mechanical system is shown by bars for its gaps. A contact flashes at an
+// impact and stays lit while it is closed.
 
 import { compile, parameterValues } from "../expressions.js";
 import { number } from "../numbers.js";
@@ -10,8 +11,8 @@ import { range } from "../fields.js";
 import { dot, fitted, line, surface } from "./surface.js";
 
 const FRAMES = 601;
-const FLASH = 0.02; // of the horizon, for which an impact is seen
-const CLOSED = 1e-4; // of the largest gap
+const FLASH = 0.02; // fraction of the time horizon for which an impact is visible
+const CLOSED = 1e-4; // fraction of the largest gap below which a contact counts as closed
 
 const contactsOf = (specification) => {
   const contacts = specification.problem.mechanical?.contacts;
@@ -23,7 +24,7 @@ export function needs(specification) {
   return { ...film(specification), output: { times: { count: FRAMES } } };
 }
 
-// What a name stands for at a time: a field, a parameter, or a definition in these.
+// Returns a function that gives the value of a name at a time: a field, a parameter, or a definition in these.
 function scopeOf(specification, run) {
   const [problem] = Object.values(specification.problem);
   const parameters = parameterValues(problem.parameters);
@@ -64,7 +65,7 @@ function drawn(specification, run, view, standing) {
   const xs = range(seen.flatMap(([x, , r = 0]) => [x - r, x + r]));
   const ys = range(seen.flatMap(([, y, r = 0]) => [y - r, y + r]));
   const contacts = contactsOf(specification);
-  const frames = []; // the places at the times of the run, as they are first wanted
+  const frames = []; // the positions at the times of the run, computed when first needed
   const placesOf = (k) => (frames[k] ??= placesAt({ k, part: 0 }, run.t[k]));
   let time = run.t[0];
   const paint = (context, size) => {
@@ -94,7 +95,7 @@ function drawn(specification, run, view, standing) {
   return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint: "Drawn by `view`; lines behind points are their paths." };
 }
 
-// Whether a contact is closed, and how recently it was struck: 1 at an impact, 0 long after.
+// Returns whether a contact is closed, and how recently an impact occurred: `flash` is 1 at an impact, 0 long after.
 function state(run, name, time) {
   const gap = run.fields[`${name}_gap`];
   const horizon = run.t.at(-1) - run.t[0];

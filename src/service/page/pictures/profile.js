@@ -1,5 +1,5 @@
-// Fields over space: the height of a membrane or a price over its obstacle, the deformation of strings, bars and blocks, with the
-// zone of contact coloured. A rectangle is a map seen from above.
+// The picture of fields over space: the height of a membrane or a price over its obstacle, the deformation of
+// strings, bars and blocks, with the contact zone coloured. A field on a rectangle is a map seen from above.
 
 import { parameterValues, compile } from "../expressions.js";
 import { number } from "../numbers.js";
@@ -8,9 +8,9 @@ import { between, film, mixed } from "./film.js";
 import { dot, fitted, line, surface } from "./surface.js";
 
 const FRAMES = 121;
-const ON_LINE = 161; // probes over an interval
-const ON_SIDE = 41; // over each side of a rectangle
-const TOUCHES = 1e-6; // of the range of u: a distance below it is contact
+const ON_LINE = 161; // number of sample points over an interval
+const ON_SIDE = 41; // number of sample points along each side of a rectangle
+const TOUCHES = 1e-6; // fraction of the range of u: a smaller distance is contact
 const MOST_NODES = 4000;
 
 const scopeOf = (problem) => {
@@ -29,7 +29,7 @@ const numberIn = (expression, scope) => {
 
 const spread = ([from, to], count) => Array.from({ length: count }, (_, k) => from + ((to - from) * k) / (count - 1));
 
-// ---- obstacle problems
+// ---- pictures of obstacle problems
 
 function placesOf(problem) {
   const scope = scopeOf(problem);
@@ -117,7 +117,7 @@ export function obstacleMake(specification, run, { canvas: standing } = {}) {
   };
 }
 
-// ---- elastic bodies
+// ---- pictures of elastic bodies
 
 function gridOf(problem) {
   const scope = scopeOf(problem);
@@ -131,7 +131,7 @@ function gridOf(problem) {
   return nodes.length > MOST_NODES ? null : { kind, xs, ys, nodes };
 }
 
-// The sides, and of a string the whole of it, that are clamped have no unknowns.
+// Whether a node is clamped, so that it has no unknowns: it lies on a clamped side.
 const isClamped = ({ xs, ys }, { x, y }, clamped) =>
   clamped.some((side) => ({ x_min: x === xs[0], x_max: x === xs.at(-1), y_min: ys && y === ys[0], y_max: ys && y === ys.at(-1) })[side]);
 
@@ -197,7 +197,7 @@ export function elasticMake(specification, run, { canvas: standing } = {}) {
     const columns = grid.xs.length;
     for (let j = 0; j < grid.ys.length; j += 1) line(context, nodes.slice(j * columns, (j + 1) * columns), colour("--accent"), 1);
     for (let i = 0; i < columns; i += 1) line(context, grid.ys.map((_, j) => nodes[j * columns + i]), colour("--accent"), 1);
-    // A node within a thousandth of the wall touches it, as far as an eye can see.
+    // A node within a thousandth of the height of the wall is drawn as touching it.
     const near = 1e-3 * (ys[1] - ys[0]);
     grid.nodes.forEach((node, place) => {
       const [x, y] = nodesAt(now)[place];
@@ -214,7 +214,7 @@ export function elasticMake(specification, run, { canvas: standing } = {}) {
   };
 }
 
-// The ends of both axes.
+// Writes the ends of both axes beside the picture.
 function scale(context, { width, height, colour }, xs, ys) {
   context.fillStyle = colour("--quiet");
   context.textAlign = "left";
@@ -225,7 +225,7 @@ function scale(context, { width, height, colour }, xs, ys) {
   context.fillText(number(xs[1], 3), width - 28, height - 8);
 }
 
-// From dark blue over green to yellow, even in lightness.
+// Returns a colour from dark blue over green to yellow, whose lightness grows evenly with `part`.
 function heat(part) {
   const stops = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
   const at = Math.min(1, Math.max(0, part)) * (stops.length - 1);

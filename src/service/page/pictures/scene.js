@@ -1,7 +1,7 @@
-// Rigid bodies in space, drawn by three.js: shapes with their shadows, joints and springs, trails, and the force of all contacts
-// on a body as an arrow. The script is fetched only where there is a scene.
+// The picture of rigid bodies in space, drawn by three.js: shapes with their shadows, joints and springs, trails, and
+// the resultant contact force on each body as an arrow. The script of three.js is fetched only if there is a scene.
 //
-// The poses come from a solve of their own, at the times of a film, as a specification may keep other fields.
+// The poses come from a solve of their own at the times of a film, since a specification may select other fields.
 
 import { element } from "../element.js";
 import { parameterValues, value } from "../expressions.js";
@@ -11,15 +11,15 @@ import { Shapes } from "./shapes.js";
 
 const FRAMES = 241;
 const FRAMES_OF_MANY = 121;
-const MANY = 40; // bodies from which forces and trails are left out
-const SIDES = 24; // that stand for a circle
-const SIDES_OF_MANY = 12; // where a processor draws many bodies
-const MOST = 1500; // bodies that are drawn
-const RESTS = 250; // milliseconds after the last frame at which the picture is drawn with all it has
+const MANY = 40; // number of bodies above which forces and trails are not drawn
+const SIDES = 24; // number of sides of the polygon drawn for a circle
+const SIDES_OF_MANY = 12; // number of sides if a processor without a graphics card draws many bodies
+const MOST = 1500; // largest number of bodies that are drawn
+const RESTS = 250; // milliseconds after the last frame until the picture is drawn in full quality
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
 
-// `"name": "ball[1..3]"` stands for three bodies, which this picture does not draw.
+// Whether a name stands for several bodies, such as `ball[1..3]`, which this picture does not draw.
 const isRange = (name) => /\.\./.test(name ?? "");
 
 export function named(bodies) {
@@ -29,7 +29,7 @@ export function named(bodies) {
 export function needs(specification) {
   const scene = specification.problem.rigid_bodies;
   const bodies = named(scene.bodies ?? []);
-  // The bodies of a description are known to the service alone.
+  // The bodies of a robot description are known to the service only.
   if (scene.robot || bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
   const moving = bodies.filter((body) => !body.fixed && !body.motion);
   const withForces = bodies.length <= MANY;
@@ -90,7 +90,7 @@ export async function make(specification, run, { bundle }) {
     if (columns.every((column) => column !== undefined)) movers.push({ group, columns, body, colour });
   });
 
-  // What the film covers, without grounds that have no end.
+  // The box that the film covers, without grounds, which are unbounded.
   const [low, high] = [new three.Vector3(Infinity, Infinity, Infinity), new three.Vector3(-Infinity, -Infinity, -Infinity)];
   const cover = (point, radius) => {
     low.min(still.copy(point).addScalar(-radius));
@@ -129,7 +129,7 @@ export async function make(specification, run, { bundle }) {
     return made;
   };
   const poseOf = (name) => poses.find((one) => one.name === name);
-  // A point of the world at the start, carried along by a body.
+  // Returns a function that gives the position of a point that is fixed to a body, from its position at the start.
   const carried = (at, name) => {
     const pose = poseOf(name);
     if (!pose) return () => at;
@@ -163,7 +163,8 @@ export async function make(specification, run, { bundle }) {
   const frame = new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 1, 0), up);
   camera.up.copy(up);
 
-  // While it moves and frames come slowly, shadows go first, then pixels. Where it rests, all is drawn.
+  // While the picture moves and frames come slowly, first shadows are dropped, then resolution. At rest, everything
+  // is drawn.
   let [shadows, quality, moves, looks, later] = [!taxed, 1, false, 0, null];
   const pace = new Pace(() => {
     if (shadows) shadows = false;
@@ -174,7 +175,7 @@ export async function make(specification, run, { bundle }) {
     moves = true;
     const own = (looks += 1);
     clearTimeout(later);
-    // It rests where nothing is drawn after this frame, however long that took.
+    // The picture is at rest if nothing is drawn after this frame, however long the frame took.
     requestAnimationFrame(() => requestAnimationFrame(() => own === looks && (later = setTimeout(rest, RESTS))));
     pace.frame();
   };
@@ -239,7 +240,7 @@ export async function make(specification, run, { bundle }) {
   return { element: canvas, draw, dispose, hint: `${legend}Drag to turn, wheel or + and - to come nearer.` };
 }
 
-// Whether a processor draws what a graphics card should.
+// Whether the browser draws WebGL by a processor and not by a graphics card.
 function drawsInSoftware() {
   const context = document.createElement("canvas").getContext("webgl2");
   const names = context?.getExtension("WEBGL_debug_renderer_info");
@@ -248,7 +249,8 @@ function drawsInSoftware() {
   return /swiftshader|llvmpipe|software/i.test(name);
 }
 
-// The poses of a body whose motion is given: its position as it stands, or its velocity added up; and its turning added up.
+// Returns the poses of a body whose motion is given: its position as given, or by integration of its velocity; and
+// its orientation by integration of its angular velocity.
 function givenMotion({ motion, position, orientation }, times, scope) {
   const at = (list, t) => list.map((expression) => value(expression, { t, ...scope }));
   let place = at(position ?? [0, 0, 0], times[0]);
@@ -265,7 +267,7 @@ function givenMotion({ motion, position, orientation }, times, scope) {
   return columns;
 }
 
-// The unit quaternion [w, x, y, z] after a rotation with an angular velocity for a time.
+// Returns the unit quaternion [w, x, y, z] after a rotation with angular velocity `omega` for a time `h`.
 function turned([w, x, y, z], omega, h) {
   const rate = Math.hypot(...omega);
   if (rate * h === 0) return [w, x, y, z];
@@ -274,7 +276,7 @@ function turned([w, x, y, z], omega, h) {
   return [c * w - a * x - b * y - d * z, c * x + a * w + b * z - d * y, c * y + b * w + d * x - a * z, c * z + d * w + a * y - b * x];
 }
 
-// Turns the view by dragging and by the arrows.
+// Turns the view by dragging and by the arrow keys.
 function steer(canvas, view, look) {
   const turn = (dx, dy) => {
     view.theta -= dx / 150;

@@ -1,4 +1,5 @@
-// The shapes of bodies in space: all that are equal, or differ in size alone, are drawn by one call.
+// The shapes of bodies in space: all shapes that are equal, or differ only in size, are drawn by one call
+// (instancing).
 
 import { hullOf } from "./hull.js";
 
@@ -9,11 +10,11 @@ export class Shapes {
   #number;
   #vector;
   #sides;
-  #plain; // a material of a colour that is lit at corners alone
+  #plain; // creates a material that is lit at the corners of its triangles only
   #grounds = [];
-  #kinds = new Map(); // {geometry, casts, parts: [{node, colour}], mesh} by what they have in common
+  #kinds = new Map(); // {geometry, casts, parts: [{node, colour}], mesh} of each kind of shape, by the properties that its parts share
 
-  // `sides` stand for a circle, a multiple of four.
+  // `sides` is the number of sides of the polygon that stands for a circle, a multiple of four.
   constructor(three, number, vector, sides) {
     [this.#three, this.#number, this.#vector, this.#sides] = [three, number, vector, sides];
   }
@@ -34,11 +35,11 @@ export class Shapes {
     }
     if (kind === "half_space") return this.#ground(group, given);
     this.#part(group, kind, given, colour, !fixed);
-    // A ball that turns is seen to turn.
+    // A belt around a ball makes its rotation visible.
     if (kind === "sphere") this.#part(group, "belt", given, BELT, false);
   }
 
-  // What moves throws a shadow.
+  // Adds a part of a shape to its kind. Parts of moving bodies cast shadows.
   #part(group, kind, given, colour, casts) {
     const size = this.#sizeOf(kind, given);
     const key = JSON.stringify([kind, size === null ? given : null, casts]);
@@ -49,8 +50,8 @@ export class Shapes {
     this.#kinds.get(key).parts.push({ node, colour });
   }
 
-  // Adds one instanced mesh for each kind of shape to the scene `world`, after all bodies were added. `day` and `sun` are its lights,
-  // for materials that are lit at their corners alone.
+  // Adds one instanced mesh for each kind of shape to the scene `world`, after all bodies have been added. `day` and
+  // `sun` are the lights of the scene, for materials that are lit at their corners only.
   build(world, day, sun) {
     const three = this.#three;
     this.#plain = (colour) => litByCorners(new three.MeshBasicMaterial({ color: colour }), day, sun);
@@ -62,7 +63,7 @@ export class Shapes {
     }
   }
 
-  // Lights every pixel, as shadows need it, or corners alone, which is a small part of the work.
+  // Lights every pixel, which shadows need, or corners only, which is a small part of the work.
   light(pixels) {
     const meshes = [...this.#kinds.values()].map(({ mesh }) => mesh).concat(this.#grounds.map(({ plane }) => plane));
     for (const mesh of meshes) {
@@ -72,7 +73,7 @@ export class Shapes {
     }
   }
 
-  // Brings the meshes to where the bodies are.
+  // Moves the meshes to the current poses of the bodies.
   place() {
     for (const { mesh, parts } of this.#kinds.values()) {
       parts.forEach(({ node }, i) => mesh.setMatrixAt(i, node.matrixWorld));
@@ -80,7 +81,7 @@ export class Shapes {
     }
   }
 
-  // The factors by which a shape is larger than the one of size 1; nothing where its proportions are its own.
+  // Returns the factors that scale the unit shape of a kind; null if the proportions of the shape are its own.
   #sizeOf(kind, given) {
     switch (kind) {
       case "sphere":
@@ -102,7 +103,7 @@ export class Shapes {
     const upright = (geometry) => geometry.rotateX(Math.PI / 2);
     switch (kind) {
       case "sphere":
-        // Its meridians are those of the belt, which lies on it without a gap.
+        // The meridians of the ball are those of the belt, so that the belt lies on the ball without a gap.
         return upright(new three.SphereGeometry(1, sides, Math.round(0.6 * sides)));
       case "belt":
         return upright(new three.CylinderGeometry(1.004, 1.004, 0.16, sides, 1, true));
@@ -140,7 +141,8 @@ export class Shapes {
     this.#grounds.push({ group, plane, grid, up });
   }
 
-  // Grounds have no end: they reach a little beyond all that happens, below it.
+  // Places the unbounded grounds: each is drawn as a square below the centre of the region of the film, larger than that
+  // region, with its grid slightly above it.
   sizeGrounds(size, centre) {
     for (const { group, plane, grid, up } of this.#grounds) {
       const local = group.worldToLocal(centre.clone());
@@ -152,7 +154,7 @@ export class Shapes {
     }
   }
 
-  // The radius of a ball about the origin of the frame that holds the shape.
+  // Returns the radius of a ball about the origin of the shape's frame that contains the shape.
   radius(shape) {
     const [kind, given] = Object.entries(shape)[0];
     const farthest = (points) => Math.max(...points.map((point) => Math.hypot(...this.#vector(point, [0, 0, 0]))));
@@ -177,7 +179,7 @@ export class Shapes {
   }
 }
 
-// A material without lights of its own that has, at each corner, the light of a matt surface (Lambert) between the day and the sun.
+// Creates a material that is lit at each corner as a matt surface (Lambert) by the lights `day` and `sun`.
 function litByCorners(material, day, sun) {
   const scaled = ({ color, intensity }) => color.clone().multiplyScalar(intensity / Math.PI);
   const uniforms = {
@@ -195,7 +197,8 @@ function litByCorners(material, day, sun) {
   return material;
 }
 
-// A body that is larger along one direction turns its normals away from it. The day comes from +y, as that of three.js does.
+// The shader code of the light at a corner. Scaling a body along one direction turns its normals away from that
+// direction. The light of the day comes from +y, as in three.js.
 const LIGHT = `
   vec3 facing = normal;
   #ifdef USE_INSTANCING

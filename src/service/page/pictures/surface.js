@@ -1,12 +1,13 @@
-// A canvas for pictures in a plane: it keeps its size and the screen's resolution, and has the colours of the page.
+// A canvas for pictures in a plane: it follows its size on the page and the screen's resolution, and uses the page's
+// colours.
 
 import { colourOf } from "../colours.js";
 import { element } from "../element.js";
 
-const widths = new WeakMap(); // of canvases, as last seen: asked of the document, each would have all that has just changed laid out
+const widths = new WeakMap(); // the last known widths of canvases: reading a width from the document would force a layout of all that has changed
 
-// `paint(context, {width, height, colour})` draws in CSS pixels; `redraw()` of the answer draws again. The canvas is `tall` pixels high until its
-// style says otherwise. Given one that stands already, it is drawn on that.
+// `paint(context, {width, height, colour})` draws in CSS pixels; the returned `redraw()` draws again. The canvas is
+// `tall` pixels high unless its style says otherwise. An existing canvas can be given, which is then reused.
 export function surface(label, tall, paint, canvas = element("canvas", { role: "img" })) {
   canvas.setAttribute("aria-label", label);
   canvas.style.height = `${tall}px`;
@@ -40,7 +41,8 @@ export function surface(label, tall, paint, canvas = element("canvas", { role: "
   return { canvas, redraw, dispose };
 }
 
-// A map from a box of the plane to pixels, a unit as long along both axes unless `stretch`; y grows upwards.
+// Returns a map from a box of the plane to pixels, with equal units along both axes unless `stretch`; y grows
+// upwards.
 export function fitted([xs, ys], { width, height }, room = 24, stretch = false) {
   const [wide, high] = [xs[1] - xs[0] || 1, ys[1] - ys[0] || 1];
   let [sx, sy] = [(width - 2 * room) / wide, (height - 2 * room) / high];

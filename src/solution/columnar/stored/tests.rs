@@ -31,7 +31,7 @@ fn stored(solution: &Solution) -> (Vec<u8>, Vec<u8>) {
     (bytes, index)
 }
 
-/// The solution as the form before blocks was written.
+/// Writes a solution in the earlier stored form, with chunks instead of blocks.
 fn in_chunks(solution: &Solution) -> (Vec<u8>, Vec<u8>) {
     let Trajectory { t, fields, .. } = &solution.trajectory;
     let (mut bytes, mut checksums) = (Vec::new(), Vec::new());
@@ -94,7 +94,7 @@ fn a_block_of_another_place_or_of_other_results_does_not_pass() {
     assert!(crate::Selection::whole(&read).verify(&read).is_err());
 }
 
-/// A source that counts the bytes that are read.
+/// A source of bytes that counts the bytes read from it.
 struct Counted(Vec<u8>, Arc<AtomicUsize>);
 
 impl Source for Counted {
@@ -115,7 +115,7 @@ fn an_excerpt_reads_little_more_than_it_shows() {
         read.store(0, Relaxed);
         let selection = Excerpt { fields: None, from, to, every }.of(&columns).unwrap();
         selection.block(&columns, selection.rows).unwrap();
-        // Two searches among the times, each over the logarithm of the number of their blocks.
+        // Two bisections among the times, each reading the logarithm of the number of their blocks.
         let (found, searches) = (read.load(Relaxed) / 512, 2 * 13);
         assert!(found <= blocks + searches, "{found} blocks for {} rows", selection.rows.len());
     }

@@ -14,7 +14,7 @@ const DEEPEST: usize = 64;
 /// Evaluates an expression.
 ///
 /// # Errors
-/// The fault, in words.
+/// The first fault of the expression, in words.
 pub(super) fn evaluate(text: &str, scope: &Scope) -> Result<f64, String> {
     let mut parser = Parser { rest: text.trim_start(), scope, depth: 0 };
     let value = parser.sum()?;

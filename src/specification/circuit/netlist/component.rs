@@ -21,7 +21,7 @@ pub(super) struct Rest<'a, 's> {
 }
 
 impl<'a, 's> Rest<'a, 's> {
-    /// Begins after the first token of a statement.
+    /// Creates a reader that begins after the first token of a statement.
     pub fn new(statement: &Statement<'a>, scope: &'s Scope) -> Self {
         let mut tokens = statement.tokens.clone().into_iter();
         let last = tokens.next().unwrap_or(Token { text: "", line: 1, column: 1 });
@@ -41,12 +41,12 @@ impl<'a, 's> Rest<'a, 's> {
         self.tokens.as_slice().first().copied()
     }
 
-    /// The unread tokens.
+    /// The unread tokens of the statement.
     pub fn words(&self) -> &[Token<'a>] {
         self.tokens.as_slice()
     }
 
-    /// Whether a token is a number or the name of a value.
+    /// Whether a token is a number, an expression or the name of a parameter.
     pub fn is_value(&self, token: Token<'_>) -> bool {
         token.is_like_a_number() || self.scope.contains_key(&token.text.to_lowercase())
     }
@@ -60,7 +60,7 @@ impl<'a, 's> Rest<'a, 's> {
         self.number(token)
     }
 
-    /// Reads values until a token that is not one, or the end.
+    /// Reads values until a token that is not a value, or the end of the statement.
     pub fn values(&mut self) -> Result<Vec<Token<'a>>, NetlistError> {
         let mut values = Vec::new();
         while let Some(token) = self.peek().filter(|token| self.is_value(*token)) {
@@ -70,7 +70,7 @@ impl<'a, 's> Rest<'a, 's> {
         Ok(values)
     }
 
-    /// Reads `KEY=value` pairs for the given keys, in any order, up to the end.
+    /// Reads `KEY=value` pairs for the given keys, in any order, up to the end of the statement.
     pub fn options<const N: usize>(&mut self, keys: [&str; N]) -> Result<[Option<f64>; N], NetlistError> {
         let mut found = [None; N];
         let expected = match keys.as_slice() {
@@ -155,7 +155,7 @@ pub(super) fn read<'a>(
     }])
 }
 
-/// Reads a diode, with the values of its line or else of its model.
+/// Reads a diode, with the values on its line or else those of its model.
 fn diode(
     (name, nodes): (String, (String, String)),
     rest: &mut Rest<'_, '_>,
@@ -229,7 +229,7 @@ fn switch(
     }
     let mut components = Vec::new();
     let across = nodes.clone();
-    // Default of SPICE: 1 ohm.
+    // The default on-resistance of SPICE is 1 ohm.
     let resistance = model.value(&["ron"]).or(Some(1.0)).filter(|ohms| *ohms > 0.0);
     let nodes = series(&mut components, (&name, nodes), resistance);
     parallel(&mut components, (&name, across), model.value(&["roff"]).filter(|ohms| *ohms > 0.0));
@@ -263,7 +263,7 @@ fn model<'m>(token: Token<'_>, kind: Kind, models: &'m HashMap<String, Model>) -
     }
 }
 
-/// Adds a resistor in series, if there is one; returns the nodes that remain for the component.
+/// Adds a resistor in series with a component, if there is one; returns the nodes that remain for the component.
 fn series(
     components: &mut Vec<Component>,
     (name, (a, b)): (&str, (String, String)),
@@ -276,7 +276,7 @@ fn series(
     (between, b)
 }
 
-/// Adds a resistor in parallel, if there is one.
+/// Adds a resistor in parallel with a component, if there is one.
 fn parallel(components: &mut Vec<Component>, (name, nodes): (&str, (String, String)), ohms: Option<f64>) {
     if let Some(ohms) = ohms {
         components.push(Component::Resistor(Resistor { name: format!("{name}.roff"), nodes, ohms: ohms.into() }));

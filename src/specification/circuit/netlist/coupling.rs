@@ -1,5 +1,6 @@
-//! Coupled inductors. Two of them are an ideal transformer with its leakage and its magnetising inductance (the cantilever model:
-//! Erickson and Maksimovic, *Fundamentals of Power Electronics*, section 13.5); larger groups are in [`super::windings`].
+//! Coupled inductors of a netlist. Two coupled inductors are an ideal transformer with a leakage and a magnetising
+//! inductance (the cantilever model: Erickson and Maksimovic, *Fundamentals of Power Electronics*, section 13.5);
+//! larger groups are in [`super::windings`].
 //!
 //! ```text
 //! v1 = L1 i1' + M i2',    v2 = M i1' + L2 i2',    M = k sqrt(L1 L2)
@@ -13,17 +14,17 @@ use crate::expression::Expression;
 use numerics::components as connected;
 use std::collections::HashMap;
 
-/// A line `K` of a netlist.
+/// A statement `K` of a netlist, which couples inductors.
 pub(super) struct Coupling<'a> {
     pub first: Token<'a>,
     pub name: String,
-    /// At least two.
+    /// Names of the coupled inductors, at least two.
     pub inductors: Vec<String>,
     pub k: f64,
 }
 
 impl<'a> Coupling<'a> {
-    /// Reads a line after its first word.
+    /// Reads a statement `K` after its first word.
     pub fn read(
         first: Token<'a>,
         name: String,
@@ -42,7 +43,8 @@ impl<'a> Coupling<'a> {
         Ok(Self { first, name, inductors, k })
     }
 
-    /// Replaces two inductors, which nothing else couples, by a transformer with leakage and magnetising inductances.
+    /// Replaces two inductors, which no other statement couples, by a transformer with leakage and magnetising
+    /// inductances.
     ///
     /// # Errors
     /// The inductors do not exist, or have no positive numbers as inductances.
@@ -102,7 +104,7 @@ impl<'a> Coupling<'a> {
         Ok(())
     }
 
-    /// The place of an inductor among the components.
+    /// Returns the index of an inductor among the components.
     ///
     /// # Errors
     /// There is no such inductor.
@@ -116,7 +118,7 @@ impl<'a> Coupling<'a> {
     }
 }
 
-/// Replaces all coupled inductors; returns an error for each group that cannot be.
+/// Replaces all coupled inductors; returns an error for each group that cannot be replaced.
 pub(super) fn couple(
     couplings: &[Coupling<'_>],
     components: &mut Vec<Component>,
@@ -133,7 +135,7 @@ pub(super) fn couple(
     errors
 }
 
-/// The couplings, those with a common inductor together, in the order of their first lines.
+/// Returns the couplings in groups that are connected by common inductors, in the order of their first lines.
 fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
     let mut edges = vec![Vec::new(); couplings.len()];
     let mut last: HashMap<&str, usize> = HashMap::new();
@@ -145,11 +147,11 @@ fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
             }
         }
     }
-    // Edges in both directions, so that a component is all that hangs together.
+    // Edges go in both directions, so that a component of the graph is a whole group.
     connected(&edges).into_iter().map(|group| group.into_iter().map(|k| &couplings[k]).collect()).collect()
 }
 
-/// The number that an expression is; NaN if it is none.
+/// Returns the number that an expression is; NaN if it is not a number.
 pub(super) fn number(expression: &Expression) -> f64 {
     if let Expression::Number(number) = expression { *number } else { f64::NAN }
 }

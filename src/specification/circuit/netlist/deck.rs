@@ -1,5 +1,5 @@
-//! The statements of a netlist other than components: `.param`, `.model`, `.ic`, `.tran` and `.subckt`. Subcircuits are
-//! expanded where they are used, and their nodes and components named `X1.R1`.
+//! The statements of a netlist other than components: `.param`, `.model`, `.ic`, `.tran` and `.subckt`. Subcircuits
+//! are expanded where they are used, and their nodes and components are named as in `X1.R1`.
 
 use super::arithmetic::Scope;
 use super::device::Model;
@@ -36,7 +36,7 @@ const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than
 /// A subcircuit declaration.
 #[derive(Clone, Debug)]
 pub(super) struct Subcircuit<'a> {
-    /// The names of the port nodes, in lower case.
+    /// The names of the port nodes of the subcircuit, in lower case.
     pub ports: Vec<String>,
     /// The parameters of the subcircuit with their default values, as tokens.
     pub defaults: Vec<(Token<'a>, Token<'a>)>,
@@ -54,7 +54,7 @@ pub(crate) struct Transient {
 /// An initial value given by `.ic`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given<'a> {
-    /// The node (voltage) or the inductor (current).
+    /// The node whose voltage is given, or the inductor whose current is given.
     pub of: Token<'a>,
     pub is_current: bool,
     pub value: f64,
@@ -70,7 +70,7 @@ pub(super) struct Deck<'a> {
     pub scope: Scope,
     pub initial: Vec<Given<'a>>,
     pub transient: Option<Transient>,
-    /// Ignored analyses.
+    /// Analyses other than `.tran`, which are ignored.
     pub passed_over: Vec<Token<'a>>,
 }
 
@@ -164,7 +164,8 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// Reads `V(node)=volts` and `I(inductor)=amperes`; the tokeniser has removed the brackets.
+    /// Reads the initial values `V(node)=volts` and `I(inductor)=amperes` of `.ic`; the tokeniser has removed the
+    /// brackets.
     fn starts(&mut self, words: &[Token<'a>]) -> Result<(), NetlistError> {
         const EXPECTED: &str = "V(node)=volts or I(inductor)=amperes";
         for group in words.chunks(4) {
@@ -183,7 +184,7 @@ impl<'a> Deck<'a> {
     }
 }
 
-/// `.tran step end [start [largest step]] [UIC]`, or `.tran end` alone.
+/// Reads `.tran step end [start [largest step]] [UIC]`, or `.tran end` alone.
 fn transient(first: Token<'_>, words: &[Token<'_>], scope: &Scope) -> Result<Transient, NetlistError> {
     const EXPECTED: &str = ".tran STEP END, followed by UIC if the initial values are those of IC=";
     let is_word = |token: &&Token<'_>| {
@@ -198,7 +199,7 @@ fn transient(first: Token<'_>, words: &[Token<'_>], scope: &Scope) -> Result<Tra
     }
 }
 
-/// `.subckt NAME nodes [PARAMS:] [key=default ..]`.
+/// Reads the declaration `.subckt NAME nodes [PARAMS:] [key=default ..]`.
 fn subcircuit<'a>(statement: &Statement<'a>) -> Result<(Token<'a>, Subcircuit<'a>), NetlistError> {
     const EXPECTED: &str = ".subckt NAME and its nodes";
     let first = statement.tokens[0];
@@ -211,7 +212,8 @@ fn subcircuit<'a>(statement: &Statement<'a>) -> Result<(Token<'a>, Subcircuit<'a
     Ok((name, Subcircuit { ports, defaults: assignments(options)?, body: Vec::new() }))
 }
 
-/// Splits words at the first `key=` into nodes and options; an optional `PARAMS:` between them is dropped.
+/// Splits words at the first `key=` into nodes and options; an optional `PARAMS:` between nodes and options is
+/// dropped.
 pub(super) fn nodes_and_options<'t, 'a>(words: &'t [Token<'a>]) -> (&'t [Token<'a>], &'t [Token<'a>]) {
     let equals = words.iter().position(|token| token.text == "=").unwrap_or(words.len() + 1);
     let (nodes, options) = words.split_at(equals.saturating_sub(1).min(words.len()));
@@ -221,7 +223,7 @@ pub(super) fn nodes_and_options<'t, 'a>(words: &'t [Token<'a>]) -> (&'t [Token<'
     }
 }
 
-/// Reads `key=value ..`.
+/// Reads assignments `key=value ..`.
 pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Token<'a>)>, NetlistError> {
     let mut given = Vec::new();
     for group in words.chunks(3) {
@@ -241,7 +243,7 @@ pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Tok
     Ok(given)
 }
 
-/// Evaluates parameters into a scope, in any order of dependence.
+/// Evaluates parameters into a scope; parameters may refer to each other in any order.
 fn resolve<'a>(mut given: Vec<(Token<'a>, Token<'a>)>, scope: &mut Scope, errors: &mut Vec<NetlistError>) {
     loop {
         let before = given.len();

@@ -1,5 +1,5 @@
 //! Device models: `.model NAME D(..)`, `SW(..)` and `CSW(..)`. Diodes and switches are ideal: a model supplies their
-//! voltages and resistances. Its exponential characteristic and its charges are ignored, with a warning.
+//! voltages and resistances. The exponential characteristic and the charges of a model are ignored, with a warning.
 
 use super::NetlistError;
 use super::arithmetic::Scope;
@@ -7,7 +7,7 @@ use super::tokens::Token;
 use super::value_in;
 use std::collections::HashMap;
 
-/// A kind of device.
+/// A kind of device model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Diode,
@@ -17,14 +17,14 @@ pub(super) enum Kind {
     CurrentSwitch,
 }
 
-/// The values of a model, by keys in lower case.
+/// A device model: its kind, and its values by keys in lower case.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     pub kind: Kind,
     values: HashMap<String, f64>,
 }
 
-/// The keys that an ideal diode uses, in all spellings.
+/// The keys of a model that an ideal diode uses, in all spellings.
 const OF_DIODES: [&str; 8] = ["vf", "vfwd", "bv", "vrev", "vb", "rs", "ron", "roff"];
 
 impl Model {
@@ -55,12 +55,12 @@ impl Model {
         Ok(Self { kind: known, values })
     }
 
-    /// The value of the first of the given keys that the model has.
+    /// Returns the value of the first of the given keys that the model has.
     pub fn value(&self, keys: &[&str]) -> Option<f64> {
         keys.iter().find_map(|key| self.values.get(*key)).copied()
     }
 
-    /// The sorted keys of a diode model that an ideal diode ignores.
+    /// Returns the sorted keys of a diode model that an ideal diode ignores.
     pub fn left_out(&self) -> Vec<&str> {
         let mut keys: Vec<&str> =
             self.values.keys().map(String::as_str).filter(|key| !OF_DIODES.contains(key)).collect();

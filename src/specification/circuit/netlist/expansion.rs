@@ -19,7 +19,7 @@ const DEEPEST: usize = 16;
 /// Largest number of warnings reported for one netlist.
 const MOST_REMARKS: usize = 20;
 
-/// The scope of a line: the prefix of its names, the outer names of its port nodes, and its parameters.
+/// The scope of a line of a netlist: the prefix of its names, the outer names of its port nodes, and its parameters.
 pub(super) struct Frame<'f> {
     prefix: &'f str,
     ports: HashMap<String, String>,
@@ -76,7 +76,7 @@ pub(super) fn expand(deck: &Deck<'_>, errors: Vec<NetlistError>) -> Result<Netli
     };
     let frame = Frame { prefix: "", ports: HashMap::new(), scope: deck.scope.clone() };
     expansion.lines(&deck.components, &frame, 0);
-    // Initial currents are those of the inductors as they are written, before any of them is replaced.
+    // Initial currents are set on the inductors as written, before coupled inductors are replaced.
     expansion.starts(&frame);
     let Netlist { components, lines, .. } = &mut expansion.netlist;
     let refused = couple(&expansion.couplings, components, lines);
@@ -129,7 +129,7 @@ impl<'a> Expansion<'_, 'a> {
         Ok(())
     }
 
-    /// Expands `X1 nodes NAME [key=value ..]`.
+    /// Expands `X1 nodes NAME [key=value ..]`, an instance of a subcircuit.
     fn instance(&mut self, statement: &Statement<'a>, frame: &Frame<'_>, depth: usize) -> Result<(), NetlistError> {
         const EXPECTED: &str = "nodes, and the name of a .subckt";
         let first = statement.tokens[0];
@@ -254,7 +254,7 @@ impl<'a> Expansion<'_, 'a> {
         }
     }
 
-    /// Warns, once per netlist, of everything that is read differently from SPICE.
+    /// Warns, once per netlist, of all parts of the netlist that are read differently from SPICE.
     fn remarks(&mut self) {
         let mut idealised: Vec<(&String, Vec<&str>)> = self
             .deck

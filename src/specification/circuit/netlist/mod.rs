@@ -41,9 +41,9 @@ const LONGEST: usize = 64 * 1024;
 /// The content of a netlist.
 pub(crate) struct Netlist {
     pub components: Vec<Component>,
-    /// The line on which each component begins.
+    /// The line of the netlist on which each component begins.
     pub lines: Vec<usize>,
-    /// The title, if there is a `.tran`.
+    /// The title of the netlist, if there is a `.tran`.
     pub title: Option<String>,
     /// The transient analysis, if there is a `.tran`.
     pub transient: Option<Transient>,
@@ -54,7 +54,7 @@ pub(crate) struct Netlist {
 /// An error in a netlist.
 #[derive(Clone, Debug)]
 pub(crate) struct NetlistError {
-    /// Line, counted from 1; columns are counted in characters.
+    /// Line of the error, counted from 1; the column is counted in characters.
     line: usize,
     column: usize,
     code: &'static str,
@@ -67,7 +67,7 @@ impl NetlistError {
         Self { line: token.line, column: token.column, code, detail, expected: expected.to_owned() }
     }
 
-    /// Converts to a specification error at the JSON pointer of the netlist.
+    /// Converts the error to a specification error at the JSON pointer of the netlist.
     pub fn at(self, place: &Pointer<'_>) -> SpecificationError {
         let detail = format!("line {}, column {}: {}", self.line, self.column, self.detail);
         SpecificationError::new(place.to_string(), self.code, detail).expected(self.expected)
@@ -89,7 +89,7 @@ pub(crate) fn read(text: &str) -> Result<Netlist, Vec<NetlistError>> {
     expansion::expand(&deck, errors)
 }
 
-/// The value of a token: a number, an expression or the name of a parameter.
+/// Returns the value of a token: a number, an expression or the name of a parameter.
 fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     if let Some(expression) = token.expression() {
         return arithmetic::evaluate(expression, scope).map_err(|why| {
@@ -107,7 +107,7 @@ fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     }
 }
 
-/// Names by their lower-case form, each as it is first written.
+/// The spelling of each name as first written, by its lower-case form.
 #[derive(Default)]
 struct Names {
     spelled: HashMap<String, String>,

@@ -9,41 +9,41 @@ use winnow::prelude::*;
 use winnow::stream::LocatingSlice;
 use winnow::token::take_while;
 
-/// A token and its place.
+/// A token of a netlist, with its place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Token<'a> {
     pub text: &'a str,
-    /// Line, counted from 1.
+    /// Line of the token, counted from 1.
     pub line: usize,
-    /// Column, counted from 1, in characters.
+    /// Column of the token, counted from 1, in characters.
     pub column: usize,
 }
 
 impl<'a> Token<'a> {
-    /// Whether it begins like a number.
+    /// Whether the token begins like a number or an expression.
     pub fn is_like_a_number(self) -> bool {
         self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.{'".contains(c))
     }
 
-    /// The text between braces or quotes, if the token is an expression in them.
+    /// Returns the text between braces or quotes, if the token is an expression in braces or quotes.
     pub fn expression(self) -> Option<&'a str> {
         let within = |open, close| self.text.strip_prefix(open)?.strip_suffix(close);
         within('{', '}').or_else(|| within('\'', '\''))
     }
 
-    /// The text, shortened for a message.
+    /// Returns the text of the token, shortened for a message.
     pub fn shown(self) -> String {
         abridged(self.text)
     }
 }
 
-/// The tokens of a line and its continuations.
+/// The tokens of a line of a netlist and of its continuations.
 #[derive(Clone, Debug)]
 pub(super) struct Statement<'a> {
     pub tokens: Vec<Token<'a>>,
 }
 
-/// The statements of a netlist in order, without empty lines and comments.
+/// Returns the statements of a netlist in order, without empty lines and comments.
 pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
     let mut statements: Vec<Statement<'_>> = Vec::new();
     for (number, line) in text.lines().enumerate() {

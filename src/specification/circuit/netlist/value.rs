@@ -1,5 +1,5 @@
-//! Numbers with a scale suffix, as `4.7k`, `10u` or `1Meg`. Letters after the suffix are a unit and are ignored:
-//! `10uF`, `50Hz`. In either case `m` is 1e-3 and `meg` is 1e6; therefore `1F` is a femtofarad, as in SPICE.
+//! Numbers of a netlist with a scale suffix, as `4.7k`, `10u` or `1Meg`. Letters after the suffix are a unit and are
+//! ignored: `10uF`, `50Hz`. In either case `m` is 1e-3 and `meg` is 1e6; therefore `1F` is a femtofarad, as in SPICE.
 
 use super::NetlistError;
 use super::tokens::Token;
@@ -43,7 +43,8 @@ pub(super) fn scaled(number: f64, letters: &str) -> f64 {
     if scale < 1.0 { number / (1.0 / scale).round() } else { number * scale }
 }
 
-/// Warns where a reader would expect another scale than that of SPICE: `1M` as a million, `1F` as a farad.
+/// Returns a warning about a suffix of which a reader would expect another scale than that of SPICE: `1M` as a
+/// million, `1F` as a farad.
 pub(super) fn likely_meant(text: &str) -> Option<&'static str> {
     let letters = text.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.".contains(c));
     let is_number = letters.len() < text.len();

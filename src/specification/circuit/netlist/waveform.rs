@@ -16,7 +16,7 @@ use std::f64::consts::PI;
 
 const KINDS: &str = "a value, DC, SIN, PULSE, PWL or EXP";
 
-/// Most points of a piecewise linear source.
+/// Largest number of points of a piecewise linear source.
 const MOST_POINTS: usize = 500;
 
 /// Reads a source to the end of its line. A waveform overrides a constant value given before it.
@@ -55,7 +55,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
     read(token, &values, &numbers)
 }
 
-/// An error in the values of a waveform.
+/// Returns an error in the values of a waveform.
 fn refuse(token: Token<'_>, detail: &str, expected: &str) -> NetlistError {
     NetlistError::new(token, "malformed_source", detail.to_owned(), expected)
 }
@@ -157,7 +157,7 @@ fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Resul
     Ok(Expression::Text(format!("({low:?}) + ({height:?})*({}{back})", term(delay, constant))))
 }
 
-/// Ramp from 0 at `since = 0` to 1 at `since = duration`.
+/// Returns a ramp from 0 at `since = 0` to 1 at `since = duration`, as an expression.
 fn ramp(since: &str, duration: f64) -> String {
     if duration > 0.0 { format!("min(max(({since})/({duration:?}), 0), 1)") } else { format!("heaviside({since})") }
 }

@@ -1,7 +1,8 @@
-//! Any number of coupled inductors, as ideal transformers and inductors that are not coupled.
+//! Groups of any number of coupled inductors, replaced by ideal transformers and inductors that are not coupled.
 //!
-//! The matrix of the coefficients, with ones on its diagonal, has factors `k = T D T'` with `T` unit lower triangular. With
-//! `r_im = T_im sqrt(L_i/L_m)` the winding `i` is a series of transformers and of an inductor of its own,
+//! The matrix of the coupling coefficients, with ones on its diagonal, has factors `k = T D T'` with `T` unit lower
+//! triangular. With `r_im = T_im sqrt(L_i/L_m)` the winding `i` is a series of transformers and of an inductor of its
+//! own,
 //!
 //! ```text
 //! v_i = sum over m < i of r_im u_m + u_i,    u_m = D_m L_m j_m',    j_m = i_m + sum over i > m of r_im i_i
@@ -16,11 +17,11 @@ use crate::circuit::MOST_COMPONENTS;
 use crate::circuit::components::{Component, Inductor, Transformer, VoltageSource};
 use std::collections::HashMap;
 
-/// Replaces the inductors of a group of couplings.
+/// Replaces the coupled inductors of a group of couplings by transformers and inductors that are not coupled.
 ///
 /// # Errors
-/// An inductor does not exist or has no positive number as its inductance, two are coupled twice, there are too many, or the
-/// coefficients cannot be had together.
+/// An inductor does not exist or has no positive number as its inductance, two are coupled twice, there are too many,
+/// or the matrix of the coupling coefficients is not positive semidefinite.
 pub(super) fn apply(
     group: &[&Coupling<'_>],
     components: &mut Vec<Component>,
@@ -56,7 +57,7 @@ pub(super) fn apply(
     let henries: Vec<f64> = windings.iter().map(|winding| number(&winding.henries)).collect();
     let ratio = |i: usize, m: usize| factors.t[i][m] * (henries[i] / henries[m]).sqrt();
     for coupling in group {
-        // Every one of them, as a name may stand in several couplings.
+        // All inductors of the coupling are checked, as a name may stand in several couplings.
         let are_positive = coupling
             .inductors
             .iter()
@@ -70,7 +71,7 @@ pub(super) fn apply(
     let starts: Vec<f64> = windings.iter().map(|winding| winding.amperes.as_ref().map_or(0.0, number)).collect();
 
     let mut made = Vec::new();
-    // The nodes of the inductor of each winding, if it has one.
+    // The nodes of the uncoupled inductor of each winding, if the winding has one.
     let mut own: Vec<(String, String)> = Vec::new();
     for (i, winding) in windings.iter().enumerate() {
         let shares: Vec<(usize, f64)> =
@@ -124,7 +125,7 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// The symmetric matrix of the coupling coefficients.
+/// Returns the symmetric matrix of the coupling coefficients of a group.
 fn coefficients(group: &[&Coupling<'_>], order: &HashMap<&String, usize>) -> Result<Vec<Vec<f64>>, NetlistError> {
     let n = order.len();
     let mut k = vec![vec![0.0_f64; n]; n];
@@ -148,18 +149,18 @@ fn coefficients(group: &[&Coupling<'_>], order: &HashMap<&String, usize>) -> Res
     Ok(k)
 }
 
-/// The factors `T D T'` of a matrix with ones on its diagonal.
+/// The factors `T D T'` of a symmetric matrix with ones on its diagonal.
 struct Factors {
     t: Vec<Vec<f64>>,
-    /// Zero where the rest of the matrix is.
+    /// The diagonal of `D`; zero where the diagonal of the Schur complement is zero up to rounding.
     d: Vec<f64>,
 }
 
 impl Factors {
-    /// `None` if the matrix is not positive semidefinite, up to rounding.
+    /// Factorises a matrix. Returns `None` if it is not positive semidefinite, up to rounding.
     fn of(k: &[Vec<f64>]) -> Option<Self> {
         let n = k.len();
-        // Each entry of the rest of the matrix is a sum of at most n products of at most 1.
+        // Bound on rounding errors: an entry of the Schur complement is a sum of at most n products of at most 1.
         let rounding = 4.0 * n as f64 * f64::EPSILON;
         let mut factors = Self { t: vec![vec![0.0; n]; n], d: vec![0.0; n] };
         for (i, row) in k.iter().enumerate() {
@@ -175,7 +176,8 @@ impl Factors {
                 } else if factors.d[j] > 0.0 {
                     factors.t[i][j] = rest / factors.d[j];
                 } else if rest * rest > rounding {
-                    // A positive semidefinite matrix has nothing beside a zero of its diagonal.
+                    // If a diagonal entry of a positive semidefinite matrix is zero, all entries of its row and
+                    // column are zero.
                     return None;
                 }
             }

@@ -1,4 +1,4 @@
-//! Bodies within bodies, and their joints.
+//! Nested bodies of an MJCF model, and their joints.
 
 use super::geometry::{self, Geometry};
 use super::settings::Settings;
@@ -12,43 +12,43 @@ use crate::wording::{abridged, listed};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::collections::HashMap;
 
-/// What a body between two joints of another weighs, in parts of that.
+/// Mass of a body inserted between two joints of one body, relative to the mass of that body.
 const LIGHT: f64 = 1e-6;
 
-/// Elements of bodies that say nothing of how they move.
+/// Elements of a body that describe neither nested bodies nor shapes.
 const SAY_NOTHING: [&str; 6] = ["site", "camera", "light", "inertial", "joint", "freejoint"];
 const KNOWN: [&str; 6] = ["body", "geom", "joint", "freejoint", "inertial", "frame"];
 const KINDS: [&str; 4] = ["hinge", "slide", "ball", "free"];
 
-/// A model as it is put together.
+/// An MJCF model under construction.
 pub(super) struct Assembly<'r, 's, 'j> {
     settings: &'s Settings<'s>,
     poses: &'r Poses<'j>,
     pub reader: &'r mut Reader,
     robot: &'r mut Robot,
-    /// By name: the body that it moves with, none of what stands in the world.
+    /// By the name of an MJCF body: the body of the robot that it moves with; `None` if it is fixed in the world.
     known: HashMap<String, Option<usize>>,
     joints: JointsByName,
 }
 
-/// What a body is made within.
+/// The context of a nested element: motion, carrying body and default class of its parent.
 #[derive(Clone, Copy)]
 struct Around<'a> {
     motion: Motion,
-    /// The body that carries it; none in the world.
+    /// Index of the body that carries the nested body; `None` in the world.
     carrier: Option<usize>,
-    /// The class of elements that name none.
+    /// Default class of elements that name no class.
     class: Option<&'a str>,
 }
 
-/// An element of a body, the place of its frame in that of the body, and its class.
+/// An element of a body, the pose of its frame in the frame of the body, and its default class.
 type Placed<'a, 'x> = (Element<'a, 'x>, Isometry3<f64>, Option<&'a str>);
 
-/// A body on its way.
+/// A body that waits to be built.
 struct Made<'a, 'x> {
     around: Around<'a>,
     element: Element<'a, 'x>,
-    /// The place of the element in its parent's frame, where frames stand between them.
+    /// Pose in the parent's frame of the `<frame>` elements between the body and its parent.
     offset: Isometry3<f64>,
 }
 
@@ -58,12 +58,12 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         Self { settings, poses, reader, robot, known, joints: JointsByName::new() }
     }
 
-    /// The bodies by name, and the joints.
+    /// Returns the bodies and the joints, by name.
     pub fn finish(self) -> (HashMap<String, Option<usize>>, JointsByName) {
         (self.known, self.joints)
     }
 
-    /// All bodies of the world.
+    /// Builds all bodies of the world.
     pub fn world(&mut self, section: Element<'s, '_>) {
         let around =
             Around { motion: Motion::at_rest(Isometry3::identity()), carrier: None, class: section.get("childclass") };
@@ -74,7 +74,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         }
     }
 
-    /// Takes up the bodies within a body or the world, and the shapes of the world. Bodies wait, so that depth costs no stack.
+    /// Queues the bodies within a body or the world, and adds the shapes of the world. A queue in place of recursion
+    /// keeps deep nesting off the stack.
     fn fill<'x>(
         &mut self,
         element: Element<'s, 'x>,
@@ -96,7 +97,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         waiting.extend(bodies.into_iter().rev());
     }
 
-    /// The elements of a body in order, with those of frames in their place: each with the place of its frame, and its class.
+    /// Returns the elements of a body and of its `<frame>` elements, each with the pose of its frame and its default
+    /// class.
     fn within<'x>(
         &mut self,
         element: Element<'s, 'x>,
@@ -118,7 +120,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         found
     }
 
-    /// A shape that stands in the world, as a body.
+    /// Adds a shape of the world as a fixed body.
     fn standing(&mut self, element: Element<'s, '_>, motion: Motion, class: Option<&str>) {
         let element = self.settings.inheriting(element, class, "geom", self.reader);
         let Some(geometry) = geometry::read(element, self.settings, false, self.reader) else { return };
@@ -173,7 +175,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         self.fill(element, around, Isometry3::identity(), waiting);
     }
 
-    /// A name for a body without one.
+    /// Returns an unused name for a body without a name.
     fn free_name(&self) -> String {
         let mut k = self.known.len();
         while self.known.contains_key(&format!("body{k}")) {
@@ -187,7 +189,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         self.reader.report(element.start(), "duplicate_name", detail, "a name of its own");
     }
 
-    /// What a body weighs, and its shapes.
+    /// Returns mass and inertia of a body, and its shapes; nothing for a body that is fixed in the world.
     fn weigh(
         &mut self,
         element: Element<'s, '_>,
@@ -241,7 +243,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         Some(Inertial { mass, centre: Vector3::zeros(), inertia }.placed(&at))
     }
 
-    /// A body without joints is a part of what carries it; in the world its shapes stand by themselves.
+    /// Merges a body without joints into the body that carries it; in the world, its shapes are bodies of their own.
     fn merge(&mut self, around: Around<'s>, motion: Motion, inertial: Option<Inertial>, shapes: &[Geometry]) {
         let Some(carrier) = around.carrier else { return };
         let host = &mut self.robot.bodies[carrier];
@@ -252,7 +254,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         add_shapes(host, &at, shapes);
     }
 
-    /// A body with joints; the bodies between them, and itself.
+    /// Adds a body with joints and the light bodies between its joints; returns the index of the body.
     fn moving(
         &mut self,
         element: Element<'s, '_>,
@@ -331,7 +333,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
                 element,
                 "several joints of one body act one after the other, by bodies between them with a millionth of its mass",
             );
-            // What lies between them keeps the body and its parent from being neighbours.
+            // The light bodies between its joints keep the body and its parent from being neighbours, so their
+            // contact is excluded.
             if let Some(parent) = around.carrier {
                 self.robot.apart.insert((parent.min(body), parent.max(body)));
             }
@@ -347,7 +350,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         self.robot.bodies.len() - 1
     }
 
-    /// A joint with one freedom, or three.
+    /// Reads a hinge, slider or ball joint, and the motion of the body that it moves.
     fn joint(
         &mut self,
         (joint, name): (Element<'_, '_>, &str),
@@ -395,13 +398,13 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         if is_moved {
             self.reader.leave_out(joint, BEYOND_LIMITS);
         }
-        // Where a body stands in the description its joint is at its reference.
+        // In the position given by the description, the coordinate of a joint is its reference.
         let (motion, at, along) = motion.behind(&local, (start - reference, velocity));
         Given { motion, at, axis: along, limits, stiffness, rest, damping, start }
     }
 }
 
-/// A joint as it is read, and the motion behind it.
+/// A joint as it is read, with the motion of the body that it moves.
 struct Given {
     motion: Motion,
     at: Vector3<f64>,
@@ -410,7 +413,7 @@ struct Given {
     stiffness: f64,
     rest: f64,
     damping: f64,
-    /// Its coordinate at the start.
+    /// Coordinate of the joint at the start.
     start: f64,
 }
 
@@ -429,7 +432,7 @@ impl Given {
     }
 }
 
-/// Adds the shapes that touch others, in the frame that stands at `at`.
+/// Adds to a body those shapes that can touch others; `at` is the pose of the shapes' frame in the frame of the body.
 fn add_shapes(body: &mut Body, at: &Isometry3<f64>, shapes: &[Geometry]) {
     for shape in shapes.iter().filter(|shape| shape.touches()) {
         body.parts.push(Part { shape: shape.shape, at: at * shape.at, friction: Some(shape.friction) });

@@ -1,4 +1,4 @@
-//! Shapes of MJCF, and what they weigh.
+//! Shapes of MJCF, with their masses and inertias.
 
 use super::settings::{Settings, along};
 use crate::robot::inertia::Inertial;
@@ -7,32 +7,32 @@ use crate::robot::xml::{Element, Reader};
 use crate::wording::{abridged, listed};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// Kilograms a cubic metre where nothing is said.
+/// Default density of a shape, in kilograms per cubic metre.
 const DENSITY: f64 = 1000.0;
-/// The coefficient of friction where nothing is said.
+/// Default coefficient of friction of a shape.
 const FRICTION: f64 = 1.0;
-/// Shapes that have lengths alone.
+/// Kinds of shapes that are described by lengths alone.
 const KINDS: [&str; 6] = ["sphere", "capsule", "cylinder", "box", "ellipsoid", "plane"];
 
-/// A shape of a body.
+/// A shape of an MJCF body.
 pub(super) struct Geometry {
     pub shape: Shape,
-    /// In the frame of the body.
+    /// Pose of the shape in the frame of the body.
     pub at: Isometry3<f64>,
     pub friction: f64,
     pub masks: [u32; 2],
-    /// What it weighs; none of a plane.
+    /// Mass and inertia of the shape; `None` for a plane.
     pub inertial: Option<Inertial>,
 }
 
 impl Geometry {
-    /// Whether it touches anything.
+    /// Whether the shape can touch other shapes.
     pub fn touches(&self) -> bool {
         self.masks != [0, 0]
     }
 }
 
-/// Reads a shape; `weighs` says whether its body weighs by its shapes.
+/// Reads a shape; `weighs` is whether the mass of its body follows from the shapes of the body.
 pub(super) fn read(
     element: Element<'_, '_>,
     settings: &Settings<'_>,
@@ -100,7 +100,7 @@ fn mask(element: Element<'_, '_>, name: &str, reader: &mut Reader) -> u32 {
     value as u32
 }
 
-/// A shape with its place: by `size`, and `fromto` of long ones.
+/// Reads a shape with its pose: from `size`, and for long shapes from `fromto`.
 fn shape(
     element: Element<'_, '_>,
     kind: &str,
@@ -115,7 +115,7 @@ fn shape(
     let mut half = None;
     if let Some([a, b, c, d, e, f]) = reader.numbers::<6>(element, "fromto") {
         let (from, to) = (Vector3::new(a, b, c), Vector3::new(d, e, f));
-        // The third axis points from the end to the beginning, as in MuJoCo.
+        // The third axis points from the end to the beginning of `fromto`, as in MuJoCo.
         let Some(turn) = along(&(from - to)) else {
             reader.report(element.start(), "zero_direction", "both ends of `fromto` are the same", "two points");
             return None;
@@ -130,7 +130,7 @@ fn shape(
     let needed = match (kind, half) {
         ("sphere", _) | ("capsule" | "cylinder", Some(_)) => 1,
         ("capsule" | "cylinder", None) => 2,
-        // Across, and along by `fromto`.
+        // A box or an ellipsoid with `fromto`: `size` is the half width, `fromto` gives the length.
         (_, Some(_)) => 1,
         (_, None) => 3,
     };

@@ -1,8 +1,8 @@
 //! MJCF, the format of MuJoCo (Todorov, Erez and Tassa 2012, *MuJoCo: a physics engine for model-based control*;
-//! <https://mujoco.readthedocs.io/en/stable/XMLreference.html>): bodies within bodies, their joints, and shapes that weigh.
+//! <https://mujoco.readthedocs.io/en/stable/XMLreference.html>): nested bodies, their joints, and shapes with masses.
 //!
-//! Contacts are rigid here, with Coulomb's law; those of MuJoCo are soft. Several joints of one body act one after the other: bodies
-//! stand between them that weigh a millionth of it.
+//! Contacts of a scene are rigid, with Coulomb's law; those of MuJoCo are soft. Several joints of one body act one
+//! after the other: between the joints, bodies with a millionth of its mass are inserted.
 
 mod bodies;
 mod geometry;
@@ -19,14 +19,14 @@ use nalgebra::Isometry3;
 use settings::Settings;
 use std::collections::HashMap;
 
-/// Sections that say nothing of how bodies move.
+/// Sections of a model that do not describe bodies, joints or contacts.
 const SAY_NOTHING: [&str; 9] =
     ["size", "visual", "statistic", "asset", "sensor", "custom", "keyframe", "compiler", "option"];
 const SECTIONS: [&str; 8] = ["compiler", "option", "default", "worldbody", "contact", "equality", "tendon", "actuator"];
-/// What brings in other files, or makes bodies by rules.
+/// Elements that bring in other files, or make bodies by rules.
 const MAKERS: [&str; 7] = ["include", "composite", "flexcomp", "replicate", "attach", "deformable", "extension"];
 
-/// Reads a model.
+/// Reads a robot from the root element of an MJCF model.
 pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader) -> Robot {
     let settings = Settings::read(root, reader);
     let mut robot = Robot { name: root.get("model").map(str::to_owned), gravity: settings.gravity, ..Robot::default() };
@@ -67,7 +67,8 @@ fn refuse_maker(element: Element<'_, '_>, reader: &mut Reader) {
     reader.refuse(element, detail, "the bodies written out: MuJoCo saves a model as one file with mj_saveLastXML");
 }
 
-/// The place of a body that an attribute names, by the names of bodies.
+/// Returns the index of the body that an attribute names (`None` for the world), or nothing if the name is unknown,
+/// which is reported.
 fn body_of(
     element: Element<'_, '_>,
     attribute: &str,
@@ -171,10 +172,11 @@ fn tendons(section: Element<'_, '_>, reader: &mut Reader) {
     }
 }
 
-/// The number of a joint in the robot, and its coordinate at the start.
+/// By the name of a joint: its index in the robot, and its coordinate at the start.
 type JointsByName = HashMap<String, (usize, f64)>;
 
-/// Controls are zero: a motor then does nothing, a servo is a spring, and a servo of velocity a damper.
+/// Adds the effect of actuators whose controls are zero: a motor does nothing, a position servo is a spring, and a
+/// velocity servo is a damper.
 fn actuators(
     section: Element<'_, '_>,
     settings: &Settings<'_>,

@@ -1,4 +1,4 @@
-//! What holds for a whole model: units, gravity, and the attributes that elements inherit by classes.
+//! Settings of a whole MJCF model: units, gravity, and the attributes that elements inherit by classes.
 
 use crate::robot::xml::{Defaults, Element, Reader};
 use crate::wording::{abridged, listed};
@@ -6,31 +6,31 @@ use expression::nearest;
 use nalgebra::{Isometry3, Quaternion, Rotation3, Unit, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 
-/// The class of elements that name none.
+/// Name of the class of elements that name no class.
 const MAIN: &str = "main";
 
-/// The settings of a model.
+/// Settings of an MJCF model.
 pub(super) struct Settings<'a> {
-    /// Radians in a unit of angle.
+    /// Radians per unit of angle.
     pub angle: f64,
-    /// The axes of Euler's angles, in order; those of small letters turn with the body.
+    /// Axes of Euler angles, in order; axes in small letters rotate with the body.
     sequence: [char; 3],
-    /// Whether shapes alone say what a body weighs; else only where nothing else does.
+    /// Whether the mass of a body always follows from its shapes, and not only where no `<inertial>` gives it.
     pub weighs_by_shapes: bool,
-    /// Whether joints with a range are limited.
+    /// Whether joints with a range are limited by default.
     pub limits_itself: bool,
-    /// What all bodies weigh together, where that is given.
+    /// Total mass of all bodies, if it is given.
     pub total_mass: Option<f64>,
-    /// The least mass and moment of a body.
+    /// Smallest mass and smallest moment of inertia of a body.
     pub least: [f64; 2],
     pub gravity: Vector3<f64>,
     pub has_contacts: bool,
-    /// By class and kind of element.
+    /// Default attributes by class and kind of element.
     classes: HashMap<&'a str, HashMap<&'a str, Defaults<'a>>>,
 }
 
 impl<'a> Settings<'a> {
-    /// Reads them from all sections of a model.
+    /// Reads the settings from all sections of a model.
     pub fn read(root: Element<'a, '_>, reader: &mut Reader) -> Self {
         let mut settings = Self {
             angle: 1_f64.to_radians(),
@@ -113,7 +113,8 @@ impl<'a> Settings<'a> {
         }
     }
 
-    /// A class of defaults, and those within it; each begins as the one around it.
+    /// Reads a class of defaults and the classes nested in it; each class begins with the defaults of the enclosing
+    /// class.
     fn inherit(&mut self, element: Element<'a, '_>, around: &'a str, reader: &mut Reader) {
         let mut waiting = vec![(element, around)];
         while let Some((element, around)) = waiting.pop() {
@@ -140,7 +141,8 @@ impl<'a> Settings<'a> {
         }
     }
 
-    /// An element with what it inherits by its class, or else by that of the bodies around it.
+    /// Returns an element with the attributes that it inherits from its class, or else from the class `around` of the
+    /// enclosing bodies.
     pub fn inheriting<'s, 'x>(
         &'s self,
         element: Element<'s, 'x>,
@@ -163,13 +165,13 @@ impl<'a> Settings<'a> {
         Element::inheriting(element.node, class.get(kind))
     }
 
-    /// Where an element stands in its parent.
+    /// Returns the pose of an element in its parent.
     pub fn frame(&self, element: Element<'_, '_>, reader: &mut Reader) -> Isometry3<f64> {
         let at = reader.numbers::<3>(element, "pos").unwrap_or_default();
         Isometry3::from_parts(Vector3::from(at).into(), self.orientation(element, reader))
     }
 
-    /// Its orientation, in any of the ways to write one.
+    /// Returns the orientation of an element, given in any notation of MJCF.
     pub fn orientation(&self, element: Element<'_, '_>, reader: &mut Reader) -> UnitQuaternion<f64> {
         let none = UnitQuaternion::identity();
         let found = if let Some([w, x, y, z]) = reader.numbers::<4>(element, "quat") {
@@ -220,10 +222,10 @@ impl<'a> Settings<'a> {
     }
 }
 
-/// The shortest turn that takes the third axis along a vector.
+/// Returns the shortest rotation that takes the third axis to a direction.
 pub(super) fn along(direction: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
     let unit = direction.try_normalize(0.0)?;
-    // Opposite to it, any half turn across it will do.
+    // For a direction opposite to the third axis, any half turn about a perpendicular axis will do.
     let across = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     Some(UnitQuaternion::rotation_between(&Vector3::z(), &unit).unwrap_or(across))
 }

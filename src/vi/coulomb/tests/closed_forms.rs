@@ -1,4 +1,4 @@
-//! Whole problems with known solutions.
+//! Contact problems with Coulomb's law whose solutions are known.
 
 use super::super::{Coulomb, CoulombProblem, Limits, Method};
 use super::{Random, problem};
@@ -15,7 +15,7 @@ fn solve(problem: &CoulombProblem) -> Vec<Vector3<f64>> {
 
 #[test]
 fn what_slides_does_not_lift_off() {
-    // Two spheres, apart, slide at 10 m/s; the convex relaxation would lift them at mu times that.
+    // Two separate spheres slide at 10 m/s; the convex relaxation would lift them at mu times that speed.
     let q = vec![Vector3::new(-0.01, 10.0, 0.0), Vector3::new(-0.01, 0.0, -10.0)];
     let problem = problem(&DMatrix::identity(6, 6), q, vec![0.5; 2]);
     let r = solve(&problem);
@@ -29,7 +29,7 @@ fn what_slides_does_not_lift_off() {
 fn without_friction_velocities_are_those_of_the_complementarity_problem() {
     let mut random = Random(5);
     for n in [2, 8, 30] {
-        // More contacts than degrees of freedom: the impulses are not unique, the velocities are.
+        // Take more contacts than degrees of freedom: the impulses are not unique, the velocities are.
         let jacobian = DMatrix::from_fn(3 * n, n / 2 + 1, |_, _| random.number());
         let free = DVector::from_fn(jacobian.ncols(), |_, _| random.number());
         let dense = &jacobian * jacobian.transpose();

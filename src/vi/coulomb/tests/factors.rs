@@ -1,4 +1,4 @@
-//! The Delassus operator in factors, and sweeps with a proximal term.
+//! Tests of the Delassus operator in factored form, and of sweeps with a proximal term.
 
 use super::Random;
 use crate::Outcome;
@@ -8,7 +8,8 @@ use crate::coulomb::{
 use nalgebra::{Matrix3, Vector3};
 use problem::Control;
 
-/// Contacts of random bodies with each other and with the ground, and the blocks `J_k M^-1 J_l^T` of their operator.
+/// Returns contacts of random bodies with each other and with the ground, and the blocks `J_k M^-1 J_l^T` of their
+/// operator.
 fn random_contacts(random: &mut Random, bodies: u32, contacts: usize) -> (Factored, BlockMatrix) {
     let mobilities: Vec<Mobility> = (0..bodies)
         .map(|_| {
@@ -55,7 +56,7 @@ fn factors_and_blocks_are_one_operator() {
         assert!((product - blocks.row_product(k, &r)).norm() < 1e-12);
         assert!((factors.diagonal(k) - blocks.diagonal(k)).norm() < 1e-12);
     }
-    // One impulse more, by itself and with the others.
+    // Add one impulse, and compare with the product of all impulses.
     let change = random.vector();
     factors.push(7, &change, &mut twists);
     let mut more = r;
@@ -69,7 +70,7 @@ fn sweeps_in_factors_find_the_solution_of_the_other_methods() {
     let mut random = Random(2);
     let mut solved = 0;
     for _ in 0..20 {
-        // As many contacts as bodies: impulses are unique, mostly.
+        // Take as many contacts as bodies: impulses are then mostly unique.
         let (factors, blocks) = random_contacts(&mut random, 6, 6);
         let q: Vec<Vector3<f64>> = (0..6).map(|_| random.vector()).collect();
         let mu = vec![0.3; 6];
@@ -87,8 +88,8 @@ fn sweeps_in_factors_find_the_solution_of_the_other_methods() {
     assert!(solved >= 15, "{solved} of 20");
 }
 
-/// Four contacts under the corners of a plate: the law with a proximal term has a solution to any tolerance, with the weight
-/// carried and every impulse in its cone, though the law alone has many.
+/// Four contacts under the corners of a plate: the law with a proximal term has a solution to any tolerance, which
+/// carries the weight and has every impulse in its cone, though the law without the term has many solutions.
 #[test]
 fn redundant_contacts_carry_the_weight() {
     let plate = Mobility { linear: 0.5, angular: Matrix3::from_diagonal(&Vector3::new(3.0, 3.0, 1.5)) };
@@ -100,7 +101,7 @@ fn redundant_contacts_carry_the_weight() {
         arms: [Vector3::zeros(), Vector3::new(x, y, -0.1)],
     };
     let factors = Factored::new([plate], corners.iter().map(grip));
-    // Falls at 1, slides at 0.2 along x: friction 0.5 stops both.
+    // The plate falls at 1 and slides at 0.2 along x: a friction coefficient of 0.5 stops both.
     let q = vec![Vector3::new(-1.0, 0.2, 0.0); 4];
     let mut r = vec![Vector3::zeros(); 4];
     let limits = Limits { tolerance: 1e-12, ..Limits::default() };

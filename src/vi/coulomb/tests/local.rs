@@ -1,4 +1,4 @@
-//! One contact.
+//! Tests of the exact solution of one contact.
 
 use super::super::{Evidence, solve_contact};
 use super::{Random, problem};
@@ -29,7 +29,7 @@ fn random_contacts_are_solved_to_rounding() {
         let r = solve_contact(&matrix, &q, mu).expect("a solution");
         let dense = DMatrix::from_iterator(3, 3, matrix.iter().copied());
         let evidence = Evidence::of(&problem(&dense, vec![q], vec![mu]), &[r]);
-        // The inverse of W amplifies rounding by its condition, up to some 1e4 here.
+        // The inverse of W amplifies rounding by its condition number, up to some 1e4 in these cases.
         assert!(evidence.relative < 1e-11, "case {case}: W {matrix} q {q} mu {mu} r {r}: {evidence:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Coulomb's law against independent solutions: closed forms, statics, another solver.
+//! Tests of Coulomb's law against independent solutions: closed forms, statics, another solver.
 
 mod closed_forms;
 mod factors;
@@ -9,7 +9,7 @@ mod stacks;
 use super::{BlockMatrix, CoulombProblem, Reach};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Patches of a radius of gyration, of next to none, and of lengths far apart.
+/// Contact patches with radii of the size of a radius of gyration, almost zero, and with very different lengths.
 pub(super) const REACHES: [Reach; 8] = [
     Reach { drill: 1.0, roll: 1.0 },
     Reach { drill: 0.1, roll: 0.01 },
@@ -21,7 +21,7 @@ pub(super) const REACHES: [Reach; 8] = [
     Reach { drill: 1e6, roll: 1e6 },
 ];
 
-/// Uniform numbers in `[-1, 1)` (`SplitMix64`).
+/// A generator of uniform random numbers in `[-1, 1)` (`SplitMix64`).
 pub(super) struct Random(pub(super) u64);
 
 impl Random {
@@ -42,7 +42,7 @@ impl Random {
     }
 }
 
-/// The problem of a dense Delassus operator.
+/// Builds the contact problem of a dense Delassus operator.
 fn problem(dense: &DMatrix<f64>, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> CoulombProblem {
     let n = q.len();
     let blocks = (0..n * n).map(|e| (e / n, e % n, dense.fixed_view::<3, 3>(3 * (e / n), 3 * (e % n)).into_owned()));

@@ -1,4 +1,4 @@
-//! The parts: projection, generalised Jacobian, linear systems, scaling.
+//! Tests of the parts of the contact solvers: projection, generalised Jacobian, linear systems, scaling.
 
 use super::super::alart_curnier;
 use super::super::cone::FrictionCone;
@@ -8,7 +8,7 @@ use super::super::{BlockMatrix, CoulombProblem, CoulombProblemError, Evidence};
 use super::Random;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Some point of the cone.
+/// Returns a random point of the friction cone.
 fn point(random: &mut Random, mu: f64) -> Vector3<f64> {
     let (normal, angle) = (random.number().abs() * 3.0, random.number() * std::f64::consts::PI);
     let slip = mu * normal * random.number().abs();
@@ -38,7 +38,7 @@ fn the_generalised_jacobian_agrees_with_differences_in_every_state() {
         let (r, u, mu, h) = (random.vector(), random.vector(), 0.8, 1e-7);
         let y = r - u;
         let slip = y.y.hypot(y.z);
-        // Away from the kinks.
+        // Skip points near the kinks of the function.
         if y.x.abs() < 1e-3 || (slip - mu * y.x).abs() < 1e-3 {
             continue;
         }
@@ -63,7 +63,7 @@ fn the_generalised_jacobian_agrees_with_differences_in_every_state() {
 
 #[test]
 fn dense_and_sparse_systems_of_blocks_are_solved() {
-    // A ring of contacts is dense below thirty, sparse above.
+    // The linear system of a ring of contacts is dense below thirty contacts, sparse above.
     for n in [5, 200] {
         let mut random = Random(3);
         let mut blocks = Vec::new();
@@ -85,7 +85,7 @@ fn dense_and_sparse_systems_of_blocks_are_solved() {
         assert!(system.factorise(&matrix, |_, _, block| *block));
         assert!(system.solve(x.as_mut_slice()));
         assert!((x - expected).amax() < 1e-12);
-        // Another matrix of the same pattern, singular.
+        // Another matrix of the same pattern is singular.
         system.factorise(&matrix, |_, _, _| Matrix3::zeros());
         assert!(!system.solve(&mut vec![1.0; 3 * n]));
     }

@@ -1,6 +1,6 @@
-//! Stacks of unit cubes, four contacts a face: twice as many unknowns as degrees of freedom, and a load that may be a
-//! million times the weight of the cubes that carry it. Statics determines the sum of the normal impulses at every
-//! face.
+//! Stacks of unit cubes with four contacts on each face: twice as many unknowns as degrees of freedom, and a load
+//! that may be a million times the weight of the cubes that carry it. Statics determines the sum of the normal
+//! impulses at every face.
 
 use super::super::{Coulomb, CoulombProblem};
 use super::{Random, problem};
@@ -8,10 +8,11 @@ use crate::Outcome;
 use nalgebra::{DMatrix, DVector, Vector3};
 use problem::Control;
 
-/// Velocity gained in one step by falling.
+/// Velocity that a free fall gains in one step.
 const FALL: f64 = 0.0981;
 
-/// Cubes of mass one, the top one of mass `load`, falling for one step and pushed at random by `push` of that.
+/// Returns the problem of a stack of cubes of mass one, the top one of mass `load`, after one step of free fall, with
+/// random velocities of the fraction `push` of that of the fall.
 fn stack(cubes: usize, load: f64, push: f64) -> CoulombProblem {
     let mut random = Random(8);
     let mut jacobian = DMatrix::zeros(12 * cubes, 6 * cubes);
@@ -28,7 +29,7 @@ fn stack(cubes: usize, load: f64, push: f64) -> CoulombProblem {
         for corner in 0..4 {
             let (x, y) = ([-0.5, 0.5][corner % 2], [-0.5, 0.5][corner / 2]);
             let mut touch = |body: usize, sign: f64, z: f64| {
-                // Normal along z, tangents along x and y: v + omega x (x, y, z).
+                // Rows of the contact point velocity v + omega x (x, y, z): normal along z, tangents along x and y.
                 let rows = [[0., 0., 1., y, -x, 0.], [1., 0., 0., 0., z, -y], [0., 1., 0., -z, 0., x]];
                 for (axis, row) in rows.iter().enumerate() {
                     for (column, value) in row.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Rigid bodies in space: spheres dropped and thrown on a floor, boxes that land flat, and pendulums on a ball joint.
+//! Random scenes of rigid bodies: spheres dropped and thrown on a floor, boxes that land flat, and pendulums on a
+//! ball joint.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -29,7 +30,7 @@ pub fn generate(random: &mut Random) -> Bodies {
     let speed = size / time;
     let body = |random: &mut Random, k: usize| {
         let radius = 0.1 * size;
-        // Side by side, so that no bodies meet.
+        // Bodies start side by side and far apart, so that they do not meet.
         let position = [10.0 * size * k as f64, 0.0, radius + size * random.uniform(0.0, 1.0)];
         let is_box = random.chance(0.25);
         let hangs = !is_box && random.chance(0.3);

@@ -18,7 +18,7 @@ pub struct Circuit {
     amplitude: f64,
 }
 
-/// The scales from which component values are drawn.
+/// Scales from which component values are drawn at random.
 struct Scales {
     ohms: f64,
     period: f64,
@@ -30,7 +30,7 @@ impl Scales {
         Part::Resistor(self.ohms * random.scale(low, high))
     }
 
-    /// A capacitor whose time constant with the typical resistance is `low` to `high` periods.
+    /// Returns a capacitor whose time constant with the typical resistance is between `low` and `high` periods.
     fn capacitor(&self, random: &mut Random, low: f64, high: f64, volts: f64) -> Part {
         Part::Capacitor(random.scale(low, high) * self.period / self.ohms, volts)
     }
@@ -60,7 +60,7 @@ pub fn generate(random: &mut Random) -> Circuit {
     Circuit { network, end: period * random.scale(4.0, 60.0), amplitude }
 }
 
-/// A sine wave, possibly with another one of a very different frequency.
+/// Returns a sine wave, possibly with another one of a very different frequency.
 fn source(random: &mut Random, amplitude: f64, period: f64) -> Signal {
     let mut waves = vec![Wave { amplitude, omega: TAU / period, phase: random.uniform(0.0, TAU) }];
     if random.chance(0.4) {
@@ -90,7 +90,7 @@ fn detector(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network.add(scales.capacitor(random, 0.3, 300.0, volts), held, 0);
     network.add(scales.resistor(random, 1.0, 100.0), held, 0);
     if random.chance(0.3) {
-        // A second detector, fed by the first.
+        // A second detector stage, which the first feeds.
         network.add(Part::Diode, held, held + 1);
         network.add(scales.capacitor(random, 0.3, 300.0, volts + 0.01 * amplitude), held + 1, 0);
         network.add(scales.resistor(random, 1.0, 100.0), held + 1, 0);
@@ -111,7 +111,7 @@ fn clamper(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
 
 fn bridge(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     let mut network = Network::default();
-    // The source floats between nodes 1 and 2; the output is node 3 above the ground.
+    // The source floats between nodes 1 and 2; the output voltage is that of node 3.
     network.add(Part::Voltage(scales.source.clone()), 1, 2);
     for (from, to) in [(1, 3), (2, 3), (0, 1), (0, 2)] {
         network.add(Part::Diode, from, to);
@@ -151,7 +151,7 @@ fn multiplier(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network
 }
 
-/// A rectifier into a coil, with or without a diode that takes its current over.
+/// A rectifier that feeds a coil, with or without a freewheeling diode.
 fn choke(random: &mut Random, scales: &Scales) -> Network {
     let mut network = Network::default();
     let from = fed(random, scales, &mut network);
@@ -168,7 +168,7 @@ fn choke(random: &mut Random, scales: &Scales) -> Network {
     network
 }
 
-/// A rectifier that feeds a coil, with or without a freewheeling diode.
+/// A rectifier behind a second-order low-pass filter.
 fn filter(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     let mut network = Network::default();
     network.add(Part::Voltage(scales.source.clone()), 1, 0);
@@ -227,13 +227,15 @@ impl Problem for Circuit {
         Way::Stages
     }
 
-    /// The scale of currents, if there are coils: that of voltages divided by the resistance.
+    /// The smallest relevant magnitude: that of voltages or, if there are coils, of their currents, which is a
+    /// voltage divided by a resistance.
     fn smallest(&self) -> f64 {
         let coil = self.network.parts.iter().any(|(part, _, _)| matches!(part, Part::Inductor(..)));
         self.amplitude * if coil { 1e-4 } else { 1e-2 }
     }
 
-    /// The networks are passive: the stored energy of the difference of two solutions does not grow.
+    /// States are unique since the networks are passive: the stored energy of the difference of two solutions does
+    /// not grow.
     fn is_unique(&self) -> bool {
         true
     }

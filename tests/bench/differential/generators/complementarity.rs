@@ -1,5 +1,5 @@
-//! Linear complementarity systems: passive ones, with `D` zero, singular or regular; systems whose `D` is a P-matrix;
-//! and reflections, in which `D` is zero and `C B` is an M-matrix.
+//! Random linear complementarity systems: passive ones, with `D` zero, singular or regular; systems whose `D` is a
+//! P-matrix; and reflections, in which `D` is zero and `C B` is an M-matrix.
 
 use super::{LinearProblem, dissipative, faster, positive_definite, rescaled};
 use crate::differential::linear::{Linear, Shape, transposed, zeros};
@@ -36,7 +36,7 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     LinearProblem { system, end, is_unique: true, as_matrices: random.chance(0.7), energy }
 }
 
-/// `C = B^T`, `D` positive semidefinite and `A + A^T` negative semidefinite.
+/// Passive system: `C = B^T`, `D` positive semidefinite and `A + A^T` negative semidefinite.
 fn passive(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 300.0);
     let b = random.matrix(n, m);
@@ -49,14 +49,15 @@ fn passive(random: &mut Random, n: usize, m: usize) -> Linear {
             d
         }
     };
-    // `z` is determined on the kernel of `B` by `D` only; the states do not depend on it.
+    // If there are more variables than states, `z` on the kernel of `B` is determined by `D` only, which is shifted
+    // to be regular. The states do not depend on that part of `z`.
     if m > n {
         (0..m).for_each(|i| d[i][i] += 0.3);
     }
     Linear { a, c: transposed(&b), b, d, ..Linear::default() }
 }
 
-/// `D` is a diagonally dominant P-matrix; all else is random, with dissipation.
+/// System in which `D` is a diagonally dominant P-matrix and all other matrices are random, with dissipation.
 fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     let mut a = dissipative(random, n, 100.0);
     (0..n).for_each(|i| a[i][i] -= 0.5);
@@ -68,7 +69,8 @@ fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     Linear { a, b: random.matrix(n, m), c: random.matrix(m, n), d, ..Linear::default() }
 }
 
-/// Each variable pushes one state away from zero, and may push others towards zero, by less in total.
+/// Reflection: each variable pushes one state away from zero, and may push other states towards zero by less in
+/// total.
 #[expect(clippy::needless_range_loop, reason = "columns of a matrix by rows")]
 fn reflection(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 30.0);

@@ -1,5 +1,5 @@
-//! Discontinuous systems: relays that feed back one or two linear functions of the states, directly or through two
-//! integrations, and pairs of linear vector fields on the two sides of a surface.
+//! Random discontinuous systems: relays that feed back one or two linear functions of the states, directly or through
+//! two integrations, and pairs of linear vector fields on the two sides of a surface.
 
 use super::{LinearProblem, dissipative, faster};
 use crate::differential::linear::{Linear, Shape, transposed, zeros};
@@ -24,7 +24,7 @@ pub fn generate(random: &mut Random) -> Box<dyn Problem> {
     }
 }
 
-/// `x' = A x + B u + a(t)`, `u in -Sgn(C x + g)` with `C B` symmetric and positive definite.
+/// Relay system `x' = A x + B u + a(t)`, `u in -Sgn(C x + g)` with `C B` symmetric and positive definite.
 fn relay(random: &mut Random) -> LinearProblem {
     let (n, m) = (random.whole(1, 4), random.whole(1, 2));
     let n = n.max(m);
@@ -45,7 +45,7 @@ fn relay(random: &mut Random) -> LinearProblem {
     scaled(random, system, omega, energy)
 }
 
-/// `x'' = -k x - c x' - u + a(t)`, `u in Sgn x`: the relay acts through two integrations.
+/// System `x'' = -k x - c x' - u + a(t)`, `u in Sgn x`, in which the relay acts through two integrations.
 fn late_relay(random: &mut Random) -> LinearProblem {
     let omega = random.scale(0.3, 5.0);
     let (stiffness, damping) = (random.uniform(0.0, 2.0), random.uniform(0.0, 0.3));
@@ -68,7 +68,7 @@ fn scaled(random: &mut Random, system: Linear, omega: f64, energy: Option<Vec<f6
     LinearProblem { system: faster(system, speed), end, is_unique: true, as_matrices: random.chance(0.5), energy }
 }
 
-/// A single relay, written as one vector field on each side of its surface.
+/// A system with one relay, written as a vector field on each side of its switching surface.
 struct Relay(LinearProblem);
 
 impl Problem for Relay {
@@ -123,7 +123,7 @@ impl Problem for Relay {
 /// Rows of linear functions, each with a forcing term.
 type Rows = Vec<(Vec<f64>, Signal)>;
 
-/// Linear vector fields on the two sides of a surface.
+/// Linear vector fields on the two sides of a switching surface.
 struct TwoFields {
     initial: Vec<f64>,
     fields: [Rows; 2],
@@ -137,7 +137,7 @@ fn two_fields(random: &mut Random) -> TwoFields {
     let normal = random.vector(n);
     let mut side = |towards: f64| -> Rows {
         let a = dissipative(random, n, 10.0);
-        // Most vector fields point towards the surface.
+        // A constant forcing makes most vector fields point towards the switching surface.
         (0..n)
             .map(|i| {
                 let mut drive = Signal::random(random, 0.5, omega, 1);
@@ -173,14 +173,14 @@ impl Problem for TwoFields {
         0.1
     }
 
-    /// Solutions branch at points at which both vector fields are tangent to the surface and behind which it is
-    /// repulsive; the certificates of the runs decide.
+    /// Solutions branch where both vector fields are tangent to the surface and it becomes repulsive: uniqueness
+    /// depends on the certificates of the runs.
     fn is_unique(&self) -> bool {
         false
     }
 }
 
-/// A `filippov` problem of two vector fields, that of the positive side first.
+/// Returns a `filippov` problem with two vector fields, of which the first is that of the positive side.
 fn filippov(initial: &[f64], fields: &[Rows; 2], surface: &(Vec<f64>, Signal), view: &View) -> Value {
     let linear = |(row, signal): &(Vec<f64>, Signal), of_states: f64, of_signal: f64| {
         let terms = row.iter().enumerate().filter(|(_, x)| **x != 0.0);

@@ -1,5 +1,5 @@
-//! Mechanical systems: an oscillator with a stop, a ball that bounces and slides, a block on a rough floor pulled by a
-//! spring, a pendulum on a joint, and two bodies on a spring that collide.
+//! Random mechanical systems: an oscillator with a stop, a ball that bounces and slides, a block on a rough floor
+//! pulled by a spring, a pendulum on a joint, and two bodies on a spring that collide.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 struct Mechanical {
     scene: MultibodySystem,
     end: f64,
-    /// The step size of time stepping.
+    /// The step size of time stepping; `None` if impacts are located.
     step: Option<f64>,
 }
 
@@ -75,7 +75,7 @@ pub fn generate(random: &mut Random, stepped: bool) -> Box<dyn Problem> {
 }
 
 impl Mechanical {
-    /// A quantity in the units of `view`, given its powers of size and time.
+    /// Converts a value to the units of `view`, given the powers of length and time in its unit.
     fn in_units(view: &View, value: f64, size: i32, time: i32) -> f64 {
         value / (view.size.powi(size) * view.time.powi(time))
     }
@@ -197,7 +197,7 @@ impl Problem for Mechanical {
             MultibodySystem::Pendulum { length, .. } => *length,
             MultibodySystem::Pair { rest, .. } => *rest,
         };
-        // If the unit of time is long, velocities are large numbers, and conversely.
+        // With a long unit of time velocities are large numbers, and with a short one they are small.
         0.1 * size * (1.0 / self.end).min(1.0)
     }
 

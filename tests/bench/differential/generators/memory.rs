@@ -1,4 +1,5 @@
-//! Problems with memory: fractional kernels of order at most one and exponential kernels, over boxes and orthants.
+//! Random problems with memory: fractional kernels of order at most one and exponential kernels, over boxes and
+//! orthants.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -9,7 +10,7 @@ pub struct Memory {
     /// A fractional kernel with its exponent, or an exponential kernel with its rate.
     kernel: Kernel,
     q: Vec<Signal>,
-    /// A symmetric positive definite matrix.
+    /// Symmetric positive definite matrix by which the kernel couples the variables.
     matrix: Vec<Vec<f64>>,
     bounds: Option<(f64, f64)>,
     end: f64,
@@ -29,7 +30,8 @@ pub fn generate(random: &mut Random) -> Memory {
         Kernel::Exponential(random.scale(0.1, 10.0))
     };
     let mut q: Vec<Signal> = (0..m).map(|_| Signal::random(random, 1.0, omega, 2)).collect();
-    // There is no past at the start: unless `q` is in the dual cone there, the solution begins with an impulse.
+    // At the start the convolution is zero: unless `q` is in the dual cone there, the solution begins with an
+    // impulse.
     for q in &mut q {
         q.constant += random.uniform(0.05, 0.5) - q.at(0.0);
     }

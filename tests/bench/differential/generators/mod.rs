@@ -1,4 +1,4 @@
-//! Random problems of each kind. Most are well-posed by construction, and each states whether it is.
+//! Random problems of each kind. Most are well-posed by construction, and each knows whether it is.
 
 mod bodies;
 mod circuits;
@@ -16,7 +16,7 @@ use super::random::Random;
 use super::reference::{Values, by_modes, by_projection};
 use serde_json::Value;
 
-/// A random problem of a kind.
+/// Returns a random problem of the given kind.
 pub fn generate(kind: Kind, random: &mut Random) -> Box<dyn Problem> {
     match kind {
         Kind::Complementarity => Box::new(complementarity::generate(random)),
@@ -37,13 +37,14 @@ pub struct LinearProblem {
     pub system: Linear,
     pub end: f64,
     pub is_unique: bool,
-    /// Written as matrices; otherwise as expressions.
+    /// Whether the problem is written as matrices (`lcs`); otherwise it is written as expressions (`dvi`).
     pub as_matrices: bool,
-    /// The weights of the states in an energy that does not grow for the difference of two solutions, if there is one.
+    /// Weights of the states in an energy that does not grow for the difference of two solutions; `None` if none is
+    /// known.
     pub energy: Option<Vec<f64>>,
 }
 
-/// The number of steps of the coarsest run of the reference by projections.
+/// Number of steps of the coarsest run of the reference method by projections.
 const COARSE: usize = 2_000;
 
 impl Problem for LinearProblem {
@@ -82,8 +83,8 @@ impl Problem for LinearProblem {
     }
 }
 
-/// A matrix `A` with `A + A^T` negative semidefinite: oscillation and decay, with time scales up to a ratio of
-/// `stiffness`.
+/// Returns a random matrix `A` with `A + A^T` negative semidefinite: oscillation and decay, with time scales up to a
+/// ratio of `stiffness`.
 fn dissipative(random: &mut Random, n: usize, stiffness: f64) -> Vec<Vec<f64>> {
     let root = random.matrix(n, n);
     let square = product(&root, &transposed(&root));
@@ -98,7 +99,7 @@ fn dissipative(random: &mut Random, n: usize, stiffness: f64) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
 }
 
-/// A matrix with a positive definite symmetric part of order one, and possibly a skew-symmetric part.
+/// Returns a random matrix with a positive definite symmetric part of order one, and possibly a skew-symmetric part.
 fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
     let root = random.matrix(n, n);
     let square = product(&root, &transposed(&root));
@@ -109,19 +110,20 @@ fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
 }
 
-/// A diagonal shift that keeps a random Gram matrix away from singularity.
+/// Returns a diagonal shift that keeps a random Gram matrix away from singularity.
 fn random_free(n: usize) -> f64 {
     0.1 * n as f64
 }
 
-/// The largest growth factor of a perturbation, in the norm in which each state is divided by its size, if the energy
-/// with these weights does not grow.
+/// Returns a bound of the growth of a perturbation, in the norm in which each state is divided by its size, if the
+/// energy with these weights does not grow.
 fn growth_by_energy(weights: &[f64], sizes: &[f64]) -> f64 {
     let energies = || weights.iter().zip(sizes).map(|(weight, size)| weight * size * size);
     (energies().sum::<f64>() / energies().fold(f64::INFINITY, f64::min)).sqrt()
 }
 
-/// Writes a passive system in other units for each state, so that its energy is no longer the square of the norm.
+/// Rewrites a passive system in other units for each state, so that its energy is not the square of the Euclidean
+/// norm.
 fn rescaled(mut system: Linear, factors: &[f64]) -> Linear {
     for (i, factor) in factors.iter().enumerate() {
         system.initial[i] *= factor;
@@ -139,7 +141,7 @@ fn rescaled(mut system: Linear, factors: &[f64]) -> Linear {
     system
 }
 
-/// Speeds up the dynamics by a factor.
+/// Scales the rates of a system, and the frequencies of its signals, by a factor.
 fn faster(mut system: Linear, factor: f64) -> Linear {
     for matrix in [&mut system.a, &mut system.b] {
         matrix.iter_mut().flatten().for_each(|entry| *entry *= factor);
@@ -154,7 +156,7 @@ fn faster(mut system: Linear, factor: f64) -> Linear {
     system
 }
 
-/// The number of variables of a set.
+/// Returns the number of variables of a set.
 fn variables(set: &[(Shape, usize)]) -> usize {
     set.iter().map(|(_, size)| size).sum()
 }

@@ -1,6 +1,6 @@
-//! Networks of resistors, capacitors, inductors, sources and ideal diodes: written as a `circuit`, and reduced by nodal
-//! analysis to a linear complementarity system, in which capacitors are voltage sources, and inductors and diodes are
-//! current sources. The reduction fails if a node is connected to such components only.
+//! Networks of resistors, capacitors, inductors, sources and ideal diodes: written as a `circuit`, and reduced by
+//! nodal analysis to a linear complementarity system, in which capacitors are voltage sources, and inductors and
+//! diodes are current sources. The reduction fails if all components at a node are current sources.
 
 use crate::differential::linear::{Linear, Shape};
 use crate::differential::problem::View;
@@ -8,15 +8,16 @@ use crate::differential::signal::Signal;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
 
-/// The leakage resistance, relative to the largest resistance: with little effect, and far above rounding errors.
+/// Leakage resistance, relative to the largest resistance: large enough to have little effect, and small enough for
+/// its currents to be far above rounding errors.
 const LEAK: f64 = 1e7;
 
 #[derive(Clone, Debug)]
 pub enum Part {
     Resistor(f64),
-    /// Capacitance in farads, initial voltage in volts.
+    /// A capacitor, with its capacitance in farads and its initial voltage in volts.
     Capacitor(f64, f64),
-    /// Inductance in henries, initial current in amperes.
+    /// An inductor, with its inductance in henries and its initial current in amperes.
     Inductor(f64, f64),
     Voltage(Signal),
     Diode,
@@ -37,7 +38,7 @@ impl Network {
         self.parts.iter().map(|(_, a, b)| *a.max(b)).max().unwrap_or(0)
     }
 
-    /// The names of the states, in the order of the components.
+    /// Returns the names of the states, in the order of the components.
     pub fn states(&self) -> Vec<String> {
         let name = |(k, (part, _, _)): (usize, &(Part, usize, usize))| match part {
             Part::Capacitor(..) => Some(format!("v(C{k})")),
@@ -47,7 +48,7 @@ impl Network {
         self.parts.iter().enumerate().filter_map(name).collect()
     }
 
-    /// The weights of the states in the stored energy.
+    /// Returns the weights of the states in the stored energy.
     pub fn energy(&self) -> Vec<f64> {
         let weight = |(part, _, _): &(Part, usize, usize)| match part {
             Part::Capacitor(capacity, _) => Some(*capacity),
@@ -57,7 +58,7 @@ impl Network {
         self.parts.iter().filter_map(weight).collect()
     }
 
-    /// The value of `problem`.
+    /// Returns the network as the `problem` of a specification.
     pub fn document(&self, view: &View) -> Value {
         let mut state = 0;
         let mut start = |value: f64| {
@@ -84,8 +85,8 @@ impl Network {
         json!({"circuit": {"components": components}})
     }
 
-    /// The system with leakage from every node to the ground, if it cannot be reduced without; and the relative change
-    /// by it.
+    /// Reduces the network with leakage from every node to the ground, for networks that cannot be reduced without;
+    /// also returns the relative change by the leakage.
     pub fn leaking(&self) -> Option<(Linear, f64)> {
         let resistance =
             |(part, _, _): &(Part, usize, usize)| if let Part::Resistor(ohms) = part { *ohms } else { 0.0 };
@@ -95,8 +96,8 @@ impl Network {
         Some((network.system()?, 100.0 / LEAK))
     }
 
-    /// The system in capacitor voltages, inductor currents and diode currents; `None` if nodal analysis does not
-    /// determine it.
+    /// Reduces the network to a system in capacitor voltages, inductor currents and diode currents; `None` if nodal
+    /// analysis does not determine it.
     pub fn system(&self) -> Option<Linear> {
         let (nodes, parts) = (self.nodes(), &self.parts);
         let place =
@@ -104,7 +105,8 @@ impl Network {
         let states = place(|part| matches!(part, Part::Capacitor(..) | Part::Inductor(..)));
         let diodes = place(|part| matches!(part, Part::Diode));
         let sources = place(|part| matches!(part, Part::Voltage(_)));
-        // Unknowns: the node voltages, and the currents through components with a given voltage.
+        // Unknowns of the nodal analysis: the node voltages, and the currents through components with a given
+        // voltage.
         let given = place(|part| matches!(part, Part::Capacitor(..) | Part::Voltage(_)));
         let unknowns = nodes + given.len();
         let columns = states.len() + diodes.len() + sources.len();
@@ -182,7 +184,7 @@ impl Network {
             system.d.push(d);
             system.gap.push(gap);
         }
-        // Rounding errors of the elimination are set to zero: they would act as small resistances.
+        // Rounding errors of the elimination are set to zero, since they would act as small resistances.
         for matrix in [&mut system.a, &mut system.b, &mut system.c, &mut system.d] {
             for row in matrix.iter_mut() {
                 let largest = row.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));

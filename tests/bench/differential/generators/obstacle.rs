@@ -1,4 +1,4 @@
-//! Parabolic obstacle problems on an interval: driven by time-dependent sources, with one obstacle or two.
+//! Random parabolic obstacle problems on an interval: driven by time-dependent sources, with one obstacle or two.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -12,7 +12,7 @@ pub struct Obstacle {
     advection: f64,
     reaction: f64,
     source: Signal,
-    /// The variation of the source along the interval.
+    /// Amplitude of the variation of the source along the interval, relative to its mean.
     bulge: f64,
     lower: f64,
     upper: Option<f64>,
@@ -42,7 +42,7 @@ pub fn generate(random: &mut Random) -> Obstacle {
 }
 
 impl Problem for Obstacle {
-    /// The length of the interval has a unit of its own, which is not changed.
+    /// Writes the problem in the units of `view`; the unit of length along the interval stays the same.
     fn document(&self, view: &View) -> Value {
         let (time, size) = (view.time, view.size);
         let mut problem = json!({
@@ -90,7 +90,8 @@ impl Problem for Obstacle {
         0.1
     }
 
-    /// By the maximum principle, the largest difference of two solutions does not grow.
+    /// Bounds the growth of perturbations: by the maximum principle, the largest difference of two solutions does not
+    /// grow.
     fn most_growth(&self, sizes: &[f64]) -> f64 {
         sizes[0] / sizes.iter().fold(f64::INFINITY, |least, size| least.min(*size))
     }
@@ -99,7 +100,7 @@ impl Problem for Obstacle {
         true
     }
 
-    /// Advection can be discretised in many ways, so that only problems without it have a reference.
+    /// Solves problems without advection only, since advection can be discretised in many ways.
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
         let membrane = (self.advection == 0.0).then(|| Membrane {
             elements: self.elements,

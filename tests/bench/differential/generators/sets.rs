@@ -1,5 +1,5 @@
-//! Variational inequalities over sets of all kinds: with `D` positive definite, and with `D` zero and `C = B^T`. In
-//! both cases the states are unique over any convex set.
+//! Random variational inequalities over sets of all kinds: with `D` positive definite, and with `D` zero and `C =
+//! B^T`. In both cases the states are unique over any convex set.
 
 use super::{LinearProblem, dissipative, faster, positive_definite, variables};
 use crate::differential::linear::{Linear, Shape, transposed, zeros};
@@ -62,7 +62,7 @@ fn factor(random: &mut Random) -> (Shape, usize) {
         3 => (Shape::Ball(random.scale(0.1, 2.0)), random.whole(2, 3)),
         4 => (Shape::Simplex, random.whole(2, 3)),
         5 => {
-            // A box cut by half planes that contain the origin.
+            // A polygon: a box cut by half planes that contain the origin.
             let mut a = vec![vec![1.0, 0.0], vec![-1.0, 0.0], vec![0.0, 1.0], vec![0.0, -1.0]];
             let mut b = vec![1.0; 4];
             for _ in 0..random.whole(0, 2) {

@@ -5,7 +5,8 @@
 use crate::differential::signal::{Signal, Wave};
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-/// The unknowns: `n` states, one, then `sin(omega t + phase)` and `cos(omega t + phase)` of each wave.
+/// The unknowns of the autonomous system: `n` states, one, then `sin(omega t + phase)` and `cos(omega t + phase)` of
+/// each wave.
 #[derive(Clone, Debug)]
 pub struct Driven {
     states: usize,
@@ -27,7 +28,7 @@ impl Driven {
         self.states + 1 + 2 * self.waves.len()
     }
 
-    /// A linear function of the states plus a signal, as a row over all unknowns.
+    /// Returns a linear function of the states plus a signal, as a row over all unknowns.
     pub fn row(&self, of_states: &[f64], signal: &Signal) -> RowDVector<f64> {
         let mut row = RowDVector::zeros(self.unknowns());
         of_states.iter().enumerate().for_each(|(j, x)| row[j] = *x);
@@ -39,7 +40,7 @@ impl Driven {
         row
     }
 
-    /// The matrix of the rates of all unknowns; `rows` are the rates of the states.
+    /// Returns the matrix of the rates of all unknowns; `rows` are the rates of the states.
     pub fn rates(&self, rows: &[RowDVector<f64>]) -> DMatrix<f64> {
         let mut m = DMatrix::zeros(self.unknowns(), self.unknowns());
         rows.iter().enumerate().for_each(|(i, row)| m.set_row(i, row));
@@ -50,7 +51,7 @@ impl Driven {
         m
     }
 
-    /// All unknowns at the start, from the initial states.
+    /// Returns all unknowns at the start, from the initial states.
     pub fn start(&self, x: &[f64]) -> DVector<f64> {
         let waves = self.waves.iter().flat_map(|wave| [wave.phase.sin(), wave.phase.cos()]);
         DVector::from_iterator(self.unknowns(), x.iter().copied().chain([1.0]).chain(waves))
@@ -61,7 +62,7 @@ fn is_same(a: &Wave, b: &Wave) -> bool {
     a.omega == b.omega && a.phase == b.phase
 }
 
-/// `y' = M y`, with the flow over one step that resolves the fastest motion.
+/// The linear system `y' = M y`, with the matrix of its flow over one step that resolves the fastest motion.
 #[derive(Clone, Debug)]
 pub struct Flow {
     pub m: DMatrix<f64>,
@@ -69,12 +70,12 @@ pub struct Flow {
     over_step: DMatrix<f64>,
 }
 
-/// The step size times the norm of the balanced matrix: the cubic interpolant over a step then has an error of about
+/// Step size times the norm of the balanced matrix, for which the cubic interpolant over a step has an error of about
 /// 1e-5.
 const STEP: f64 = 0.1;
 
 impl Flow {
-    /// The flow, in steps of at most `longest`.
+    /// Computes the flow of `y' = M y` over a step of at most `longest`.
     pub fn new(m: DMatrix<f64>, longest: f64) -> Self {
         let h = longest.min(STEP / balanced_norm(&m));
         let columns: Vec<DVector<f64>> = (0..m.ncols())
@@ -91,13 +92,13 @@ impl Flow {
         &self.over_step * y
     }
 
-    /// The flow over a fraction of a step.
+    /// Returns `exp(M s) y`, the flow over a fraction of a step.
     pub fn advance(&self, y: &DVector<f64>, s: f64) -> DVector<f64> {
         advance(&self.m, y, s)
     }
 }
 
-/// `exp(M s) y` by its Taylor series, for short steps.
+/// Returns `exp(M s) y` by its Taylor series, for short steps.
 fn advance(m: &DMatrix<f64>, y: &DVector<f64>, s: f64) -> DVector<f64> {
     let (mut sum, mut term) = (y.clone(), y.clone());
     for k in 1..=16 {
@@ -107,7 +108,7 @@ fn advance(m: &DMatrix<f64>, y: &DVector<f64>, s: f64) -> DVector<f64> {
     sum
 }
 
-/// The largest row sum of `M` after balancing of its rows and columns (Osborne 1960).
+/// Returns the largest row sum of `M` after balancing of its rows and columns (Osborne 1960).
 fn balanced_norm(m: &DMatrix<f64>) -> f64 {
     let n = m.nrows();
     let mut a = m.abs();
@@ -121,22 +122,23 @@ fn balanced_norm(m: &DMatrix<f64>) -> f64 {
             }
         }
     }
-    // Forcing terms act on states, and not conversely: in large enough units they have no norm.
+    // Forcing terms act on states, and states do not act on them: in sufficiently large units they do not contribute
+    // to the norm.
     let is_state = |i: usize| a.column(i).sum() > 0.0 && a.row(i).sum() > 0.0;
     let rows = (0..n).filter(|&i| is_state(i)).map(|i| (0..n).filter(|&j| is_state(j)).map(|j| a[(i, j)]).sum::<f64>());
     rows.fold(f64::MIN_POSITIVE, f64::max)
 }
 
-/// A monitor: a function of the unknowns that must not be negative.
+/// A monitor: a linear function of the unknowns that must not be negative.
 #[derive(Clone, Debug)]
 pub struct Monitor {
     pub row: RowDVector<f64>,
     rate: RowDVector<f64>,
 }
 
-/// The relative zero tolerance of a monitor: the error of rounding and bisection.
+/// Relative zero tolerance of a monitor, for the errors of rounding and bisection.
 pub const ZERO: f64 = 1e-9;
-/// The relative tolerance by which a monitor may be negative between events.
+/// Relative tolerance by which a monitor may be negative between events.
 const SLACK: f64 = 1e-12;
 
 impl Monitor {
@@ -148,8 +150,8 @@ impl Monitor {
         SLACK * terms(&self.row, sizes)
     }
 
-    /// The first time within a step at which the monitor is below minus `factor` times its slack; `None` if there is
-    /// none.
+    /// Returns the first time within a step at which the monitor is below minus `factor` times its slack; `None` if
+    /// there is none.
     pub fn leaves(
         &self,
         flow: &Flow,
@@ -162,8 +164,7 @@ impl Monitor {
         let at = |y: &DVector<f64>| (self.row.clone() * y)[0] + slack;
         let rate = |y: &DVector<f64>| (self.rate.clone() * y)[0] * h;
         let (p, q, dp, dq) = (at(y), at(next), rate(y), rate(next));
-        // The least Bernstein coefficient bounds the cubic interpolant; a fraction of the coefficients covers its
-        // error.
+        // The least Bernstein coefficient bounds the cubic interpolant from below, with a margin for its error.
         let (second, third) = (p + dp / 3.0, q - dq / 3.0);
         let range = dp.abs() + dq.abs();
         if q >= 0.0 && second.min(third) > 1e-4 * range {
@@ -175,7 +176,8 @@ impl Monitor {
         for k in 1..=PARTS {
             let s = h * k as f64 / PARTS as f64;
             if value(s) < 0.0 {
-                // Its zero itself, where the part begins above it: delays by the slack would add up over hundreds of events.
+                // A monitor that starts above zero is located at its zero: a delay by the slack would add up over
+                // hundreds of events.
                 let zero = if value(before) >= slack { slack } else { 0.0 };
                 let (mut low, mut high) = (before, s);
                 for _ in 0..60 {
@@ -190,13 +192,13 @@ impl Monitor {
     }
 }
 
-/// The sum of the magnitudes of the terms of a row.
+/// Returns the sum of the magnitudes of the terms of a row.
 pub fn terms(row: &RowDVector<f64>, sizes: &DVector<f64>) -> f64 {
     row.iter().zip(sizes.iter()).map(|(c, size)| (c * size).abs()).sum()
 }
 
-/// The sign of the first derivative along `y' = M y`, from order zero, of the function `row y` that exceeds the
-/// fraction `zero` of its terms; zero if there is none.
+/// Returns the sign of the first derivative of `row y` along `y' = M y`, from order zero, that exceeds the fraction
+/// `zero` of its terms; zero if there is none.
 pub fn lexicographic_sign(
     row: &RowDVector<f64>,
     m: &DMatrix<f64>,

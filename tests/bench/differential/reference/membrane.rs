@@ -1,21 +1,21 @@
-//! A membrane on an interval between two flat obstacles: `u_t = a u_xx - c u + f(t, x)`, by linear elements with lumped
-//! masses, implicit Euler and projected Gauss-Seidel sweeps. Runs with three step sizes estimate the error of the
-//! finest; the result is their extrapolation.
+//! Reference for a membrane on an interval between two flat obstacles: `u_t = a u_xx - c u + f(t, x)`, by linear
+//! elements with lumped masses, implicit Euler and projected Gauss-Seidel sweeps. Runs with three step sizes estimate
+//! the error of the finest; the result is their extrapolation.
 
 use super::Values;
 use crate::differential::signal::Signal;
 
-/// The membrane over `[0, 1]`.
+/// A membrane over the interval `[0, 1]`.
 #[derive(Clone, Debug)]
 pub struct Membrane {
     pub elements: usize,
     pub diffusion: f64,
     pub reaction: f64,
-    /// `f = source(t) (1 + bulge cos(pi x))`.
+    /// Factor `source(t)` of the source term `f = source(t) (1 + bulge cos(pi x))`.
     pub source: Signal,
     pub bulge: f64,
     pub bounds: (f64, f64),
-    /// `u = initial sin(pi x)` at the start.
+    /// Amplitude of the initial shape `u = initial sin(pi x)`.
     pub initial: f64,
     /// Whether the membrane is fixed at zero on the left and on the right; otherwise there is no flux.
     pub held: [bool; 2],
@@ -23,11 +23,11 @@ pub struct Membrane {
 
 const COARSE: usize = 4_000;
 const SWEEPS: usize = 2_000;
-/// The number of steps between two outputs is at least one in `LEAST` of the number for evenly spaced outputs.
+/// The number of steps between two outputs is at least that for evenly spaced outputs divided by `LEAST`.
 const LEAST: f64 = 8.0;
 
 impl Membrane {
-    /// The values at `probes` and the integral over the interval, at `times`.
+    /// Returns the values at `probes` and the integral over the interval, at `times`.
     pub fn solve(&self, probes: &[f64], times: &[f64]) -> Option<Values> {
         let coarse = self.run(probes, times, COARSE)?;
         let fine = self.run(probes, times, 2 * COARSE)?;
@@ -39,8 +39,8 @@ impl Membrane {
             if second > 0.75 * first && second > 1e-9 {
                 return None;
             }
-            // The extrapolation is more accurate if the error is smooth in the step size, and within this bound
-            // otherwise.
+            // The difference of the finer runs bounds the error; the extrapolation is more accurate if the error is
+            // smooth in the step size.
             accuracy.push(2.0 * second);
             finest.iter_mut().zip(fine).for_each(|(x, before)| *x += *x - before);
         }
@@ -53,7 +53,7 @@ impl Membrane {
         let x = |i: usize| i as f64 * dx;
         let mut u: Vec<f64> = (0..=n).map(|i| self.initial * (std::f64::consts::PI * x(i)).sin()).collect();
         let mass: Vec<f64> = (0..=n).map(|i| if i == 0 || i == n { dx / 2.0 } else { dx }).collect();
-        // The mesh and the quadrature of the source are part of the problem: the source is evaluated at element
+        // The mesh and the quadrature of the source belong to the problem, so that the source is evaluated at element
         // centres.
         let mut load = vec![0.0; n + 1];
         for i in 0..n {
@@ -62,8 +62,8 @@ impl Membrane {
             load[i + 1] += half;
         }
         let mut columns = vec![Vec::with_capacity(times.len()); probes.len() + 1];
-        // The number of steps of each output interval is a multiple of the refinement, so that the runs differ in each
-        // interval.
+        // The number of steps of each output interval is a multiple of the refinement, so that the runs have
+        // different steps in every interval.
         let (h, refinement) = (times.last()? / COARSE as f64, (steps / COARSE) as f64);
         let least = COARSE as f64 / (LEAST * times.len() as f64);
         let (mut t, mut before) = (0.0, 0.0);

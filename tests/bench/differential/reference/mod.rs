@@ -21,7 +21,7 @@ pub use stop::Stop;
 /// The values of fields over time, and their error estimates.
 #[derive(Clone, Debug)]
 pub struct Values {
-    /// The values of each field.
+    /// The values of each field at the output times.
     pub columns: Vec<Vec<f64>>,
     /// The error estimate of each field.
     pub accuracy: Vec<f64>,

@@ -1,30 +1,30 @@
-//! Linear complementarity systems and relays, mode by mode.
+//! Reference solutions of linear complementarity systems and relays, mode by mode.
 //!
 //! In a mode, each variable is at its lower bound, at its upper bound, or inactive with `G = 0`. If `D` does not
 //! determine the inactive variables, the derivative of the remaining constraints does: with `W` a basis of the left
 //! null space of `D_JJ`, the states satisfy `W (C_J x + g_J + ..) = 0`, and `W C_J x' = ..` holds in addition. At the
 //! start and at each event the modes are enumerated, and the mode is chosen in which every monitor is positive
-//! immediately afterwards, judged by its first derivative that does not vanish. If two modes lead in different
-//! directions, the solution is not unique, and none is returned.
+//! immediately afterwards, judged by its first derivative that does not vanish. If two modes give different rates of
+//! the states, the solution is not unique, and none is returned.
 //!
-//! The zero tolerances decide at events, and end an accumulation of events. Two runs, one with much smaller tolerances,
-//! show the effect of the tolerances on the solution.
+//! Decisions at events depend on zero tolerances, which also end an accumulation of events. Two runs, one with much
+//! smaller tolerances, show the effect of the tolerances on the solution.
 
 use super::Values;
 use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign, terms};
 use crate::differential::linear::{Linear, Shape};
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-/// The largest numbers of steps and of events: more steps take too long, and more events are likely to accumulate.
+/// Largest numbers of steps and of events: more steps take too long, and more events are likely to accumulate.
 const MOST_STEPS: f64 = 3e6;
 const MOST_EVENTS: usize = 20_000;
-/// The largest number of variables: more of them have too many modes.
+/// Largest number of variables: the number of modes grows exponentially with it.
 const MOST_VARIABLES: usize = 4;
-/// The relative rounding error of a constraint that holds.
+/// Relative rounding error of a constraint that is satisfied.
 const HOLDS: f64 = 1e-8;
-/// The tolerances of the finer of two runs, relative to those of the coarser.
+/// Zero tolerances of the finer of two runs, relative to those of the coarser.
 const FINER: f64 = 1e-2;
-/// The smallest singular value of a determined system, relative to the largest.
+/// Smallest singular value of a system of full rank, relative to the largest.
 const RANK: f64 = 1e-10;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,29 +34,29 @@ enum Place {
     Inside,
 }
 
-/// A mode that the states admit.
+/// A mode in which the current states can continue.
 struct Mode {
     flow: DMatrix<f64>,
-    /// The functions that must not become negative.
+    /// Linear functions that must not become negative in the mode.
     monitors: Vec<RowDVector<f64>>,
-    /// The functions that the states keep at zero.
+    /// Linear functions that the states keep at zero in the mode.
     kept: Vec<RowDVector<f64>>,
 }
 
-/// The system in all unknowns.
+/// A linear system with its bounds, written in all unknowns of the autonomous system.
 struct Modes<'a> {
     system: &'a Linear,
-    /// `A x + a`, `C x + g`.
+    /// Rows of the rates `A x + a` and of the inequalities `C x + g`.
     rates: Vec<RowDVector<f64>>,
     gaps: Vec<RowDVector<f64>>,
     bounds: Vec<(f64, f64)>,
     driven: Driven,
-    /// The zero tolerances, relative to `HOLDS` and `ZERO`.
+    /// Zero tolerances, as a multiple of `HOLDS` and `ZERO`.
     part: f64,
 }
 
-/// The states at `times`; `None` if the set is not given by bounds, there are too many modes, or the solution is not
-/// unique.
+/// Returns the states at `times`; `None` if the set is not given by bounds, there are too many modes, or the solution
+/// is not unique.
 pub fn solve(system: &Linear, initial: &[f64], times: &[f64]) -> Option<Values> {
     let mut bounds = Vec::new();
     for (shape, size) in &system.set {
@@ -114,7 +114,8 @@ impl Modes<'_> {
                     next += 1;
                 }
                 if next == times.len() {
-                    // The tolerance at an event may select another mode, until the next event.
+                    // At each event the zero tolerance may select a wrong mode, which is followed until the next
+                    // event.
                     let part = 1e-9 + self.part * HOLDS * events as f64;
                     let accuracy = sizes.iter().take(n).map(|size| part * size).collect();
                     return Some(Values { columns, accuracy });
@@ -135,12 +136,12 @@ impl Modes<'_> {
         None
     }
 
-    /// The scales of the unknowns: their magnitudes.
+    /// Returns the scales of the unknowns, which are their magnitudes.
     fn sizes(&self, y: &DVector<f64>) -> DVector<f64> {
         y.map(|x| x.abs().max(f64::MIN_POSITIVE))
     }
 
-    /// The mode that continues from `y`; `None` if there is none, or if several continue differently.
+    /// Returns the mode that continues from `y`; `None` if there is none, or if several modes continue differently.
     fn choose(&self, y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let m = self.bounds.len();
         let mut found: Option<(Mode, DVector<f64>)> = None;
@@ -169,11 +170,12 @@ impl Modes<'_> {
         found.map(|(mode, _)| mode)
     }
 
-    /// A mode, if the states admit it and it determines the variables as far as they act on the states.
+    /// Returns the mode with these active bounds, if the states admit it and it determines the variables as far as
+    /// they act on the states.
     fn mode(&self, places: &[Place], y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let (n, unknowns, one) = (self.system.states(), self.driven.unknowns(), self.system.states());
         let inside: Vec<usize> = (0..places.len()).filter(|&i| places[i] == Place::Inside).collect();
-        // The variables as functions of the unknowns, first those at a bound.
+        // Writes the variables as linear functions of the unknowns, first those at a bound.
         let mut z = DMatrix::zeros(places.len(), unknowns);
         for (i, place) in places.iter().enumerate() {
             let (lower, upper) = self.bounds[i];
@@ -198,7 +200,7 @@ impl Modes<'_> {
             let rows: Vec<RowDVector<f64>> = inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
             let r = DMatrix::from_rows(&rows);
             let left = left_null_space(&d_inside);
-            // The constraints kept by the states, and their rates.
+            // Constraints that only the states can satisfy, and then their rates.
             let kept = left.transpose() * &r;
             for row in kept.row_iter() {
                 let row = row.clone_owned();
@@ -250,7 +252,7 @@ impl Modes<'_> {
         Some(Mode { flow: self.flow(&z), monitors, kept: at_zero })
     }
 
-    /// The rates of all unknowns, with the variables as functions `z` of the unknowns.
+    /// Returns the matrix of the rates of all unknowns, with the variables as linear functions `z` of the unknowns.
     fn flow(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         let row = |(i, rate): (usize, &RowDVector<f64>)| {
             self.system.b[i].iter().enumerate().fold(rate.clone(), |sum, (j, b)| sum + z.row(j) * *b)
@@ -260,8 +262,8 @@ impl Modes<'_> {
 }
 
 impl Mode {
-    /// Projects the states onto the constraints of the mode, by the least change relative to their scales: an error of
-    /// event location would otherwise persist as long as the mode.
+    /// Projects the states onto the constraints of the mode, by the least change relative to their scales: an error
+    /// of event location would otherwise persist throughout the mode.
     fn project(&self, y: &mut DVector<f64>, sizes: &DVector<f64>, n: usize) {
         if self.kept.is_empty() {
             return;
@@ -284,7 +286,7 @@ fn stacked(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
     all
 }
 
-/// A basis of the rows `w` with `w a = 0`, as columns.
+/// Returns a basis of the vectors `w` with `w^T a = 0`, as columns.
 fn left_null_space(a: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
     let (values, vectors) = {
@@ -299,8 +301,8 @@ fn left_null_space(a: &DMatrix<f64>) -> DMatrix<f64> {
     if null.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&null) }
 }
 
-/// The least-squares solution `z` of `stack z + known = 0` of least norm, and a basis of the null space. Rows are
-/// scaled to one, so that rows of `D` and of rates have equal weight.
+/// Returns the least-squares solution `z` of least norm of `stack z + known = 0`, and a basis of the null space. Rows
+/// are scaled to one, so that rows of `D` and of rates have equal weight.
 fn least_squares(stack: &DMatrix<f64>, known: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let (mut stack, mut known) = (stack.clone(), known.clone());
     for i in 0..stack.nrows() {

@@ -1,17 +1,18 @@
-//! Systems over any set by small fixed steps: a Runge-Kutta method if `D` is positive definite, so that `z` is a
-//! Lipschitz function of time and states, and implicit Euler otherwise. `z` is found by a projected fixed-point
-//! iteration. Runs with several step sizes estimate the error of the finest, and their extrapolation is more accurate
-//! if the error is smooth in the step size.
+//! Reference solutions of linear systems over any set by small fixed steps: a Runge-Kutta method if `D` is positive
+//! definite, so that `z` is a Lipschitz function of time and states, and implicit Euler otherwise. A projected
+//! fixed-point iteration determines `z`. Runs with several step sizes estimate the error of the finest, and their
+//! extrapolation is more accurate if the error is smooth in the step size.
 
 use super::Values;
 use crate::differential::linear::{Linear, Shape, product};
 use nalgebra::{DMatrix, DVector};
 
 const ROUNDS: usize = 20_000;
-/// The relative increment of `z` at which the iteration has converged.
+/// Relative increment of `z` at which the fixed-point iteration has converged.
 const FOUND: f64 = 1e-13;
 
-/// The states at `times`; `None` if a set has no projection here, or the iteration does not converge.
+/// Returns the states at `times`; `None` if a factor of the set has no projection in this module, or the iteration
+/// does not converge.
 pub fn solve(system: &Linear, initial: &[f64], times: &[f64], steps: usize) -> Option<Values> {
     let solver = Solver::new(system)?;
     let [coarse, fine, finest] = [1, 2, 4].map(|factor| solver.run(initial, times, factor * steps));
@@ -21,8 +22,8 @@ pub fn solve(system: &Linear, initial: &[f64], times: &[f64], steps: usize) -> O
     for ((coarse, fine), finest) in coarse.iter().zip(&fine).zip(&mut finest) {
         let (first, second) = (far(coarse, fine), far(fine, finest));
         let size = finest.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // For a first-order method, the last difference estimates the error; if differences do not decrease, it is
-        // unknown.
+        // For a first-order method, the difference of the two finest runs estimates the error; if differences do not
+        // decrease, the error is unknown.
         if second > 0.75 * first && second > 1e-9 * size {
             return None;
         }
@@ -135,7 +136,8 @@ impl Implicit {
     }
 }
 
-/// The step of a contracting iteration: one over the norm if `D` is symmetric, and shorter according to its asymmetry.
+/// Returns the step size of a contracting fixed-point iteration: one over the norm if `D` is symmetric, and a shorter
+/// one according to its asymmetry.
 fn step_of(d: &DMatrix<f64>) -> f64 {
     let norm = d.norm();
     let skew = (d - d.transpose()).norm() / 2.0;
@@ -143,7 +145,8 @@ fn step_of(d: &DMatrix<f64>) -> f64 {
     if skew <= 1e-12 * norm { 1.0 / norm } else { least / (norm * norm) }
 }
 
-/// Solves `z in K`, `<D z + q, z~ - z> >= 0` from the previous `z`, for a positive definite `D`.
+/// Solves `z in K`, `<D z + q, z~ - z> >= 0` for all `z~ in K` with a positive definite `D`, starting from the
+/// previous `z`.
 fn solve_inequality(
     set: &[(Shape, usize)],
     (d, gamma): (&DMatrix<f64>, f64),
@@ -164,7 +167,7 @@ fn solve_inequality(
     None
 }
 
-/// The projection of `z` on `K`.
+/// Returns the projection of `z` onto the set `K`.
 fn projection(set: &[(Shape, usize)], z: &DVector<f64>) -> Option<DVector<f64>> {
     let mut out = z.clone();
     let mut first = 0;

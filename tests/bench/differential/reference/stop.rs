@@ -1,12 +1,12 @@
-//! A driven oscillator with a stop, from impact to impact: `q'' = -k q - c q' + f(t)`, `q >= wall`, and `v+ = -e v-` at
-//! an impact. It rests at the stop while the force presses it there.
+//! Reference for a driven oscillator with a stop, from impact to impact: `q'' = -k q - c q' + f(t)`, `q >= wall`, and
+//! `v+ = -e v-` at an impact. The oscillator rests at the stop while the force presses it there.
 
 use super::Values;
 use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign};
 use crate::differential::signal::Signal;
 use nalgebra::RowDVector;
 
-/// The oscillator, of unit mass.
+/// A driven oscillator of unit mass with a stop.
 #[derive(Clone, Debug)]
 pub struct Stop {
     pub stiffness: f64,
@@ -14,18 +14,18 @@ pub struct Stop {
     pub force: Signal,
     pub wall: f64,
     pub restitution: f64,
-    /// The initial position and velocity.
+    /// Initial position and velocity of the oscillator.
     pub initial: [f64; 2],
 }
 
 const MOST_EVENTS: usize = 20_000;
 const MOST_STEPS: f64 = 3e6;
-/// A rebound slower than this fraction of the largest speed so far ends in rest, if the force presses the body to the
-/// stop: the relative height of the rebound is the square of this fraction.
+/// A rebound slower than this fraction of the largest speed so far counts as rest, if the force presses the body to
+/// the stop: the relative height of the rebound is the square of this fraction.
 const REST: f64 = 1e-6;
 
 impl Stop {
-    /// Position and velocity at `times`.
+    /// Returns position and velocity at `times`.
     pub fn solve(&self, times: &[f64]) -> Option<Values> {
         let driven = Driven::new(2, std::iter::once(&self.force));
         let none = Signal::default();

@@ -1,5 +1,5 @@
-//! Scenes that friction on patches may stumble over: radii from nothing to far beyond the body, rebounds, patches beside
-//! points, several patches on one body, heaps, and masses of all sizes.
+//! Hard cases of friction on contact patches: patch radii from zero to far beyond the body, rebounds, patches beside
+//! point contacts, several patches on one body, heaps, and masses of all sizes.
 
 use super::super::{on_the_ground, stepped, weightless};
 use super::{G, MU, R, assert_sound, disc, of_surface};
@@ -31,8 +31,9 @@ fn patches_of_all_kinds_are_solved() {
         json!({"friction": 0.3, "restitution": 1, "patch": 0.02, "rolling": 0.001}),
     ];
     for contacts in contacts {
-        // Apart, so that the law is solved to its tolerance; and where the ball runs into the brick as its corners close,
-        // so that its residual may be that of the worst of all steps, which the law of points has as well.
+        // First the ball and the brick move apart, so that the contact law is solved to its tolerance. Then the ball
+        // runs into the brick as the brick's corners land: the largest residual of all steps may be large there, as
+        // it may be without patches.
         for (aside, most) in [(1.0, 1e-10), (0.0, f64::INFINITY)] {
             let ball = ball("ball", [0.0, 0.0, 0.15], [1.0, 0.2, 0.0], [1.0, 2.0, 30.0]);
             let brick = json!({"name": "brick", "shape": {"box": {"size": [0.2, 0.2, 0.1]}}, "mass": 3,
@@ -61,17 +62,18 @@ fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
             assert!(apart < 1e-8, "{field}: {apart:e}");
         }
     }
-    // On a patch that is far larger than its radius of gyration a disc stops to spin at once, and slides as a block.
+    // On a patch far larger than its radius of gyration, a disc stops spinning at once and slides like a block.
     let mut solution = on_the_ground(&[disc([1.0, 0.0], 10.0)], &json!({"friction": MU, "patch": 1e4}), 1.0, 1e-3);
     solution["output"]["times"] = json!("steps");
     let solution = solve(&solution);
     assert!(column(&solution, "disc.wz")[2..].iter().all(|w| w.abs() < 1e-9));
-    // One step at most goes to the spin.
+    // Friction opposes the spin, and not the slide, during at most one step.
     assert!(distance(&solution, "disc.vx", |t| (1.0 - MU * G * t).max(0.0)) < MU * G * 1e-3 + 1e-9);
     assert_sound(&solution, 0.5 + 0.25 * R * R * 100.0);
 }
 
-/// A ball with a spin about the normal falls and rebounds: its spin loses `2/3 mu p R/I` by the normal impulse `p`.
+/// A ball with a spin about the normal falls and rebounds: a normal impulse `p` reduces its spin by `2/3 mu p R/I`,
+/// with the patch radius `R`.
 #[test]
 fn a_patch_turns_within_an_impact() {
     let (speed, spin, e, patch) = (2.0, 30.0, 0.5, 0.03);
@@ -85,23 +87,24 @@ fn a_patch_turns_within_an_impact() {
         let turned = 2.0 / 3.0 * MU * (1.0 + e) * speed * patch / INERTIA;
         assert!((last(&solution, "ball.wz") - (spin - turned)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.wz"));
     }
-    // A ball without slip rolls on over its rebound, but for the rolling torque.
+    // A ball that rolls without slip keeps rolling through a rebound, apart from the effect of the rolling torque.
     for law in ["simultaneous", "sequential"] {
         let (v, c) = (1.0, 1e-3);
-        // The ball strikes in the first step, from the ground itself: the lever arm is its radius.
+        // The ball strikes in the first step, while it touches the ground: the lever arm is its radius.
         let ball = ball("ball", [0.0, 0.0, 0.1], [v, 0.0, -speed], [0.0, v / 0.1, 0.0]);
         let mut scene =
             weightless(on_the_ground(&[ball], &json!({"friction": 0.5, "rolling": c, "restitution": e}), 0.2, 1e-3));
         scene["method"]["impact_law"] = json!(law);
         let solution = solve(&scene);
-        // About the contact: 7/5 m r v changes by c p.
+        // Angular momentum about the contact point: 7/5 m r v changes by c p.
         let slowed = c * (1.0 + e) * speed / (1.4 * 0.1);
         assert!((last(&solution, "ball.vx") - (v - slowed)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.vx"));
         assert!((last(&solution, "ball.wy") - (v - slowed) / 0.1).abs() < 1e-8, "{law}");
     }
 }
 
-/// A ball in a corner: a patch on the floor, a point on the wall, whose friction resists the spin as well.
+/// A ball in a corner has a patch contact with the floor and a point contact with the wall, whose friction resists
+/// the spin as well.
 #[test]
 fn a_patch_stands_beside_points_on_one_body() {
     let wall = 2.0;
@@ -123,7 +126,8 @@ fn a_patch_stands_beside_points_on_one_body() {
             let rate = 2.0 / 3.0 * MU * G * 0.03 / INERTIA;
             assert!(distance(&solution, "ball.wz", |t| (20.0 - rate * t).max(0.0)) < 1e-9);
         } else {
-            // Friction of the wall pushes the ball along it, with 0.08 N: less than the floor holds, which lets it creep.
+            // Friction on the wall pushes the ball along the wall with 0.08 N. This is less than the friction bound
+            // of the floor, which on a drilling patch lets the ball creep.
             let floor = 2.0 / 3.0 * MU * G * 0.03;
             let rate = (floor + rough * wall * 0.1) / INERTIA;
             println!("{} {}", last(&solution, "ball.y"), column(&solution, "ball.wz")[50] - (20.0 - rate * 0.5));
@@ -131,9 +135,9 @@ fn a_patch_stands_beside_points_on_one_body() {
     }
 }
 
-/// A ball rolls along a groove of walls at 45 degrees. It rolls about an axis that is neither normal nor tangential to its
-/// contacts: it drills on both, so that friction along the groove lets it creep. Every step is solved again, with sums over
-/// the patch and regula falsi.
+/// A ball rolls along a groove of walls at 45 degrees, about an axis that is neither normal nor tangential to its
+/// contacts. It drills on both patches, so that friction along the groove lets it creep. The reference solves every
+/// step independently, with sums over the patch and regula falsi.
 #[test]
 fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     let (mu, patch, c, h, steps) = (0.3, 0.01, 5e-4, 5e-3, 40);
@@ -147,7 +151,7 @@ fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     let solution = solve(&scene);
     assert!(solution.diagnostics.vi.as_ref().unwrap().largest_residual <= 1e-10);
     let normal = G / (2.0 * half);
-    // The method of Illinois.
+    // Finds a root by regula falsi with the Illinois modification.
     let root = |function: &dyn Fn(f64) -> f64, mut a: f64, mut b: f64| {
         let (mut at_a, mut at_b) = (function(a), function(b));
         assert!(at_a * at_b < 0.0);
@@ -168,7 +172,7 @@ fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     };
     let (mut v, mut w) = (1.0, 1.0 / (0.1 * half));
     for k in 1..=steps as usize {
-        // The slip of the end of the step, if the spin there is `w`.
+        // Friction force and drilling torque of a patch at the end of a step, for the slip there and the spin `w`.
         let law = |slip: f64, w: f64| {
             let [force, torque] = of_surface(slip.abs(), patch * half * w);
             [slip.signum() * force, torque]
@@ -189,7 +193,8 @@ fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     println!("{v} {w} creep {}", v - 0.1 * half * w);
 }
 
-/// A disc that spins on another one, which lies on ice: the torque `2/3 mu m g R` until both turn as one.
+/// A spinning sphere on top of another one, which lies on ice: the torque `2/3 mu m g R` acts between them until both
+/// rotate as one.
 #[test]
 fn discs_of_masses_that_differ_by_four_orders_come_to_turn_as_one() {
     for (below, above) in [(1.0, 1e-4), (1.0, 1.0), (1.0, 1e4), (1e4, 1.0)] {
@@ -237,14 +242,14 @@ fn a_heap_with_rolling_friction_comes_to_rest() {
         let energy = column(solution, "kinetic_energy");
         last(solution, "kinetic_energy") / energy.iter().fold(0.0, |most, energy| energy.max(most))
     };
-    // The tolerance of the law, by which velocities at rest are off, is squared in an energy.
+    // Velocities at rest are as small as the tolerance of the contact law, and kinetic energies as its square.
     assert!(moves(&solution) < 1e-15, "{:e}", moves(&solution));
-    // Without rolling friction the balls roll on over the plane.
+    // Without rolling friction the balls continue to roll over the plane.
     let rolls = moves(&heap(json!({"friction": 0.5}), 1.0));
     assert!(rolls > 1e-2, "{rolls:e}");
 }
 
-/// A ball that falls, rebounds, slides, spins and rolls, and a disc beside it, in other units of length and mass.
+/// A ball that falls, rebounds, slides, spins and rolls, and a disc beside it, in several units of length and mass.
 #[test]
 fn the_law_holds_in_units_of_all_sizes() {
     let scene = |length: f64, mass: f64| {
@@ -282,8 +287,8 @@ fn the_law_holds_in_units_of_all_sizes() {
     }
 }
 
-/// Balls one on another, on a table whose surface turns: what drives them is the torque of the table, under all of them. The
-/// torques between them can be as large by their weights, so that all turn as one where the table is smoother.
+/// A stack of balls on a rotating table: the torque of the table drives all of them. The torques between the balls
+/// are bounded by the weights above, so that all balls rotate as one if the table has less friction than they have.
 #[test]
 fn a_stack_on_a_turning_table_turns_as_one_or_slips_at_its_foot() {
     let n = 5;
@@ -304,14 +309,15 @@ fn a_stack_on_a_turning_table_turns_as_one_or_slips_at_its_foot() {
             "time": {"end": 1.5}, "method": {"step": 1e-3}, "output": {"times": "steps"}})
     };
     let rate = |mu: f64| 2.0 / 3.0 * mu * G * patch / INERTIA;
-    // A smooth table: all turn as one.
+    // On a smooth table, all balls rotate as one.
     let solution = solve(&stack(0.1, 0.3));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     for k in 0..n {
         let error = distance(&solution, &format!("b{k}.wz"), |t| (rate(0.1) * t).min(3.0));
         assert!(error < 1e-8, "{k}: {error:e}");
     }
-    // A rough table under smooth balls: the lowest is held by the table, and drives the others, which turn as one.
+    // On a rough table under smooth balls, the lowest ball follows the table and drives the others, which rotate as
+    // one.
     let solution = solve(&stack(0.9, 0.1));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let lowest = |t: f64| ((f64::from(n) * rate(0.9) - f64::from(n - 1) * rate(0.1)) * t).min(3.0);
@@ -322,8 +328,8 @@ fn a_stack_on_a_turning_table_turns_as_one_or_slips_at_its_foot() {
     }
 }
 
-/// A table on a hinge with a motor: one that follows a velocity, which turns a ball by drilling, and one with a torque that is
-/// less than that of friction, which turns both as one.
+/// A table on a hinge with a motor. A motor with a prescribed velocity makes the ball on the table drill until it
+/// rotates with the table; one with a prescribed torque below the friction bound rotates both as one.
 #[test]
 fn a_table_with_a_motor_turns_a_ball_and_its_work_is_in_the_balance() {
     let (mu, patch) = (0.1, 0.02);
@@ -343,16 +349,16 @@ fn a_table_with_a_motor_turns_a_ball_and_its_work_is_in_the_balance() {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let error = distance(&solution, "ball.wz", |t| (torque / of_ball * t).min(3.0));
     assert!(error < 1e-7, "{error:e}");
-    // The motor gives the torque of friction at 3 rad/s while the ball slips: half of its work is lost.
+    // While the ball slips, the motor transmits the friction torque at 3 rad/s: half of its work is dissipated.
     let work = solution.diagnostics.energy.as_ref().unwrap().work_of_drives;
     assert!((work - of_ball * 9.0).abs() < 1e-2 * work, "{work}");
     assert!((last(&solution, "dissipated_by_friction") - 0.5 * of_ball * 9.0).abs() < 1e-5);
-    // As one: the ball takes its part of the torque.
+    // If table and ball rotate as one, friction transmits the ball's share of the torque.
     let effort = 0.5 * torque / of_ball * (of_ball + of_table);
     let solution = solve(&scene(json!({"effort": effort}), 0.0));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let as_one = |t: f64| effort / (of_ball + of_table) * t;
-    // A thousand steps, each to a tolerance of 1e-10 of its velocities.
+    // Bound for the sum of the errors of a thousand steps, each of 1e-10 relative to the velocities.
     let most = 1000.0 * 1e-10 * as_one(1.0);
     for body in ["table.wz", "ball.wz"] {
         let error = distance(&solution, body, as_one);

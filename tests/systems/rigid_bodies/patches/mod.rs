@@ -1,5 +1,5 @@
-//! Friction on a patch: sliding and drilling of a disc with uniform pressure, and rolling friction, against closed forms
-//! and an independent integration.
+//! Friction on a contact patch: sliding and drilling of a disc with uniform pressure, and rolling friction, compared
+//! with closed forms and an independent integration.
 
 mod hostile;
 
@@ -14,7 +14,8 @@ const G: f64 = 9.81;
 const MU: f64 = 0.3;
 const R: f64 = 0.1;
 
-/// A disc of unit mass and radius `R`: it touches the ground below its centre of mass, on a patch of its radius.
+/// A disc of unit mass and radius `R`, which touches the ground below its centre of mass, on a patch of its own
+/// radius.
 fn disc(velocity: [f64; 2], spin: f64) -> Value {
     let axial = 0.5 * R * R;
     json!({"name": "disc", "shape": {"sphere": {"radius": 0.02}}, "mass": 1, "centre_of_mass": [0, 0, -0.02],
@@ -26,7 +27,7 @@ fn on_a_patch(velocity: [f64; 2], spin: f64, end: f64, step: f64) -> Value {
     on_the_ground(&[disc(velocity, spin)], &json!({"friction": MU, "patch": R}), end, step)
 }
 
-/// Asserts that the law was solved to its tolerance, and that friction took the energy that is missing.
+/// Asserts that the contact law was solved to its tolerance, and that friction dissipated the energy `lost`.
 fn assert_sound(solution: &Solution, lost: f64) {
     let residual = solution.diagnostics.vi.as_ref().unwrap().largest_residual;
     assert!(residual <= 1e-10, "{residual:e}");
@@ -36,7 +37,7 @@ fn assert_sound(solution: &Solution, lost: f64) {
 
 #[test]
 fn pure_spin_has_two_thirds_of_the_torque_and_pure_sliding_the_whole_force() {
-    // w' = -2/3 mu m g R/I = -4/3 mu g/R, and v' = -mu g, whatever the step.
+    // For any step size, pure drilling has w' = -2/3 mu m g R/I = -4/3 mu g/R, and pure sliding v' = -mu g.
     for step in [1e-2, 1e-3] {
         let solution = solve(&on_a_patch([0.0; 2], 20.0, 1.0, step));
         let rate = 4.0 / 3.0 * MU * G / R;
@@ -50,13 +51,13 @@ fn pure_spin_has_two_thirds_of_the_torque_and_pure_sliding_the_whole_force() {
     }
 }
 
-/// Force and torque of a disc of unit radius, for unit normal force and coefficient, by sums over its surface in place of
-/// elliptic integrals.
+/// Returns the friction force and torque of a disc of unit radius with the velocity `v` and the spin `w`, for unit
+/// normal force and friction coefficient, by sums over its surface in place of elliptic integrals.
 fn of_surface(v: f64, w: f64) -> [f64; 2] {
     let (rings, parts) = (120, 60);
     let mut sums = [0.0; 2];
     for j in 0..parts {
-        // One half of the disc is the mirror image of the other.
+        // The sums cover half of the disc, since the other half is its mirror image.
         let (sine, cosine) = (PI * (f64::from(j) + 0.5) / f64::from(parts) - 0.5 * PI).sin_cos();
         for i in 0..rings {
             let r = (f64::from(i) + 0.5) / f64::from(rings);
@@ -69,7 +70,8 @@ fn of_surface(v: f64, w: f64) -> [f64; 2] {
     sums
 }
 
-/// The disc that slides with `v` and drills with `R w` after the time `t`, by the classical method of Runge and Kutta.
+/// Integrates a disc with the velocity `v` and the spin velocity `R w` up to the time `t` by the classical
+/// Runge-Kutta method.
 fn of_runge_kutta([mut v, mut w]: [f64; 2], t: f64, steps: u32) -> [f64; 2] {
     let h = t / f64::from(steps);
     let rates = |v: f64, w: f64| {
@@ -87,7 +89,7 @@ fn of_runge_kutta([mut v, mut w]: [f64; 2], t: f64, steps: u32) -> [f64; 2] {
     [v, w]
 }
 
-/// The velocities `v` and `R w` of the disc after the time `t`, in steps of size `h`.
+/// Solves the disc with steps of size `h`, and returns its velocity `v` and spin velocity `R w` at the time `t`.
 fn at_the_end_of(v: f64, spin: f64, t: f64, h: f64) -> [f64; 2] {
     let solution = solve(&on_a_patch([0.6 * v, 0.8 * v], spin, t, h));
     assert!(solution.diagnostics.vi.as_ref().unwrap().largest_residual <= 1e-10);
@@ -104,17 +106,17 @@ fn a_disc_that_slides_and_spins_follows_an_integration_over_its_surface() {
         let found = [16, 32, 64].map(|parts| at_the_end_of(v, spin, time, time / f64::from(parts)));
         let off = |found: [f64; 2]| [0, 1].map(|i| found[i] - exact[i]);
         let errors = found.map(|found| off(found).map(f64::abs)).map(|[v, w]| v.max(w));
-        // Steps are of first order, and extrapolation from two lengths of them is of the second.
+        // Time stepping is of first order, and Richardson extrapolation from two step sizes is of second order.
         assert!(errors[2] < 0.6 * errors[1] && errors[1] < 0.7 * errors[0] && errors[2] < 5e-3, "{errors:?}");
         let beyond = |a: usize| off([0, 1].map(|i| 2.0 * found[a + 1][i] - found[a][i])).map(f64::abs);
         let [coarse, fine] = [0, 1].map(|a| beyond(a)[0].max(beyond(a)[1]));
         println!("{v} {spin}: {errors:?} {coarse:e} {fine:e} {exact:?}");
-        // Friction that is not coupled is off by 0.1 m/s.
+        // Friction laws in which force and torque are not coupled have an error of 0.1 m/s.
         assert!(fine < 3e-4, "{v} {spin}: {coarse:e}, {fine:e}");
     }
 }
 
-/// The time at which the disc stops, by steps of Runge and Kutta that are a part of what is left.
+/// Returns the time at which the disc stops, by Runge-Kutta steps proportional to the remaining velocities.
 fn stop(v: f64, w: f64) -> f64 {
     let (mut t, mut at) = (0.0, [v, w]);
     while at[0] + at[1] > 1e-6 * (v + w) {
@@ -124,7 +126,8 @@ fn stop(v: f64, w: f64) -> f64 {
     t
 }
 
-/// The disc when it slides with the speed `least`, by steps of Runge and Kutta that are a part of what is left.
+/// Returns the velocity and the spin velocity of the disc when its sliding velocity has fallen to `least`, by
+/// Runge-Kutta steps proportional to the remaining velocities.
 fn until(least: f64, mut at: [f64; 2]) -> [f64; 2] {
     loop {
         let h = 0.05 * (at[0] + at[1]) / (MU * G);
@@ -141,8 +144,9 @@ fn until(least: f64, mut at: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// Farkas, Bartels, Unger and Wolf 2003: sliding and spinning end together, and the ratio `v/(R w)` draws near to 0.653.
-/// It does so slowly, as the square root of the speed or so: from 0.35 it has come to 0.60 when 2 % of the speed are left.
+/// Sliding and spinning of a disc end together, and the ratio `v/(R w)` tends to 0.653 (Farkas, Bartels, Unger and
+/// Wolf 2003). The limit is approached slowly, about as the square root of the speed: from 0.35 the ratio has come to
+/// 0.60 when 2 % of the speed are left.
 #[test]
 fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
     const RATIO: f64 = 0.653;
@@ -154,12 +158,13 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         let solution = solve(&scene);
         assert_sound(&solution, 0.5 * v * v + 0.25 * w * w);
         let (vx, wz) = (column(&solution, "disc.vx"), column(&solution, "disc.wz"));
-        // What is left at rest is within the tolerance of the law.
+        // Velocities that remain at rest are within the tolerance of the contact law.
         let moving = vx.iter().filter(|vx| **vx > 1e-9 * v).count();
         let spinning = wz.iter().filter(|wz| **wz > 1e-9 * w / R).count();
         assert_eq!(moving, spinning, "sliding and spinning end in different steps");
         assert!((solution.trajectory.t[moving] - end).abs() < 2.0 * h, "{} {end}", solution.trajectory.t[moving]);
-        // Steps follow the integration to the part of the speed that friction takes within one of them.
+        // The ratio of the velocities differs from that of the independent integration by at most the relative
+        // velocity change in a step.
         let mut exact = [v, w];
         for left in [0.3, 0.1, 0.02, 0.005] {
             let place = vx.iter().position(|speed| *speed < left * v).unwrap();
@@ -172,7 +177,7 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         assert!((at_the_end[0] / at_the_end[1] - RATIO).abs() < 5e-4, "{ratio}: {at_the_end:?}");
         let apart: Vec<f64> = (0..moving - 1).map(|k| vx[k] / (R * wz[k]) - RATIO).collect();
         if ratio == RATIO {
-            // The solution that is similar to itself, in steps of any length.
+            // The self-similar solution has a constant ratio of sliding to spin velocity, at all speeds down to rest.
             assert!(apart.iter().all(|apart| apart.abs() < 2e-4), "{apart:?}");
         } else {
             assert!(apart.windows(2).all(|pair| pair[1].abs() < pair[0].abs() + 1e-9 && pair[1] * pair[0] > 0.0));
@@ -189,7 +194,7 @@ fn the_disc_of_the_example_follows_the_integration_to_its_stop() {
     let end = stop(start[0], start[1]);
     for k in [20, 40, 60, 80] {
         let exact = if t[k] < end { of_runge_kutta(start, t[k], 50) } else { [0.0; 2] };
-        // What friction takes within a few steps.
+        // The velocities differ by at most what friction changes in two steps.
         let off = (vx[k] - exact[0]).abs().max((R * wz[k] - exact[1]).abs());
         assert!(off < 2.0 * MU * G * h, "{}: {off:e} {exact:?}", t[k]);
     }
@@ -198,7 +203,7 @@ fn the_disc_of_the_example_follows_the_integration_to_its_stop() {
 
 #[test]
 fn a_ball_rolls_to_the_place_of_its_closed_form() {
-    // 7/5 m v' = -c m g/r about the place of contact: the ball stops after 7 r v^2/(10 c g).
+    // Angular momentum about the point of contact gives 7/5 m v' = -c m g/r: the ball stops after 7 r v^2/(10 c g).
     let (v, r, c) = (1.0, 0.1, 2e-3);
     let ball = json!({"name": "ball", "shape": {"sphere": {"radius": r}}, "mass": 2, "position": [0, 0, r],
         "velocity": [v, 0, 0], "angular_velocity": [0, v / r, 0]});
@@ -209,11 +214,12 @@ fn a_ball_rolls_to_the_place_of_its_closed_form() {
             solve(&on_the_ground(std::slice::from_ref(&ball), &json!({"friction": 0.5, "rolling": c}), 8.0, step));
         assert!(distance(&solution, "ball.vx", |t| (v - rate * t).max(0.0)) < 1e-9);
         assert!((last(&solution, "ball.x") - way).abs() < 0.51 * v * step + 1e-9, "{}", last(&solution, "ball.x"));
-        // The coarse steps are not: they turn the ball by a tenth of a radian each.
+        // A run with long steps is not trusted: they rotate the ball by a tenth of a radian each.
         assert_eq!(solution.verdict.trusted, step < 2e-3, "{:?}", solution.verdict);
         assert_sound(&solution, 0.7 * 2.0 * v * v);
     }
-    // On a slope of tangent s the ball stays if s r < c, and rolls with 5/7 g (s - c/r) beyond.
+    // On a slope of gradient s the ball stays at rest if s r < c, and rolls with the acceleration 5/7 g (s - c/r)
+    // otherwise.
     for (slope, acceleration) in [(0.019, 0.0), (0.05, 5.0 / 7.0 * G * (0.05 - c / r))] {
         let mut rest = ball.clone();
         (rest["velocity"], rest["angular_velocity"]) = (json!([0, 0, 0]), json!([0, 0, 0]));
@@ -224,7 +230,8 @@ fn a_ball_rolls_to_the_place_of_its_closed_form() {
     }
 }
 
-/// A carriage on a vertical slider, and a ball on a hinge in it, which bears the weight of both on what turns or runs below.
+/// A carriage on a vertical slider and a ball hinged to it, which transmits the weight of both to a moving body
+/// `below`.
 fn carried(below: &Value, axis: [f64; 3], contacts: &Value) -> Value {
     let carriage =
         json!({"name": "carriage", "shape": {"sphere": {"radius": 0.1}}, "mass": 2, "position": [0, 0, 0.5]});
@@ -240,7 +247,7 @@ fn a_turning_table_turns_a_ball_by_drilling_alone_and_on_a_hinge() {
     let table = json!({"name": "table", "shape": {"cylinder": {"radius": 1, "length": 0.1}}, "position": [0, 0, -0.05],
         "motion": {"angular_velocity": [0, 0, 3]}});
     let contacts = json!({"friction": 0.1, "patch": 0.02});
-    // The torque 2/3 mu N R drives the ball until it turns as the table.
+    // The drilling torque 2/3 mu N R drives the ball until it rotates with the table.
     let rate = |mass: f64| 2.0 / 3.0 * 0.1 * mass * G * 0.02 / (0.4 * 0.01);
     let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1]});
     let mut alone = carried(&table, [0.0, 0.0, 1.0], &contacts);
@@ -258,7 +265,8 @@ fn a_turning_table_turns_a_ball_by_drilling_alone_and_on_a_hinge() {
 
 #[test]
 fn a_running_belt_turns_a_roller_against_rolling_friction() {
-    // I w' = (mu r - c) N, until the roller turns with the belt; beyond, friction only holds up the rolling torque.
+    // The roller accelerates with I w' = (mu r - c) N until its surface moves with the belt; from then on friction
+    // only balances the rolling torque.
     let belt = json!({"name": "belt", "shape": {"box": {"size": [10, 1, 0.1]}}, "position": [0, 0, -0.05],
         "motion": {"velocity": [0.5, 0, 0]}});
     let (mu, c) = (0.02, 1e-3);
@@ -267,7 +275,7 @@ fn a_running_belt_turns_a_roller_against_rolling_friction() {
     let error = distance(&solution, "ball.wy", |t| -(rate * t).min(5.0));
     assert!(error < 1e-8, "{error:e}");
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
-    // What slips and rolls takes the work of the belt, but for what the roller has.
+    // Slip and rolling friction dissipate the work of the belt, except for the kinetic energy of the roller.
     let work = mu * 3.0 * G * 0.5 * (5.0 / rate) + c / 0.1 * 3.0 * G * 0.5 * (1.0 - 5.0 / rate);
     let lost = work - 0.5 * 0.4 * 0.01 * 25.0;
     assert!((last(&solution, "dissipated_by_friction") - lost).abs() < 1e-3 * lost);

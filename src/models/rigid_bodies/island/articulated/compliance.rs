@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// Solves for the velocity changes caused by contact impulses; the result is in the `x` of the linkages.
+/// Solves for the velocity changes of bodies caused by contact impulses; the result is stored in the field `x` of the
+/// linkages.
 pub(super) fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], impulses: &[Vector3<f64>]) {
     linked.iter_mut().for_each(|linked| linked.x.fill(Vector6::zeros()));
     for (contact, impulse) in contacts.iter().zip(impulses) {
@@ -22,15 +23,15 @@ pub(super) fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[
     linked.iter_mut().for_each(Linked::respond);
 }
 
-/// The compliance (Delassus operator) `J A^-1 J^T`, with the factorised matrices `A` of the linkages, and its symmetric
-/// part. `A` is symmetric except for rotations within a step.
+/// The compliance (Delassus operator) `J A^-1 J^T` of the contacts of an island with joints, with the factorised
+/// matrices `A` of the linkages, and its symmetric part. `A` is symmetric except for rotations within a step.
 pub(super) struct Compliance {
     pub whole: BlockMatrix,
     pub symmetric: BlockMatrix,
 }
 
 impl Compliance {
-    /// The compliance of the given contacts; `None` if `control` asks to stop.
+    /// Assembles the compliance of the given contacts; `None` if `control` asks to stop.
     pub fn new(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], control: &Control) -> Option<Self> {
         let mut touching = vec![Vec::new(); linked.len()];
         for (k, contact) in contacts.iter().enumerate() {

@@ -16,8 +16,8 @@ use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
 impl Island {
-    /// Makes a step with the contacts marked in `closing`; repeats it with additional contacts that close. Returns
-    /// whether it was solved.
+    /// Makes a step with the contacts marked in `closing`; repeats it with further contacts that close. Returns
+    /// whether the step was solved.
     #[expect(clippy::too_many_arguments, reason = "the parts of an island")]
     pub(super) fn step_with_contacts(
         &mut self,
@@ -32,7 +32,7 @@ impl Island {
         let mut all = std::mem::take(&mut self.contacts);
         let kept = Kept::of(self, linked);
         let is_solved = loop {
-            // An attempt that fails is not tried again at this length.
+            // If the attempt fails, a step of this length is not tried again.
             self.parts.pushed = 0.5 * h;
             self.contacts =
                 all.iter().zip(&closing).filter(|(_, closes)| **closes).map(|(contact, _)| *contact).collect();
@@ -62,7 +62,7 @@ impl Island {
         is_solved
     }
 
-    /// Makes a step with all contacts of the island; returns false if the step is too long.
+    /// Makes a step with all contacts in `self.contacts`; returns false if the step is too long.
     fn advance(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -121,7 +121,7 @@ impl Island {
         let Some(Ended { mut velocities, lost: of_linkages, driven }) = end(&midpoint, linked) else { return false };
         let lost: f64 = of_linkages.iter().sum();
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
-        // The torque of a patch needs no force only where it is zero.
+        // The torque of a patch is nonzero only if the force of the patch is.
         let is_pushed = p.iter().zip(&self.contacts).any(|(p, contact)| !contact.is_torque() && p.x > 0.0);
         let most = if is_pushed { LOSS_IN_IMPACTS } else { LOSS };
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
@@ -144,7 +144,7 @@ impl Island {
             self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
             self.arrive(&midpoint, linked, &velocities, energy, mechanism);
             if is_pushed {
-                // The velocities have jumped.
+                // The velocities have jumped, so that accelerations over the step are no guess for the next step.
                 self.accelerations.fill(None);
             }
             self.guess = Some(Guess::of(midpoint, linked));
@@ -152,9 +152,9 @@ impl Island {
         are_replaced
     }
 
-    /// Solves the contact law for a nonsymmetric compliance, starting from the impulses `p` with contact velocities
-    /// from `velocities`. The contact law is solved with the symmetric part; the skew part is treated by fixed-point
-    /// iteration.
+    /// Solves the contact law for a nonsymmetric compliance, starting from the impulses `p`, which have led to
+    /// `velocities`. The contact law is solved with the symmetric part of the compliance; the skew part is treated by
+    /// fixed-point iteration.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn position_impulses(
         &mut self,
@@ -187,7 +187,7 @@ impl Island {
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
-            // Impulses of redundant contacts are not unique, but their velocity changes are: compare these.
+            // Compare velocity changes instead of impulses, since the impulses of redundant contacts are not unique.
             let changes: Vec<Vector3<f64>> = impulses.iter().zip(&next).map(|(a, b)| a - b).collect();
             let change = (0..p.len()).map(|k| compliance.whole.row_product(k, &changes).norm()).fold(0.0, f64::max);
             next = impulses;
@@ -202,7 +202,7 @@ impl Island {
         Some(next)
     }
 
-    /// The contact velocities without the impulses.
+    /// Returns the contact velocities without the effect of the given impulses.
     pub(super) fn free_velocities(
         &self,
         velocities: &[Vector6<f64>],
@@ -216,8 +216,8 @@ impl Island {
         self.contacts.iter().enumerate().map(free).collect()
     }
 
-    /// Replaces the impulses `p` by those of the impact law, for contacts that are closed at the end of the step or
-    /// have an impulse. Returns false on interruption.
+    /// Replaces the impulses `p` of the position stage by those of the impact law, for contacts that are closed at
+    /// the end of the step or have an impulse. Returns false on interruption.
     #[expect(clippy::too_many_arguments, reason = "both stages meet here")]
     fn replace_impulses(
         &mut self,
@@ -230,7 +230,7 @@ impl Island {
         law: &mut Law,
         control: &Control,
     ) -> bool {
-        // Skip contacts that are open and without an impulse.
+        // Skip contacts that are open and have no impulse.
         let all = std::mem::take(&mut self.contacts);
         let (mut kept, mut places): (Vec<Contact>, Vec<usize>) = (Vec::new(), Vec::new());
         for (place, contact) in all.iter().enumerate() {
@@ -251,7 +251,7 @@ impl Island {
         let mut r = p.clone();
         if let Some(matrix) = &matrix {
             let free = self.free_velocities(velocities, matrix, &p);
-            // The contacts are closed at the end of the step: gaps are zero.
+            // The remaining contacts are closed at the end of the step, so that their gaps are zero.
             let gaps = vec![0.0; p.len()];
             r = self.impulses(Delassus::Blocks(matrix), free, &gaps, true, h, p.clone(), law, control);
         }

@@ -1,4 +1,4 @@
-//! Displacements and velocities admitted by the joints, without a time step.
+//! Displacements and velocities admitted by the joints of an island, without a time step.
 
 use super::super::super::frame::Frame;
 use super::super::super::linkage::Linked;
@@ -11,7 +11,7 @@ use problem::Control;
 
 impl Island {
     /// Computes the displacements that resolve overlaps and close the joints, with the smallest change in the mass
-    /// norm, as velocities over a unit of time.
+    /// norm; the displacements are stored as velocities over a unit of time.
     pub fn displace(&mut self, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         if !self.is_implicit() {
             self.solve(1.0, mechanism, law, control);
@@ -34,7 +34,7 @@ impl Island {
         self.take(&velocities);
     }
 
-    /// Projects the velocities onto the joint constraints, by joint impulses alone.
+    /// Projects the velocities of the bodies onto the joint constraints, by joint impulses alone.
     pub fn obey_joints(&mut self, mechanism: &Mechanism<'_>) {
         let (mut linked, _) = self.linked(mechanism);
         if let Some(velocities) = self.obeying(&mut linked, mechanism, false) {

@@ -1,26 +1,27 @@
-//! Energy that the projection of velocities takes in a step with an impact. The impulses of a contact act at the mean
-//! frames of a step, and the joints hold at its end: in between bodies have turned by about `h w`, so that the projection
-//! takes the energy of `h w` times the jump of velocities, however the bodies bounce. An impact within an instant takes
-//! nothing beyond the work of its impulses. What was taken is given back to the motion that joints admit,
+//! Restoration of the energy that the velocity projection removes in a step with an impact. The impulses of a contact
+//! act at the mean frames of the step, and the joint constraints hold at its end: in between bodies have rotated by
+//! about `h w`, so that the projection removes the energy of `h w` times the jump of velocities, whatever the
+//! restitution. An instantaneous impact loses no energy beyond the work of its impulses. The energy `lost` in the
+//! projection is therefore given back to the motion that the joints admit,
 //!
 //! ```text
 //! v = v_r + s (v - v_r),    s^2 = 1 + lost / T(v - v_r)
 //! ```
 //!
-//! where `v_r` is the motion of a free linkage as one rigid body, which has its momentum and its angular momentum, and is
-//! orthogonal to the rest in the norm of the masses; it is zero if a joint holds on to the world. Joints admit `v_r` and
-//! `v`, and so all of their combinations.
+//! where `v_r` is the motion of a free linkage as one rigid body with the momentum and the angular momentum of the
+//! linkage; it is orthogonal to `v - v_r` in the mass norm, and zero if a joint is attached to the world. The joints
+//! admit `v_r` and `v`, and therefore all of their combinations.
 
 use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{apart, join};
 use super::super::super::motion::Motion;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// Largest part of the energy of the relative motion that is given back in one step. A larger loss is that of a motion
-/// that the step does not resolve, such as a rattle at its end.
+/// Maximum energy that is given back in one step, as a fraction of the energy of the relative motion. A larger loss
+/// is that of a motion that the step does not resolve, such as rattling at its end.
 const MOST: f64 = 0.1;
 
-/// Gives the energy `lost` back to the bodies of a linkage at the end of a step.
+/// Gives the energy `lost` in the velocity projection back to the bodies of a linkage at the end of a step.
 pub(super) fn restore(linked: &Linked<'_>, moved: &[Motion], velocities: &mut [Vector6<f64>], lost: f64) {
     if lost <= 0.0 || !linked.has_joints() || linked.is_driven() {
         return;
@@ -49,8 +50,8 @@ pub(super) fn restore(linked: &Linked<'_>, moved: &[Motion], velocities: &mut [V
     }
 }
 
-/// The velocities of bodies as one rigid body, with their momentum and angular momentum; `None` if they have no inertia
-/// about some axis.
+/// Returns the velocities of bodies that move as one rigid body with their momentum and angular momentum; `None` if
+/// the bodies have no inertia about some axis.
 fn rigid_motion(places: &[usize], moved: &[Motion], velocities: &[Vector6<f64>]) -> Option<Vec<Vector6<f64>>> {
     let (mut mass, mut first, mut momentum) = (0.0, Vector3::zeros(), Vector3::zeros());
     for &place in places {

@@ -1,50 +1,55 @@
-//! The number of arcs that a run may make before time stepping takes over.
+//! The number of smooth arcs that an event-driven run may make before time stepping takes over.
 //!
-//! An arc costs about as much as a step of time stepping. For an error of two digits, time stepping, of first order, takes about
-//! ten times as many steps as arcs of second order are needed: `1/e` and `1/sqrt(e)` for `e = 0.01`. Up to ten arcs a step are
-//! therefore worth their cost. Impacts come in bursts, as where a ball comes to rest: what steps do not use is kept for later
-//! ones. Where nothing is left, as in a heap that collapses, time stepping takes over until as much has been saved again; each
-//! time after that for twice as long, so that the attempts cost little however long impacts are many.
+//! An arc costs about as much as a step of time stepping. For a relative error `e = 0.01`, time stepping, of first
+//! order, takes about ten times as many steps as arcs of second order are needed: `1/e` against `1/sqrt(e)`. Up to
+//! ten arcs per step are therefore worth their cost. Impacts come in bursts, for example when a ball comes to rest:
+//! arcs that steps do not use are saved for later steps. When no arcs are left, as in a heap that collapses, time
+//! stepping takes over until as many arcs have been saved again; each further time for twice as long, so that the
+//! attempts cost little however long there are many impacts.
 
-/// The number of arcs that each step adds.
+/// The number of arcs that each step adds to the budget.
 const ARCS_A_STEP: f64 = 10.0;
 
-/// The most arcs saved, and those for each moving body: a ball makes some tens of impacts before it rests.
+/// Maximum number of saved arcs: a constant, and an addition per moving body. A ball makes some tens of impacts
+/// before it rests.
 const SAVED: [f64; 2] = [64.0, 1.0];
 
-/// The number of arcs that a run may make.
+/// The number of smooth arcs that an event-driven run may still make.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Budget {
-    /// The number of arcs that may be made, and the most of them.
+    /// The number of arcs that may still be made, and (in `most`) its maximum.
     arcs: f64,
     most: f64,
-    /// The length of a step that adds [`ARCS_A_STEP`] arcs: a run for comparison, with steps twice as long, has as many in a time.
+    /// The length of a step that adds [`ARCS_A_STEP`] arcs: a comparison run with steps twice as long adds as many
+    /// arcs per unit of time.
     step: f64,
-    /// Whether the current step is one of time stepping, and the time for which it goes on after it.
+    /// Whether the current step is made by time stepping, and (in `pause`) the time for which time stepping goes on
+    /// after it.
     is_paused: bool,
     pause: f64,
-    /// The length of the next such time.
+    /// The length of the next period of time stepping.
     next: f64,
 }
 
 impl Budget {
-    /// All arcs, for a run with steps of this length.
+    /// Creates a full budget for a run with steps of length `step`.
     pub fn new(step: f64, bodies: usize) -> Self {
         let [at_least, of_body] = SAVED;
         let most = at_least + of_body * bodies as f64;
         Self { arcs: most, most, step, is_paused: false, pause: 0.0, next: most / ARCS_A_STEP * step }
     }
 
-    /// The number of arcs in the next step, of length `h`; zero for time stepping.
+    /// Returns the number of arcs that the next step, of length `h`, may make; zero for time stepping.
     pub fn most(&mut self, h: f64) -> usize {
         self.arcs = (self.arcs + ARCS_A_STEP * h / self.step).min(self.most);
-        // The sum of steps is known up to rounding.
+        // Compare with a tolerance, since the sum of step lengths has rounding errors.
         self.is_paused = self.pause > 1e-6 * h;
         self.pause = (self.pause - h).max(0.0);
         if self.is_paused { 0 } else { self.arcs as usize }
     }
 
-    /// Counts the arcs of a step of length `h`, of which time stepping took the rest or not.
+    /// Deducts the arcs of a step of length `h` from the budget; `is_passed` states whether time stepping took over
+    /// for its rest.
     pub fn spend(&mut self, arcs: usize, h: f64, is_passed: bool) {
         if self.is_paused {
             return;
@@ -65,7 +70,7 @@ impl Budget {
 mod tests {
     use super::*;
 
-    /// The number of arcs of a run in which each step needs so many.
+    /// Returns the number of arcs of a run in which each step needs `needed` arcs.
     fn made(needed: usize, steps: usize) -> usize {
         let mut budget = Budget::new(0.1, 36);
         let of_step = |_| {
@@ -85,7 +90,8 @@ mod tests {
     #[test]
     fn a_burst_is_located_and_a_heap_is_not() {
         assert_eq!(made(50, 2), 100);
-        // A hundred arcs, and again after 10, 20, 40, .. steps: at most ten times in ten thousand steps.
+        // The run makes a hundred arcs, and again after 10, 20, 40, .. steps: at most ten times in ten thousand
+        // steps.
         let arcs = made(1000, 10_000);
         assert!(arcs <= 10_000 + 10 * 100, "{arcs}");
     }

@@ -1,19 +1,20 @@
-//! The first time in an arc at which an open contact closes.
+//! The first time in a smooth arc at which an open contact closes.
 //!
-//! The gap `g` of two bodies has a second derivative of at least `-B`, by their accelerations, their rotations and their relative
-//! velocity: distances of convex bodies are convex functions of a translation. So from a time with `g > 0` on there is no contact
-//! before the positive root `d` of
+//! The gap `g` between two bodies has a second derivative of at least `-B`, where `B` follows from their
+//! accelerations, their rotations and their relative velocity: distances of convex bodies are convex functions of a
+//! translation. From a time with `g > 0` on there is therefore no contact before the positive root `d` of
 //!
 //! ```text
 //! g + g' d - B d^2/2 = 0
 //! ```
 //!
-//! and the search goes on from there: it never passes a contact, and converges to it like Newton's method
-//! (conservative advancement, with the normal velocity). A contact that opens has `g = 0` and `g' > 0` at first, and no
-//! root but the next.
+//! and the search continues at this root: it never passes a contact, and converges to it like Newton's method
+//! (conservative advancement, with the normal velocity). A contact that opens has `g = 0` and `g' > 0` at first, so
+//! that the only root is that of the next contact.
 //!
-//! Contacts of polyhedra or capsules with each other come and go as features of their surfaces pass, and the bound holds for each
-//! while it is there. A contact that is passed nevertheless is found by its overlap, and bisected.
+//! Contacts of polyhedra or capsules with each other appear and vanish as features of their surfaces pass each other,
+//! and the bound holds for each contact point as long as it exists. A contact that the search nevertheless passes is
+//! found by its overlap, and located by bisection.
 
 use super::super::super::collision::{ContactPoint, contacts};
 use super::super::super::motion::Motion;
@@ -24,37 +25,40 @@ use super::Located;
 use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 
-/// Rounding of a gap, relative to the coordinates of the bodies and their sizes.
+/// Rounding error of a gap, relative to the coordinates of the bodies and their sizes.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// The least advance of the search, relative to the arc: contacts that graze are passed by so much.
+/// Minimum advance of the search for closing contacts, relative to the arc: grazing contacts of shorter duration are
+/// skipped.
 const LEAST: f64 = 1e-3;
 
-/// The accelerations within an arc may exceed their mean by this factor.
+/// The factor by which accelerations within an arc may exceed their mean.
 const UNEVEN: f64 = 2.0;
 
-/// Approaches below this fraction of the speeds of the surfaces are rounding.
+/// Approach velocities below this fraction of the speeds of the surfaces are treated as rounding errors.
 const SLOW: f64 = 1e-9;
 
-/// How closely a contact is located, relative to the arc, where the bound does not hold.
+/// Accuracy in time, relative to the arc, to which a contact is bisected if the bound on the second derivative does
+/// not hold.
 const PAST: f64 = 1e-12;
 
-/// Limit on the points of the search for one pair of bodies. What remains is another arc.
+/// Maximum number of points of the search for one pair of bodies. The arc ends at the last point, and another arc
+/// continues the search.
 const POINTS: usize = 200;
 
-/// The course of a body over an arc.
+/// The motion of a body over a smooth arc.
 enum Course<'a> {
-    /// It rests.
+    /// The body is at rest at this pose.
     Rests(&'a Isometry3<f64>),
-    /// Its motion is prescribed: its index among the bodies with prescribed motion.
+    /// The body has prescribed motion; the index is that among the bodies with prescribed motion.
     Given(usize),
-    /// It flies from this beginning on.
+    /// The body moves freely from this state at the beginning of the arc.
     Flies(&'a Motion),
-    /// It moves between these with contacts.
+    /// The body moves with sustained contacts between these states at both ends of the arc.
     Held(&'a Motion, &'a Motion),
 }
 
-/// A body at one time.
+/// The pose and the velocities of a body at one time.
 #[derive(Clone, Copy)]
 struct At {
     pose: Isometry3<f64>,
@@ -73,8 +77,9 @@ impl At {
 }
 
 impl MoreauStepping<'_> {
-    /// The first time after the beginning `t` of an arc of length `s` at which a contact closes that does not last, of the given
-    /// pairs of bodies; the bodies are at its end.
+    /// Returns the first time after the beginning `t` of an arc of length `s` at which a contact between the given
+    /// pairs of bodies closes that is not sustained; `None` if there is none. `self` holds the bodies at the end of
+    /// the arc.
     pub(super) fn closes(
         &self,
         located: &Located,
@@ -103,7 +108,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// The body a time `d` after the beginning `t` of the arc of length `s`.
+    /// Returns the pose and the velocities of a body at a time `d` after the beginning `t` of an arc of length `s`.
     fn at(&self, located: &Located, course: &Course<'_>, [t, s, d]: [f64; 3]) -> At {
         match *course {
             Course::Rests(pose) => At { pose: *pose, velocity: Vector3::zeros(), omega: Vector3::zeros() },
@@ -147,7 +152,7 @@ impl MoreauStepping<'_> {
             contacts((colliders[0], &now[0].pose), (colliders[1], &now[1].pose), room, &mut points);
             points.retain(|point| !located.lasting.contains(&(pair[0], pair[1], point.id)));
             if d == 0.0 {
-                // A contact that opens may begin below zero, within the tolerance of gaps.
+                // The gap of a contact that opens may be negative at first, within the gap tolerance.
                 floors.extend(points.iter().map(|point| (point.id, point.gap.min(0.0))));
             }
             let (mut advance, mut deepest) = (f64::INFINITY, None::<f64>);
@@ -170,7 +175,8 @@ impl MoreauStepping<'_> {
             let least = PAST * s;
             d = match (deepest, high) {
                 (Some(gap), _) if gap < -2.0 * closed && d - clear > least => {
-                    // The bound did not hold: the contact is between here and the last time without one.
+                    // The bound did not hold: the contact closes between the last time without a contact and the
+                    // current time.
                     high = Some(d);
                     0.5 * (clear + d)
                 }
@@ -190,7 +196,7 @@ impl MoreauStepping<'_> {
         Some(d)
     }
 
-    /// How far a body may move in an arc of length `s`.
+    /// Returns a bound on the displacement of a body in an arc of length `s`.
     fn room(&self, course: &Course<'_>, samples: &[[At; 2]; 3], side: usize, reach: f64, s: f64) -> f64 {
         match course {
             Course::Flies(motion) | Course::Held(motion, _) => margin(motion, reach, s * self.scene.gravity.norm(), s),
@@ -204,8 +210,8 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// A bound `B` on the negative second derivative of gaps over an arc of length `s`, by both bodies at its beginning, in its
-/// middle and at its end.
+/// Returns a bound `B` on the negative second derivative of gaps over an arc of length `s`, from the states of both
+/// bodies at its beginning, in its middle and at its end.
 fn bend(samples: &[[At; 2]; 3], reaches: [f64; 2], s: f64) -> f64 {
     let apart = (samples[0][1].pose.translation.vector - samples[0][0].pose.translation.vector).norm();
     let (mut bend, mut spins) = (0.0, 0.0_f64);
@@ -218,7 +224,8 @@ fn bend(samples: &[[At; 2]; 3], reaches: [f64; 2], s: f64) -> f64 {
         let turning = spin * spin + rate(&|at| at.omega);
         bend += rate(&|at| at.velocity);
         if turning > 0.0 {
-            // The size of the other body bounds where a half space is met.
+            // The size of a half space is infinite: the distance and size of the other body bound the position of the
+            // contact point.
             bend += turning * reaches[side].min(apart + reaches[1 - side]);
         }
         spins = spins.max(spin);

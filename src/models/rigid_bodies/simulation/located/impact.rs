@@ -1,4 +1,4 @@
-//! Impacts as a sequence, by which two runs can tell whether they take the same ones.
+//! The sequence of impacts of a run, by which two runs are compared.
 
 use super::super::super::contact::Contact;
 use super::super::super::motion::Motion;
@@ -8,30 +8,32 @@ use nalgebra::Vector3;
 use rustc_hash::FxHasher;
 use std::hash::{Hash, Hasher};
 
-/// What a body meets with when contacts strike.
+/// The effect of an impact on one body.
 #[derive(Clone, Debug)]
 pub struct Impact {
-    /// The time.
+    /// The time of the impact.
     pub t: f64,
-    /// Its index among the moving bodies.
+    /// The index of the body among the moving bodies.
     pub body: usize,
-    /// The contacts of the body that strike, as one number whatever their order; zero if it is struck through those that last alone.
+    /// A hash of the closing contacts of the body, independent of their order; zero if the body is struck through
+    /// sustained contacts alone.
     pub contacts: u64,
-    /// The changes of its velocity and its angular velocity.
+    /// The changes of the body's velocity and angular velocity.
     pub change: [Vector3<f64>; 2],
-    /// The kinetic energy of a body at rest whose velocities change so.
+    /// The kinetic energy of the body if its velocities were these changes.
     pub energy: f64,
     motion: Motion,
 }
 
 impl Impact {
-    /// Whether it is the same as one of another run: the velocities differ by less after the two than if one of them were left out.
+    /// Returns whether the impact corresponds to an impact of another run: whether their velocity changes differ by
+    /// less, in the energy norm, than if one of the two impacts were left out.
     pub fn is_like(&self, other: &Self) -> bool {
         let apart = [0, 1].map(|k| self.change[k] - other.change[k]);
         self.energy_of(apart) < self.energy.min(other.energy)
     }
 
-    /// The kinetic energy of the body with these velocities.
+    /// Returns the kinetic energy of the body with the given velocities.
     pub fn energy_of(&self, velocities: [Vector3<f64>; 2]) -> f64 {
         let mut motion = self.motion;
         [motion.velocity, motion.omega] = velocities;
@@ -40,19 +42,20 @@ impl Impact {
 }
 
 impl MoreauStepping<'_> {
-    /// Records the impacts of steps from now on, if they are located.
+    /// Starts to record the impacts of event-driven steps; has no effect for time stepping.
     pub fn record_impacts(&mut self) {
         if let Some(located) = &mut self.located {
             located.impacts = Some(Vec::new());
         }
     }
 
-    /// The impacts of the last step, if they are recorded.
+    /// Returns the impacts of the last step; empty if they are not recorded.
     pub fn impacts(&self) -> &[Impact] {
         self.located.as_ref().and_then(|located| located.impacts.as_deref()).unwrap_or_default()
     }
 
-    /// Records the impacts of the bodies that were struck where the contacts `striking` closed, with the motions `before`.
+    /// Records the impacts of the bodies that were struck when the contacts `striking` closed; `before` are the
+    /// motions of all bodies before the impact.
     pub(super) fn record_struck(&self, striking: &[Key], before: &[Motion], impacts: &mut Vec<Impact>) {
         let is_struck = |contact: &&Contact| contact.impulse.x > 0.0;
         let mut struck: Vec<u32> =
@@ -73,7 +76,7 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// A number for the identity of a contact.
+/// Returns a hash of the identity of a contact.
 fn number_of(key: Key) -> u64 {
     let mut hasher = FxHasher::default();
     key.hash(&mut hasher);

@@ -1,5 +1,5 @@
-//! An arc without impacts. Bodies with contacts that last move by a diagonally implicit Runge-Kutta method of two stages
-//! (Alexander 1977), of order two and L-stable,
+//! A smooth arc without impacts. Bodies with sustained contacts move by a diagonally implicit Runge-Kutta method of
+//! two stages (Alexander 1977), of order two and L-stable, over the length `s` of the arc,
 //!
 //! ```text
 //! p_i = p + s (a_i1 f_1 + a_i2 f_2),    a_11 = a_22 = c,    a_21 = 1 - c,    c = 1 - 1/sqrt(2)
@@ -7,12 +7,14 @@
 //! ```
 //!
 //! with momenta `p` in world axes, so that the gyroscopic terms need no quadrature, and forces `f` of gravity and of
-//! contacts. The contacts of each stage obey the law of contact at the velocities of the stage: a stage is a step of time
-//! stepping of length `c s`. Its pose is extrapolated, with an error of second order in the step, which leaves one of
-//! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law.
+//! contacts. The contacts of each stage obey the contact law at the velocities of the stage: a stage is a step of
+//! time stepping of length `c s`. The pose of a stage is extrapolated, with an error of second order in the step,
+//! which causes an error of third order in the impulse. The method is stiffly accurate: the velocities at the end of
+//! the arc obey the contact law.
 //!
-//! Gaps are held at the level of velocities. What they drift to is closed by the velocity `-gap/h`, for the whole step `h` and the gap
-//! at the beginning of the arc: that of an extrapolated pose is of second order, and its velocity would be of first.
+//! Gaps of sustained contacts are constrained on velocity level. The drift of a gap is closed by the velocity
+//! `-gap/h`, for the whole step `h` and the gap at the beginning of the arc: the gap of an extrapolated pose has an
+//! error of second order, and the velocity would have an error of first order.
 
 use super::super::super::motion::Motion;
 use super::super::{MoreauStepping, StepFailure};
@@ -22,22 +24,22 @@ use nalgebra::Vector3;
 use problem::Control;
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// `c`.
+/// The diagonal coefficient `c` of the Runge-Kutta method.
 const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
 
-/// The weight of the impulses of the first stage at the end, in those of the stage.
+/// The weight of the impulses of the first stage in the update at the end of the arc, relative to those in the stage.
 const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
 
-/// Limit on the number of arcs tried from one beginning. Bisection takes some twenty; each contact that closes takes a few, since
-/// paths of bodies with lasting contacts depend on the length of the arc, by its third power.
+/// Maximum number of arcs tried from one beginning. Bisection takes about twenty; each contact that closes takes a
+/// few, since the paths of bodies with sustained contacts depend on the length of the arc (in third order).
 const TRIALS: usize = 64;
 
-/// A fraction of an arc that is not worth another trial.
+/// Relative change of an arc's length below which the arc is not computed again.
 const SAME: f64 = 1e-12;
 
 impl MoreauStepping<'_> {
-    /// Moves the bodies until the first contact closes or a force jumps, at most for a time `rest`; the contacts are those that
-    /// may close within it.
+    /// Moves the bodies along a smooth arc until the first contact closes or a contact force jumps, at most for a
+    /// time `rest`; the contacts of `self` must be those that may close within this time.
     pub(super) fn glide(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (t, starts) = (self.t, self.moving.clone());
         let (report, forces) = (self.report, self.contact_forces.clone());
@@ -46,7 +48,7 @@ impl MoreauStepping<'_> {
         located.lasting.extend(begun.iter().map(|begun| begun.key));
         let mut open: Vec<(u32, u32)> = self.contacts.iter().map(|contact| (contact.key.0, contact.key.1)).collect();
         open.dedup();
-        // Contacts of a pair that keeps its points are known one by one.
+        // Skip pairs whose contacts are all sustained, if their contact points persist while the bodies move.
         open.retain(|&(a, b)| {
             let of_pair = self.contacts.iter().map(|contact| contact.key).filter(|key| (key.0, key.1) == (a, b));
             self.is_patch((a, b)) || of_pair.into_iter().any(|key| !located.lasting.contains(&key))
@@ -93,7 +95,7 @@ impl MoreauStepping<'_> {
         located.lasting.extend(self.contacts.iter().map(|contact| contact.key));
         located.sticking.clear();
         located.sticking.extend(self.sticking(located));
-        // The end of the step is exactly that asked for.
+        // The end of the step is set exactly to the requested time.
         self.t = if s == rest { located.begin + located.step } else { t + s };
         let times = [t - located.begin, self.t - located.begin];
         let work = [report.work, self.report.work];
@@ -103,7 +105,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Whether all bodies moved evenly in an arc of length `s`, which is at its end.
+    /// Returns whether all bodies moved with constant accelerations in an arc of length `s`; `self` holds the bodies
+    /// at its end.
     fn is_even(&self, located: &Located, starts: &[Motion], s: f64) -> bool {
         let fall = located.step * self.scene.gravity.norm();
         let bodies = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -111,8 +114,8 @@ impl MoreauStepping<'_> {
         motions.all(|((start, end), body)| start.is_even(end, s, [fall, fall / body.collider.reach()]))
     }
 
-    /// Moves the bodies for a time `s` from `t` on, without impacts; returns the least slip of the contacts in the first stage,
-    /// relative to that at the beginning.
+    /// Moves the bodies along a smooth arc for a time `s` from `t` on, without impacts; returns the least slip of the
+    /// contacts in the first stage, relative to their slip at the beginning of the arc.
     fn arc(
         &mut self,
         located: &Located,
@@ -170,9 +173,10 @@ impl MoreauStepping<'_> {
         Ok(slip)
     }
 
-    /// Solves the law of the lasting contacts of a stage at the time `passed` after `t`, in an arc of length `s`, and books
-    /// their impulses with a weight. The solution starts from no impulses: of those that the law leaves open, as with four feet on
-    /// a floor, it then finds the same in every run, whatever its steps.
+    /// Solves the contact law for the sustained contacts of a stage at the time `passed` after `t`, in an arc of
+    /// length `s`, and adds their impulses, multiplied by `weight`, to the report. The solver starts from zero
+    /// impulses: if the contact law does not determine the impulses, as for four feet on a floor, it then finds the
+    /// same impulses in every run, whatever the steps.
     fn stage(
         &mut self,
         located: &Located,
@@ -188,7 +192,7 @@ impl MoreauStepping<'_> {
         contacts.retain_mut(|contact| {
             match begun.iter().find(|begun| begun.key == contact.key) {
                 Some(begun) => contact.gap = begun.gap,
-                // Points of a patch are new while they are closed.
+                // New contact points of a contact patch are sustained contacts as long as they are closed.
                 None if contact.gap > contact.no_gap || !self.is_patch((contact.key.0, contact.key.1)) => return false,
                 None => {}
             }
@@ -198,10 +202,12 @@ impl MoreauStepping<'_> {
         });
         self.contacts = contacts;
         self.close();
-        // The law closes gaps within its step.
+        // The contact law closes a gap within its step of length `s`: scale the gap to be closed at the velocity
+        // `-gap/h` for the whole step `h`.
         self.contacts.iter_mut().for_each(|contact| contact.gap *= s / located.step);
         self.group();
-        // The law takes coefficients at the end of its step.
+        // The contact law evaluates coefficients of friction at the end of its step of length `s`: shift the time so
+        // that it ends at the time of the stage.
         let now = std::mem::replace(&mut self.t, t + passed - s);
         self.partition_into_islands();
         self.t = now;

@@ -1,4 +1,4 @@
-//! Impacts at one time: the law of impact for all closed contacts together, with velocities that jump.
+//! Impacts at one instant: the impact law for all closed contacts together, with velocities that jump.
 
 use super::super::super::contact::Contact;
 use super::super::super::scene::Law;
@@ -9,7 +9,8 @@ use nalgebra::Vector3;
 use problem::{Control, EventKind};
 
 impl MoreauStepping<'_> {
-    /// Applies the law of impact at the current time if a contact closes, and finds the contacts that last from here on.
+    /// Applies the impact law at the current time if a contact closes, and determines the sustained contacts of the
+    /// next arc.
     pub(super) fn strike(&mut self, located: &mut Located, control: &Control) -> Result<(), StepFailure> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
@@ -25,7 +26,7 @@ impl MoreauStepping<'_> {
             let contact = &mut self.contacts[k];
             contact.gap = 0.0;
             if is_known || approach <= noise[k] {
-                // A contact that lasts has no velocity but by errors of the last arc.
+                // The approach velocity of a sustained contact is an error of the last arc.
                 contact.before.x = contact.before.x.max(0.0);
                 continue;
             }
@@ -47,7 +48,7 @@ impl MoreauStepping<'_> {
             }
             let struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0);
             struck.flat_map(|contact| contact.bodies).flatten().for_each(|body| located.touched[body as usize] = true);
-            // Who is struck has velocities anew.
+            // A contact whose velocity the impact has changed is not known to stick.
             for (contact, before) in self.contacts.iter().zip(&before) {
                 if (self.velocity_of(contact) - before).norm() > self.rounding(located, contact) {
                     located.sticking.remove(&contact.key);
@@ -70,10 +71,11 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Keeps the contacts that are closed: those that last, and those whose gap is zero. Where one of these strikes, a gap that is no
-    /// larger than its error is zero, too. Closed contacts have gaps by errors of the last arc alone, and the gap of the last foot
-    /// of a face is a combination of those of its other feet: the error is the sum of the gaps of the closed contacts of a body.
-    /// All feet of a face that lands from one of its edges therefore strike at once, in whatever order their errors bring them.
+    /// Keeps the contacts that are closed: sustained contacts, and contacts with zero gap. If a contact with zero gap
+    /// strikes, other gaps that are not larger than their error are treated as zero, too. The gaps of closed contacts
+    /// are errors of the last arc, and the gap of the last foot of a face is a combination of the gaps of its other
+    /// feet: the error of a gap is the sum of the gaps of the closed contacts on a body. All feet of a face that
+    /// lands from one of its edges therefore strike at once, in whatever order their errors bring them.
     fn retain_closed(&mut self, located: &Located) {
         let lasts = |contact: &Contact| located.lasting.contains(&contact.key);
         let strikes = |contact: &Contact| !lasts(contact) && -contact.before.x > self.rounding(located, contact);
@@ -97,11 +99,13 @@ impl MoreauStepping<'_> {
         self.contacts.retain(|_| closed.next().unwrap_or(false));
     }
 
-    /// Solves the law of impact for the contacts, and changes the velocities; the impacts of some contacts are told.
+    /// Solves the impact law for the closed contacts, and changes the velocities; the impacts of the contacts `told`,
+    /// given by index, are reported as events.
     fn hit(&mut self, located: &Located, told: &[usize], control: &Control) -> Result<(), StepFailure> {
         self.group();
         let (t, h) = (self.t, located.step);
-        // The law takes coefficients at the end of its step, which has no length here.
+        // The contact law evaluates coefficients of friction at the end of its step: shift the time so that the step
+        // ends at the time of the impact.
         self.t -= h;
         self.partition_into_islands();
         self.t = t;
@@ -128,10 +132,10 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Tells events of lasting contacts: that they begin to slip, cease to, or open.
+    /// Reports events of sustained contacts: that they begin to slip, stick, or open.
     fn tell(&mut self, located: &Located, mut lasting: Vec<Contact>) {
         for contact in &mut lasting {
-            // What lasts is pressed together; by how much does not matter.
+            // Event detection requires a positive normal impulse; its size does not matter.
             contact.impulse = Vector3::x();
             if located.sticking.contains(&contact.key) {
                 contact.law = Law { friction: 0.0, varying: None, ..contact.law };

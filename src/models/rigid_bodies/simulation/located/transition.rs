@@ -1,8 +1,10 @@
-//! Times within an arc at which the force of a lasting contact jumps: it opens, its slip passes through zero, or the curvature
-//! of its surfaces jumps, as where a ball rolls over an edge. The arc is shortened until it ends there.
+//! Times within a smooth arc at which the force of a sustained contact jumps: because it opens, because its slip
+//! passes through zero, or because the curvature of its surfaces jumps, as where a ball rolls over an edge. The arc
+//! is shortened until it ends at the jump.
 //!
-//! Up to the transition the slip is smooth, and its zero is found by secants through points before it. A contact that opens
-//! has a force until then, and none from there on: there is nothing to interpolate, and the time is bisected.
+//! Until the transition the slip is smooth, and its zero is found by secants through points before it. A contact that
+//! opens has a force until then, and none afterwards, so that there is nothing to interpolate, and the time is
+//! bisected.
 
 use super::super::super::contact::Contact;
 use super::super::super::touches::rounding;
@@ -10,11 +12,12 @@ use super::super::MoreauStepping;
 use super::{Key, Located};
 use nalgebra::Vector3;
 
-/// Velocities of lasting contacts below this fraction of what the arc, or gravity in the step, changes of them are zero; and
-/// the fraction of the arc to which transitions are located. Both leave errors far below those of second order.
+/// Relative tolerance of transitions: velocities of sustained contacts below this fraction of their change in the
+/// arc, or of the velocity change by gravity in the step, are treated as zero, and transitions are located to this
+/// fraction of the arc. The resulting errors are far below those of second order.
 const ZERO: f64 = 1e-6;
 
-/// A lasting contact at the beginning of an arc.
+/// The state of a sustained contact at the beginning of an arc.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Begun {
     pub key: Key,
@@ -23,19 +26,19 @@ pub(super) struct Begun {
     pub feature: u32,
 }
 
-/// What changes within an arc.
+/// The transitions of sustained contacts within an arc.
 #[derive(Debug, Default)]
 pub(super) struct Change {
-    /// The contacts that opened.
+    /// The contacts that opened within the arc.
     pub opened: Vec<Key>,
-    /// The least slip at the end, along the slip at the beginning and relative to it: zero if it sticks, negative if the slip
-    /// reversed.
+    /// The least slip of a contact at the end of the arc, along its slip at the beginning and relative to it: zero if
+    /// the contact sticks, negative if the slip reversed.
     pub slip: f64,
-    /// Whether a slip passed through zero.
+    /// Whether the slip of a contact passed through zero.
     stops: bool,
-    /// Whether a curvature jumped.
+    /// Whether the curvature of the surfaces at a contact jumped.
     passes: bool,
-    /// Whether all slips that passed through zero are zero at the end.
+    /// Whether all slips that passed through zero are zero at the end of the arc.
     sticks: bool,
 }
 
@@ -45,31 +48,33 @@ impl Change {
     }
 }
 
-/// What to do with an arc that was tried.
+/// The decision on an arc that was tried.
 #[derive(Debug)]
 pub(super) enum Next {
-    /// It is the arc.
+    /// Accept the arc.
     Take,
-    /// Try this length.
+    /// Try an arc of this length.
     Try(f64),
-    /// These contacts open at its beginning: try without them.
+    /// Try an arc without these contacts, which open at its beginning.
     Without(Vec<Key>),
 }
 
-/// The search for the first transition in an arc.
+/// The search for the first transition of sustained contacts in an arc.
 #[derive(Debug)]
 pub(super) struct Search {
-    /// The length of the whole arc.
+    /// The length of the longest arc, to the end of the step or to the first contact that closes.
     rest: f64,
-    /// Lengths with a slip before its zero, relative to that at the beginning; the last two of them.
+    /// The last two arc lengths before the zero of the slip, each with the slip at its end relative to that at the
+    /// beginning.
     slips: [(f64, f64); 2],
-    /// The longest length without a transition, the shortest with one, and the contacts that open there.
+    /// The longest arc without a transition, the shortest arc with one (`high`), and the contacts that open in it
+    /// (`opened`).
     low: f64,
     high: Option<f64>,
     opened: Vec<Key>,
-    /// Whether there is nothing to interpolate.
+    /// Whether the transition is located by bisection, since there is no slip to interpolate.
     bisects: bool,
-    /// The zero of the slip by the last secant.
+    /// The arc length at which the last secant predicts zero slip.
     predicted: Option<f64>,
 }
 
@@ -79,13 +84,13 @@ impl Search {
         Self { rest, slips, low: 0.0, high: None, opened: Vec::new(), bisects: false, predicted: None }
     }
 
-    /// The contacts that open where the arc that is taken ends.
+    /// Returns the contacts that open at the end of the accepted arc.
     pub fn leaving(&self) -> &[Key] {
         &self.opened
     }
 
-    /// Judges an arc of length `s`, whose slip in the first stage, at the time `first`, is `slip` relative to that at the
-    /// beginning.
+    /// Decides on an arc of length `s` with the transitions `change`; `slip` is the least slip in its first stage, at
+    /// the time `first`, relative to that at the beginning.
     pub fn judge(&mut self, s: f64, change: Change, (first, slip): (f64, f64)) -> Next {
         let within = ZERO * self.rest;
         if !change.is_any() {
@@ -124,12 +129,12 @@ impl Search {
         if self.opened.is_empty() { Next::Take } else { Next::Without(std::mem::take(&mut self.opened)) }
     }
 
-    /// The next length to try, below `high`; `by` is an estimate of the zero of a slip.
+    /// Returns the next length to try, below `high`; `by` is an estimate of the arc length at which a slip is zero.
     fn next(&mut self, high: f64, by: Option<f64>) -> Next {
         let within = ZERO * self.rest;
         self.predicted = None;
         if self.bisects {
-            // A contact that opens at once is the common case.
+            // Try a very short arc first, since most contacts that open do so at the beginning of an arc.
             let at_once = self.low == 0.0 && !self.opened.is_empty();
             return Next::Try(if at_once { 0.5 * within } else { 0.5 * (self.low + high) });
         }
@@ -146,7 +151,8 @@ impl Search {
 }
 
 impl MoreauStepping<'_> {
-    /// The lasting contacts at the beginning of an arc, with what detection found of them.
+    /// Returns the sustained contacts at the beginning of an arc, with the gaps and velocities that contact detection
+    /// found.
     pub(super) fn begun(&self, located: &Located) -> Vec<Begun> {
         let lasts = |contact: &&Contact| located.lasting.contains(&contact.key);
         let begun = |contact: &Contact| {
@@ -159,13 +165,13 @@ impl MoreauStepping<'_> {
         self.contacts.iter().filter(lasts).map(begun).collect()
     }
 
-    /// What changed of the lasting contacts in an arc of the step, which is at its end.
+    /// Returns the transitions of the sustained contacts in an arc; `self` holds the bodies at its end.
     pub(super) fn change(&self, located: &Located, begun: &[Begun]) -> Change {
         let mut change = Change { slip: f64::INFINITY, sticks: true, ..Change::default() };
         let zero = |contact: &Contact, change: f64| self.zero(located, contact, change);
         let after = |contact: &Contact| self.velocity_of(contact);
-        // Contacts move apart by errors of second order at the beginning of an arc, and by no more while they are pressed
-        // together.
+        // The velocity at which a contact separates at the beginning of an arc is an error of second order, and does
+        // not grow while the contact is pressed together.
         let is_open = |contact: &Contact, start: f64| {
             let u = after(contact);
             contact.impulse.x <= 0.0 && u.x > start.max(0.0) + zero(contact, (u.x - start).abs())
@@ -202,7 +208,7 @@ impl MoreauStepping<'_> {
         change
     }
 
-    /// The contacts that stick at the end of an arc.
+    /// Returns the contacts that stick at the end of an arc.
     pub(super) fn sticking(&self, located: &Located) -> Vec<Key> {
         let sticks = |contact: &&Contact| {
             let u = self.velocity_of(contact);
@@ -211,19 +217,20 @@ impl MoreauStepping<'_> {
         self.contacts.iter().filter(sticks).map(|contact| contact.key).collect()
     }
 
-    /// The velocity of a contact with the current velocities of the bodies.
+    /// Returns the relative velocity at a contact for the current velocities of the bodies.
     pub(super) fn velocity_of(&self, contact: &Contact) -> Vector3<f64> {
         contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
     }
 
-    /// The velocity of a lasting contact that counts as zero, where the arc changes it by `change`.
+    /// Returns the velocity below which that of a sustained contact is treated as zero, if the arc changes it by
+    /// `change`.
     fn zero(&self, located: &Located, contact: &Contact, change: f64) -> f64 {
         let fall = located.step * self.scene.gravity.norm();
         ZERO * (change + fall) + rounding(contact, &self.moving)
     }
 
-    /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it. A slip within the errors
-    /// of the solution of the law is zero.
+    /// Returns the least slip of the sustained contacts along their slip at the beginning of the arc, relative to it.
+    /// A slip within the error of the solution of the contact law is returned as zero.
     pub(super) fn least_slip(&self, located: &Located, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;
@@ -236,7 +243,8 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// The slip of a rough contact along that of an earlier time, `start`, and relative to it; `None` if there was none.
+/// Returns the slip of a frictional contact along its slip velocity `start` at an earlier time, relative to it;
+/// `None` if `start` is zero or the contact is frictionless.
 fn slip_along(contact: &Contact, start: &Vector3<f64>, u: &Vector3<f64>) -> Option<f64> {
     let square = start.y * start.y + start.z * start.z;
     (contact.law.is_rough() && square > 0.0).then(|| (u.y * start.y + u.z * start.z) / square)

@@ -1,5 +1,5 @@
-//! The chunks of a sweep that are solved by the worker that divides it, in the place that took the sweep. Their rows are in
-//! memory, and are written only when the sweep is shared.
+//! The chunks of a sweep that its divider solves itself. Their rows are in memory, and are written to the servers
+//! only when the sweep is shared with other workers.
 
 use super::Sweep;
 use crate::jobs::chunks::{Chunk, Solved};
@@ -8,7 +8,7 @@ use crate::jobs::{Ended, Job};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The chunk that is solved by the worker that divides the sweep.
+/// A chunk of a sweep, solved by the worker that divides the sweep.
 pub struct Here {
     id: PartId,
     chunk: Chunk,
@@ -17,7 +17,7 @@ pub struct Here {
 }
 
 impl Sweep<'_> {
-    /// Has a chunk solved here.
+    /// Begins to solve a chunk in this process.
     pub async fn begin_here(&mut self, chunk: Chunk) {
         let id = self.next_id();
         let (record, document) = (self.record.clone(), Arc::clone(&self.document));
@@ -27,7 +27,7 @@ impl Sweep<'_> {
         self.here = Some(Here { id, chunk, job, begun });
     }
 
-    /// Waits for the chunk that is solved here.
+    /// Waits until the chunk that this worker solves has ended.
     pub async fn end_here(&mut self) {
         if let Some(here) = &self.here {
             let ended = here.job.settled().await;
@@ -35,7 +35,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Counts out the chunk that was solved here.
+    /// Records the outcome of the chunk that this worker has solved; `None` if it was parked.
     pub async fn count_here(&mut self, ended: Option<Arc<Ended>>) {
         let Some(Here { id, chunk, job, begun }) = self.here.take() else { return };
         self.worker.mine().remove(&Work::Part(id));
@@ -45,7 +45,7 @@ impl Sweep<'_> {
             Some((Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt }, made)) if rows > 0 => {
                 self.chunks.lose(lost);
                 let members = chunk.members.start..chunk.members.start + rows;
-                // In memory as long as no other worker needs them.
+                // The rows stay in memory as long as no other worker needs them.
                 self.chunks.keep(members, steps, made.clone());
                 let time = Duration::try_from_secs_f64(seconds).unwrap_or_default();
                 self.chunks.end(&chunk, None, &Solved::Rows { rows, steps, bytes }, time);
@@ -65,7 +65,8 @@ impl Sweep<'_> {
         self.report();
     }
 
-    /// Writes what was solved here, for who may have to go on with the sweep.
+    /// Writes the outcomes and rows of chunks that this worker has solved, for a worker that may have to continue the
+    /// sweep.
     pub async fn write(&mut self) {
         for (id, chunk, done, rows) in std::mem::take(&mut self.unwritten) {
             self.worker.write_rows(&id.rows(1), &rows).await;
