@@ -8,7 +8,7 @@
 //! the first number behind it: on which side of a jump a row takes its value at the zero itself depends on how it is
 //! written.
 
-use numerics::Interval;
+use numerics::{Bracket, Interval};
 use problem::{Dvi, Mechanical};
 
 /// Maximum number of subintervals of a step over which functions of time are enclosed. Locating a breakpoint takes
@@ -154,8 +154,10 @@ impl Breaks {
 
     /// Returns the part of the length `h`, from time `t` on, that lies before the next breakpoint; all of the length
     /// if the breakpoint is at `t`.
-    pub fn part_before(mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
+    pub fn part_before(&mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
+        let found = (self.before, self.at, self.after);
         let part = self.up_to_break(problem, t, h);
+        (self.before, self.at, self.after) = found;
         if part > 0.0 { part } else { h }
     }
 
@@ -243,17 +245,11 @@ impl Breaks {
             if parts > MOST_PARTS {
                 return None;
             }
-            let ranges = problem.enclose_breaks(Interval::new(a, b));
-            if ranges.len() != self.signs.len() {
-                return None;
-            }
-            let keeps = |(range, sign): (&Interval, &f64)| match *sign {
-                sign if sign > 0.0 => range.least() > 0.0,
-                sign if sign < 0.0 => range.hi < 0.0,
-                _ => range.least() >= 0.0,
-            };
-            if ranges.iter().zip(&self.signs).all(keeps) {
+            if self.is_proven(problem, Interval::new(a, b))? {
                 continue;
+            }
+            if let Some(found) = self.first_guessed(problem, a, b) {
+                return Some(Some(found));
             }
             let middle = a + 0.5 * (b - a);
             if middle > a && middle < b && b - a > f64::EPSILON * h {
@@ -263,6 +259,48 @@ impl Breaks {
             }
         }
         Some(None)
+    }
+
+    /// Whether no function changes its sign over an interval, by enclosures; `None` if there are none.
+    fn is_proven(&self, problem: &mut (impl Breaking + ?Sized), t: Interval) -> Option<bool> {
+        let ranges = problem.enclose_breaks(t);
+        let keeps = |(range, sign): (&Interval, &f64)| match *sign {
+            sign if sign > 0.0 => range.least() > 0.0,
+            sign if sign < 0.0 => range.hi < 0.0,
+            _ => range.least() >= 0.0,
+        };
+        (ranges.len() == self.signs.len()).then(|| ranges.iter().zip(&self.signs).all(keeps))
+    }
+
+    /// Returns the floating-point numbers before and at a root between `a` and `b` of the first function that has broken at
+    /// `b`, if one enclosure proves that no function changes its sign before it: a guess that saves the bisection of a
+    /// single sign change.
+    fn first_guessed(&self, problem: &mut (impl Breaking + ?Sized), a: f64, b: f64) -> Option<(f64, f64)> {
+        let value = |value: f64, sign: f64| if sign == 0.0 { f64::NAN } else { value * sign };
+        let values = problem.breaks(b).iter().zip(&self.signs).map(|(x, sign)| value(*x, *sign));
+        let (k, at_end) = values.enumerate().find(|(_, value)| *value <= 0.0)?;
+        let mut follow = |t: f64| value(problem.breaks(t)[k], self.signs[k]);
+        let at_begin = follow(a);
+        if at_begin.is_nan() || at_begin <= 0.0 {
+            return None;
+        }
+        let mut bracket = Bracket::new((a, at_begin), (b, at_end));
+        loop {
+            let (before, behind) = (bracket.before.0, bracket.behind.0);
+            let least = f64::EPSILON * behind.abs();
+            let t = bracket.guess_apart(least);
+            if bracket.width() <= 2.0 * least || t <= before || t >= behind {
+                break;
+            }
+            let found = follow(t);
+            if !found.is_finite() {
+                return None;
+            }
+            bracket.narrow(t, found);
+        }
+        let found = self.refined(problem, a, (bracket.before.0, bracket.behind.0));
+        let until = found.0 - ONE * f64::EPSILON * found.1.abs();
+        (until > a && self.is_proven(problem, Interval::new(a, until))?).then_some(found)
     }
 
     /// Bisects an interval with a sign change to the resolution of its distance from `begin`, however long the step is.
@@ -373,7 +411,7 @@ mod tests {
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.5), 0.5);
         assert_eq!(problem.enclosed, 1);
         // A probe, a step that was rejected, and the next step up to where the first ended.
-        assert_eq!(breaks.clone().part_before(&mut problem, 0.0, 0.1), 0.1);
+        assert_eq!(breaks.part_before(&mut problem, 0.0, 0.1), 0.1);
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.25), 0.25);
         assert_eq!(breaks.up_to_break(&mut problem, 0.25, 0.25), 0.25);
         assert_eq!(problem.enclosed, 1);
@@ -381,6 +419,8 @@ mod tests {
         // A longer step meets the first breakpoint, before which it ends, from wherever it begins.
         let first = 0.5 + breaks.up_to_break(&mut problem, 0.5, 2.0);
         assert!(first < 1.0 && 1.0 - first < 1e-15, "{first}");
+        // One enclosure of the step, and one of what is before the first root.
+        assert_eq!(problem.enclosed, 3);
         let enclosed = problem.enclosed;
         assert_eq!(0.75 + breaks.up_to_break(&mut problem, 0.75, 0.75), first);
         assert_eq!(breaks.up_to_break(&mut problem, 0.75, 0.125), 0.125);

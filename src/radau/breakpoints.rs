@@ -22,7 +22,7 @@ impl Radau<'_> {
         if self.settings.switches == Switches::StepOver {
             return h;
         }
-        self.breaks.clone().part_before(self.system.problem(), self.clock.t, h)
+        self.breaks.part_before(self.system.problem(), self.clock.t, h)
     }
 
     /// Restarts behind a breakpoint, from time `after`.

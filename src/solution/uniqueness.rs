@@ -131,9 +131,9 @@ impl FaceWatch {
         if let Some((t, [determinant, least])) = self.others {
             diagnostics.checks.record(CheckCode::OtherSolutions, least - determinant, 0.0, || {
                 format!(
-                    "at t = {t} the law holds with other values of the variables too: on the active face the determinant \
-                     of CB (or G_z) relative to its terms is {determinant:.1e}; the solution may leave the face at any \
-                     time, and the time at which this one does was chosen"
+                    "at t = {t} other solutions exist, up to the tolerance: on the active face the determinant of CB (or \
+                     G_z) relative to its terms is {determinant:.1e}, and of a solution that may be the only one it is at \
+                     least {least:.1e}; a solution may leave the face at any time, and the program selects when this one does"
                 )
             });
         }

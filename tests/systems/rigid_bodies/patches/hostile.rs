@@ -126,11 +126,22 @@ fn a_patch_stands_beside_points_on_one_body() {
             let rate = 2.0 / 3.0 * MU * G * 0.03 / INERTIA;
             assert!(distance(&solution, "ball.wz", |t| (20.0 - rate * t).max(0.0)) < 1e-9);
         } else {
-            // Friction on the wall pushes the ball along the wall with 0.08 N. This is less than the friction bound
-            // of the floor, which on a drilling patch lets the ball creep.
-            let floor = 2.0 / 3.0 * MU * G * 0.03;
-            let rate = (floor + rough * wall * 0.1) / INERTIA;
-            println!("{} {}", last(&solution, "ball.y"), column(&solution, "ball.wz")[50] - (20.0 - rate * 0.5));
+            // Friction on the wall pushes the ball along the wall with 0.08 N, less than the friction bound of the
+            // floor, but the drilling patch lets the ball creep. With the creep e = u/(w a) of a disc of radius a and
+            // uniform pressure, its friction is `mu N (e + O(e^3))` and its moment `mu N a (2/3 - e^2/2 + O(e^4))`.
+            let (patch, radius, push, bound) = (0.03, 0.1, rough * wall, MU * G);
+            let (mut y, mut vy, mut wx, mut wz, step) = (0.0, 0.0, 0.0, 20.0, 1e-5);
+            for _ in 0..50_000 {
+                let creep = (vy + radius * wx) / (patch * wz);
+                y += step * vy;
+                vy += step * (push - bound * creep);
+                wx -= step * radius * bound * creep / INERTIA;
+                wz -= step * (bound * patch * (2.0 / 3.0 - 0.5 * creep * creep) + radius * push) / INERTIA;
+            }
+            for (name, exact, scale) in [("y", y, 0.05), ("vy", vy, 0.03), ("wx", wx, 0.3), ("wz", wz, 0.1)] {
+                let found = column(&solution, &format!("ball.{name}"))[50];
+                assert!((found - exact).abs() < 1e-3 * scale, "{name}: {found}, not {exact}");
+            }
         }
     }
 }
