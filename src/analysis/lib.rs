@@ -57,9 +57,6 @@ pub struct Analysis {
     /// The part of the problem whose sign appears to be reversed, if any.
     #[serde(skip)]
     pub reversed: Option<Reversal>,
-    /// The orientation of the active face, of intervals that are bounded; `None` without a face, or on another.
-    #[serde(skip)]
-    pub orientation: Option<Orientation>,
 }
 
 fn whole_where_it_is<S: Serializer>(index: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
@@ -96,16 +93,7 @@ pub fn analyse_face(
     blocks: &[FaceEquations],
     inside: impl Fn(usize) -> bool,
 ) -> Analysis {
-    let structure = problem.structure();
-    let is_bounded =
-        (0..structure.variables).all(|k| !inside(k) || structure.set.is_free(k) || structure.is_bounded(k));
-    let mut orientation = None;
-    let analysis = of(problem, t, |problem| {
-        let linearisation = Linearisation::on_face(problem, t, y, blocks, inside)?;
-        orientation = Orientation::of(&linearisation).filter(|_| is_bounded);
-        Some(linearisation)
-    });
-    Analysis { orientation, ..analysis }
+    of(problem, t, |problem| Linearisation::on_face(problem, t, y, blocks, inside))
 }
 
 fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Option<Linearisation>) -> Analysis {
@@ -130,15 +118,7 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
         uniqueness(&linearisation, &index).unwrap_or_else(|| (Uniqueness::NotAnalysed, overflow()));
     let reversed = reversal(&linearisation).filter(|_| uniqueness == Uniqueness::NotCertified);
     let value = index.value().map(|value| value as f64);
-    Analysis {
-        index: value,
-        levels: index.levels,
-        uniqueness,
-        because,
-        unbounded_index: value,
-        reversed,
-        orientation: None,
-    }
+    Analysis { index: value, levels: index.levels, uniqueness, because, unbounded_index: value, reversed }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 
 use super::linearisation::Linearisation;
 use nalgebra::DMatrix;
+use problem::{Dvi, FaceEquations};
 
 /// The determinant of the matrix of an active face of intervals, each row divided by the sum of the absolute values of
 /// its terms.
@@ -21,8 +22,25 @@ pub struct Orientation {
 }
 
 impl Orientation {
+    /// The orientation of the active face of `K` at `(t, y)`, of the variables inside their intervals, by `inside`. `None`
+    /// without such variables, where one of them is bounded on one side only, or on the face of a block.
+    pub fn at(
+        problem: &mut dyn Dvi,
+        t: f64,
+        y: &[f64],
+        blocks: &[FaceEquations],
+        inside: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
+        let structure = problem.structure();
+        let is_closed = |k: usize| structure.set.is_free(k) || structure.is_bounded(k);
+        if !(0..structure.variables).all(|k| !inside(k) || is_closed(k)) {
+            return None;
+        }
+        Self::of(&Linearisation::on_face(problem, t, y, blocks, inside)?)
+    }
+
     /// The orientation of a face of intervals; `None` if the set is not such a face, or a bound moves with the states.
-    pub(super) fn of(problem: &Linearisation) -> Option<Self> {
+    fn of(problem: &Linearisation) -> Option<Self> {
         let eliminated = problem.without_free();
         let problem = eliminated.as_ref().unwrap_or(problem);
         let variables = problem.variables();

@@ -4,7 +4,7 @@
 //! visits.
 
 use super::{CheckCode, Diagnostics};
-use analysis::{Analysis, Uniqueness, analyse_face};
+use analysis::{Analysis, Orientation, Uniqueness, analyse_face};
 use expression::{Irregularities, Irregularity};
 use hybrid::OneStep;
 use models::DviModel;
@@ -77,8 +77,9 @@ const MOST_AT_EVERY_STEP: usize = 40;
 /// Detects faces on which a certificate of uniqueness no longer holds, and faces on which other solutions are proven:
 /// where an attractive sliding surface becomes repulsive, a solution may leave it at any time.
 pub(super) struct FaceWatch {
-    /// Whether a certificate may be lost.
+    /// Whether a certificate may be lost, and whether other solutions may be proven.
     may_lose: bool,
+    may_prove: bool,
     at_every_step: bool,
     /// The relative tolerance of the states; zero at steps of a given size.
     rtol: f64,
@@ -96,9 +97,11 @@ impl FaceWatch {
         let may_lose = is_certified && !structure.constant_jacobian;
         let is_small = structure.unknowns() <= MOST_AT_EVERY_STEP;
         // Without a certificate the matrices of a face may have either sign, also where they are constant.
-        let may_prove = !is_certified && is_small && (0..structure.variables).any(|k| structure.is_bounded(k));
+        let is_constant = is_certified && structure.constant_jacobian;
+        let may_prove = !is_constant && is_small && (0..structure.variables).any(|k| structure.is_bounded(k));
         (structure.variables > 0 && (may_lose || may_prove)).then_some(Self {
             may_lose,
+            may_prove,
             at_every_step: is_small && !structure.constant_jacobian,
             rtol,
             lost: None,
@@ -109,16 +112,18 @@ impl FaceWatch {
     /// Examines the active face at the end of a step; `known` is the analysis of the face, if it already exists.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
-        let is_decided = self.others.is_some() && (self.lost.is_some() || !self.may_lose);
-        if is_decided || !moves || !(self.at_every_step || switched) {
+        if !moves || !(self.at_every_step || switched) {
             return;
         }
-        let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
-        let found = analysis.orientation.map(|face| [face.determinant, face.least_determinant(self.rtol)]);
-        self.others = self.others.or(found.filter(|[found, least]| found < least).map(|found| (radau.t(), found)));
-        let is_lost = !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed;
-        if self.may_lose && is_lost && self.lost.is_none() {
-            self.lost = Some((radau.t(), analysis));
+        if self.may_prove && self.others.is_none() {
+            let found = orientation_of_face(radau).map(|face| [face.determinant, face.least_determinant(self.rtol)]);
+            self.others = found.filter(|[found, least]| found < least).map(|found| (radau.t(), found));
+        }
+        if self.may_lose && self.lost.is_none() {
+            let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
+            if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
+                self.lost = Some((radau.t(), analysis));
+            }
         }
     }
 
@@ -154,4 +159,11 @@ pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
     let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
     let blocks = radau.equations_of_blocks();
     analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Activity::Inactive)
+}
+
+/// Returns the orientation of the active face at the current time of a run.
+fn orientation_of_face(radau: &mut Radau<'_>) -> Option<Orientation> {
+    let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
+    let blocks = radau.equations_of_blocks();
+    Orientation::at(radau.problem(), t, &y, &blocks, |k| face.places[k] == Activity::Inactive)
 }
