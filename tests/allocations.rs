@@ -1,5 +1,5 @@
-//! A solver of variational inequalities allocates only at the first problem of a size and set, and not at later ones
-//! with other numbers; and a solve takes about the memory that was estimated.
+//! A solver of variational inequalities allocates memory only for the first problem of a given size and set, and not
+//! for later problems with other numbers; the memory of a whole solve is about as large as estimated.
 
 use allocation_counter::measure;
 
@@ -24,7 +24,7 @@ fn problem(k: usize, with_disks: bool) -> (DMatrix<f64>, Vec<f64>, ConvexSet) {
     (matrix, (0..m).map(|i| 3.0 * wave(2 * i)).collect(), set)
 }
 
-/// Counts the allocations of a solver at the problems that follow the first two.
+/// Returns the number of allocations by which a solver solves a sequence of problems after the first two of them.
 fn allocations(kind: SolverKind, with_disks: bool) -> u64 {
     let problems: Vec<_> = (0..10).map(|k| problem(k, with_disks)).collect();
     let mut solver = kind.build(problems[0].1.len());
@@ -173,8 +173,9 @@ fn a_solve_on_a_grid_takes_the_memory_that_is_foretold() {
     assert_foretold(&over(r#""x":[-2,2],"y":[-2,2]"#, 128));
 }
 
-/// Returns the estimated memory of a solve and the peak of its measured memory without the events, in bytes. The
-/// second of two solves is measured, since the matrix library keeps 4 MiB for each thread that has used it.
+/// Returns the estimated memory of a solve and the peak of its measured memory, less the memory of the list of
+/// events, in bytes. The second of two solves is measured, since the matrix library keeps 4 MiB for each thread that
+/// has used it.
 fn memory_of(text: &str) -> (f64, f64) {
     let specification = Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}"));
     let mut events = 0;
@@ -204,7 +205,8 @@ fn assert_all_foretold(documents: impl Iterator<Item = (String, String)>) {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// An example whose factors have more fill-in than estimated: 7.1 MB are held, and 1.6 MB estimated.
+/// An example whose sparse matrix factors have more fill-in than estimated: the solve takes 7.1 MB in place of the
+/// estimated 1.6 MB.
 const FILLED: &str = "viscoelastic_block";
 
 #[test]

@@ -10,8 +10,8 @@ use differential::derivatives::{self, Finding};
 use differential::{Campaign, Kind};
 use std::time::Duration;
 
-/// Permitted fraction of correct results that the verdict doubts. Circuits, for which the fraction is larger, are
-/// left out.
+/// Permitted fraction of correct results that a solve reports as not to be trusted. Circuits, for which the fraction
+/// is larger, are left out.
 const FALSE_ALARMS: f64 = 0.02;
 
 #[test]
@@ -48,12 +48,16 @@ fn derivatives_are_those_of_differences_in_both_modes() {
     assert!(tally.dropped() <= 0.1, "many derivatives have nothing to be compared with:\n{tally}");
 }
 
-/// Problems with switches that a solver easily misses: in a step that solves all stages at once, or that begins where
-/// the search for the end of the previous step has led; where hidden constraints determine variables of a block of
-/// the set, and at the vertices of such a block; where a ripple is too small for the stages to resolve, or where all
-/// nodes meet an obstacle at once; where a variable that hidden constraints determine is zero in the middle of a
-/// step, or where outputs lie within a transient after a switch; where the error estimate is zero by chance; and
-/// where a step that ends at a switch has a curved block beside polyhedral ones.
+/// Problems with switches that a solver easily misses:
+/// - within a step whose stages are solved simultaneously;
+/// - within a step that begins at a time found by the search for the end of the previous step;
+/// - where hidden constraints determine variables in a block of the set `K`, and at the vertices of such a block;
+/// - where a ripple is too small for the stages of a step to resolve;
+/// - where all nodes of an obstacle problem meet the obstacle at once;
+/// - where a variable that hidden constraints determine is zero in the middle of a step;
+/// - where output times lie within a transient after a switch;
+/// - where the error estimate is zero by chance;
+/// - where a step that ends at a switch has a curved block of `K`, such as a ball, beside polyhedral blocks.
 #[test]
 fn switches_that_were_passed_over_are_not() {
     let circuits = [479, 5375, 11423, 12629, 14204].map(|seed| (Kind::Circuit, seed));

@@ -54,7 +54,8 @@ pub struct Analysis {
     /// whatever their index.
     #[serde(skip)]
     pub unbounded_index: Option<f64>,
-    /// The part of the problem whose sign appears to be reversed, if any.
+    /// The part of the problem (inequalities, or their variables in the rates) whose sign appears to be reversed, if
+    /// any.
     #[serde(skip)]
     pub reversed: Option<Reversal>,
 }

@@ -1,28 +1,30 @@
-//! Whether the variables on an active face of a bounded set are the only ones that meet their inequality.
+//! Orientation: a necessary condition for the variables `z` on an active face of a bounded set `K` to be the only
+//! solution of their variational inequality.
 //!
-//! The natural map of a variational inequality over a compact convex set has degree one: the signs of the determinants
-//! of its derivative at all solutions, if none is degenerate, add up to one (Facchinei and Pang 2003, *Finite-Dimensional
-//! Variational Inequalities and Complementarity Problems*, sections 2.2 and 3.3). At a solution on an active face the sign
-//! is that of the determinant of `D` on the face, or of `C B` if `D` vanishes, where the inequality is one of the rates of
-//! `G`. A negative determinant therefore proves that there are other solutions: a surface that repels may be left at any
-//! time and to either side.
+//! The natural map of a variational inequality over a compact convex set has degree one: the signs of the
+//! determinants of its derivative at all solutions, if none is degenerate, add up to one (Facchinei and Pang 2003,
+//! *Finite-Dimensional Variational Inequalities and Complementarity Problems*, sections 2.2 and 3.3). At a solution
+//! on an active face, this sign is that of the determinant of `D` restricted to the face; if `D` vanishes, the
+//! variational inequality holds for the rates `G'`, and the determinant is that of `C B`. A negative determinant
+//! therefore proves that there are other solutions, as on a repulsive switching surface, which a solution may leave
+//! at any time and to either side.
 
 use super::linearisation::Linearisation;
 use nalgebra::DMatrix;
 use problem::{Dvi, FaceEquations};
 
-/// The determinant of the matrix of an active face of intervals, each row divided by the sum of the absolute values of
-/// its terms.
+/// The determinant of `D`, or of `C B` if `D` vanishes, on an active face of intervals, with each row of the matrix
+/// divided by the sum of the absolute values of its terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orientation {
     /// The relative determinant, at most one in absolute value.
     pub determinant: f64,
-    /// Number of variables on the face.
+    /// The number of variables on the face, free variables excluded.
     pub variables: usize,
 }
 
 impl Orientation {
-    /// The orientation of the active face of `K` at `(t, y)`, of the variables inside their intervals, by `inside`. `None`
+    /// Returns the orientation of the active face of `K` at `(t, y)`, of the variables inside their intervals, by `inside`. `None`
     /// without such variables, where one of them is bounded on one side only, or on the face of a block.
     pub fn at(
         problem: &mut dyn Dvi,
@@ -39,7 +41,8 @@ impl Orientation {
         Self::of(&Linearisation::on_face(problem, t, y, blocks, inside)?)
     }
 
-    /// The orientation of a face of intervals; `None` if the set is not such a face, or a bound moves with the states.
+    /// Returns the orientation of an active face; `None` if `K` is not a product of intervals, a bound moves with the
+    /// states, or no variables remain after elimination of the free ones.
     fn of(problem: &Linearisation) -> Option<Self> {
         let eliminated = problem.without_free();
         let problem = eliminated.as_ref().unwrap_or(problem);
@@ -58,9 +61,9 @@ impl Orientation {
         determinant.is_finite().then_some(Self { determinant, variables })
     }
 
-    /// The least determinant of a solution that may be the only one: zero, less rounding. Of one variable the determinant
-    /// is the cosine between a rate and the normal of a surface, which is known to the `tolerance` of the states: it must
-    /// be above.
+    /// Returns the value below which the determinant proves that there are other solutions: zero, less rounding
+    /// errors. For a single variable, the determinant is the cosine between a rate and the normal of a switching
+    /// surface, which is known only up to the `tolerance` of the states: this tolerance is returned.
     pub fn least_determinant(self, tolerance: f64) -> f64 {
         let rounding = (self.variables * self.variables) as f64 * f64::EPSILON;
         if self.variables == 1 && tolerance > 0.0 { tolerance } else { -rounding }
@@ -71,7 +74,8 @@ impl Orientation {
 mod tests {
     use super::*;
 
-    /// A problem of rates with `B = I` on a face of bounded intervals, for the matrix `C`.
+    /// Returns the linearised problem `x' = z`, `G = C x` (`B = I`, `D = 0`) on a face of bounded intervals, for the
+    /// matrix `C` by rows.
     fn face(c: &[f64]) -> Linearisation {
         let m = c.len().isqrt();
         Linearisation {
@@ -87,7 +91,8 @@ mod tests {
         }
     }
 
-    /// Number of solutions of `0 in C z + q + N(z)`, with the normal cone `N` of `[-1, 1]^2`, over all nine faces.
+    /// Returns the number of solutions `z` of `0 in C z + q + N(z)`, with the normal cone `N` of `[-1, 1]^2`, over
+    /// all nine faces.
     fn solutions(c: &[f64], q: [f64; 2]) -> usize {
         let ends = [-1.0, 0.0, 1.0];
         let all = ends.iter().flat_map(|&first| ends.iter().map(move |&second| [first, second]));
@@ -113,7 +118,8 @@ mod tests {
     #[test]
     fn a_negative_determinant_on_a_face_is_never_alone() {
         let determinant = |c: &[f64]| Orientation::of(&face(c)).expect("a face").determinant;
-        // Of all solutions of a matrix the orientations add up to one: here one inside and others at the ends.
+        // The orientations of all solutions for one matrix sum to one; in these examples one solution is inside the
+        // square, and the others are on its boundary.
         for (c, q, count) in [
             ([1.0, 0.5, 0.5, 1.0], [0.1, 0.2], 1),
             ([0.5, 1.0, 1.0, 0.5], [0.1, 0.2], 3),

@@ -5,12 +5,12 @@ use super::linearisation::Linearisation;
 use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 
-/// The part of a problem whose sign may be wrong.
+/// Which sign of a problem may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reversal {
-    /// The inequalities `G`.
+    /// The sign of the inequalities `G`.
     Inequality,
-    /// The inequalities `G`, or the terms of their variables in the rates `F`.
+    /// The sign of the inequalities `G`, or of the terms of their variables in the rates `F`.
     InequalityOrRate,
 }
 

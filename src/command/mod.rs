@@ -82,7 +82,8 @@ pub fn read_text(file: &Path, text: &[u8]) -> Result<Specification, ExitCode> {
     Specification::from_json(text).map_err(|errors| told(file, errors))
 }
 
-/// Replaces some numbers of a specification, given as names and values. Errors are printed to standard error.
+/// Sets some numbers of a specification, given by their names with new values, as `--set` does. Errors are printed to
+/// standard error.
 pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) -> Result<Vec<u8>, ExitCode> {
     if settings.is_empty() {
         return Ok(text);

@@ -10,8 +10,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Returns the interpreters that a program is tried with, in order: the one that `tests/peers/install` makes in the
-/// folder, the user's, and that of the system, for which distributions package modules.
+/// Returns the Python interpreters with which a program is tried, in order: that of the virtual environment in the
+/// folder, which `tests/peers/install` makes; that of the user; and that of the system, for which distributions
+/// package modules.
 fn interpreters(folder: &Path) -> [PathBuf; 3] {
     [folder.join("venv/bin/python3"), PathBuf::from("python3"), PathBuf::from("/usr/bin/python3")]
 }
@@ -19,16 +20,16 @@ fn interpreters(folder: &Path) -> [PathBuf; 3] {
 /// Environment variables that limit the threads of the linear algebra libraries used by other programs.
 const THREADS: [&str; 3] = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"];
 
-/// The other programs of a folder.
+/// The programs in a folder that solve the example systems with other software.
 #[derive(Default)]
 pub struct Peers {
-    /// The programs that can run: interpreter and file.
+    /// The programs whose software is installed: interpreter and file of each.
     found: Vec<(PathBuf, PathBuf)>,
     all: Vec<Peer>,
 }
 
 impl Peers {
-    /// Finds the programs of a folder; none if the folder does not exist.
+    /// Finds the programs in a folder that solve the example systems; none if the folder does not exist.
     pub fn in_folder(folder: &Path) -> Self {
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut scripts: Vec<PathBuf> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
@@ -52,8 +53,8 @@ impl Peers {
         &self.all
     }
 
-    /// Returns the ladders that the programs measure for the system of a chapter; none from programs that do not have
-    /// the system.
+    /// Has every program solve the system of a chapter of the report. Returns a ladder (series of runs of one method,
+    /// from coarse to fine) for each answer; programs without the system have no answer.
     pub fn solve(&self, chapter: &Chapter) -> Vec<Ladder> {
         let request = request(chapter).to_string();
         let answers = self.found.iter().flat_map(|(program, script)| ask(program, script, &request));

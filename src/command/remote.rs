@@ -33,7 +33,8 @@ pub struct Server {
     host: String,
     port: u16,
     is_encrypted: bool,
-    /// The prefix of every path, if a proxy serves the service under a path.
+    /// The path under which a proxy serves the service, prefixed to the path of every request; empty if there is
+    /// none.
     prefix: String,
     token: Option<String>,
 }
@@ -93,7 +94,7 @@ struct Status {
     progress: u8,
     steps: u64,
     message: Option<String>,
-    /// The verdict, once there is a solution.
+    /// The verdict on the solution, once there is one.
     verdict: Option<Verdict>,
 }
 
@@ -160,7 +161,7 @@ impl Server {
         let job =
             job_of(&headers).ok_or_else(|| RemoteError::Lost("the response of the server names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
-            // The status is read before the results, while the service is sure to keep the job.
+            // Read the status of the job before its results, while the service is sure to keep the job.
             let ended = self.status(&job).await?;
             write(body, output).await?;
             return Ok(ended);

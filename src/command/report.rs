@@ -57,10 +57,11 @@ Examples:
   dvi report --stability
   dvi report --only friction_belt --only relay --out belt";
 
-/// The number of progress steps of the stability chapter, in addition to the parts of its table.
+/// Number of progress steps of the stability chapter besides one for each part of its table: stability functions,
+/// contraction, energies.
 const MEASUREMENTS: usize = 3;
 
-/// Returns the names of the example systems; for an unknown name, the parser suggests the nearest.
+/// Returns the parser of the names of example systems, which suggests the nearest name for an unknown one.
 fn names() -> PossibleValuesParser {
     PossibleValuesParser::new(EXAMPLES.iter().map(|example| example.name))
 }

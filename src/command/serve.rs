@@ -175,14 +175,14 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;
-    // A thread still busy with an abandoned specification must not delay the exit.
+    // A thread that still checks a specification, whose client is gone, must not delay the exit.
     runtime.shutdown_background();
     Ok(())
 }
 
-/// Returns the number of threads for blocking tasks, which read and write responses and wait for dead workers to end.
-/// Each thread keeps some memory of its own between two tasks, so that the number of threads bounds the memory of
-/// many slow readers; blocking tasks do not wait for clients.
+/// Returns the number of threads for blocking tasks: reading and writing the text of responses, and waiting for the
+/// exit of killed worker processes. Each thread keeps some memory of its own between two tasks, so a small number of
+/// threads keeps the memory for many slow clients small. No blocking task waits for a client.
 fn blocking_threads(workers: usize) -> usize {
     4 + 2 * workers.min(usize::from(u16::MAX))
 }
@@ -236,8 +236,8 @@ fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Erro
         LogFormat::Json => lines.json().with_filter(filter).boxed(),
     };
     tracing_subscriber::registry().with(lines).with(spans.layer()).init();
-    // Report panics as log lines, so that a log in JSON contains nothing else. Only the hook knows the location of a
-    // panic; the span names the job.
+    // Report panics as log lines, so that a log in JSON contains nothing else. Only the panic hook knows the location
+    // of a panic; the tracing span that the line belongs to names the job.
     panic::set_hook(Box::new(|panic| {
         let place = panic.location().map(ToString::to_string).unwrap_or_default();
         tracing::error!(panic.place = place, "panicked at {place}");

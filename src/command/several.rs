@@ -25,7 +25,7 @@ struct Outcome {
     code: u8,
 }
 
-/// The solves that Ctrl-C stops: those that run, and those to come.
+/// The controls of the solves that Ctrl-C stops: of those that run, and of those that begin afterwards.
 #[derive(Default)]
 struct Running {
     stopped: AtomicBool,

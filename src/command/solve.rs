@@ -173,7 +173,7 @@ fn solve_confined(
     eprint!("{}", verdict::lines(&solved.verdict));
     let written = destination(arguments.output.as_deref()).and_then(|mut out| match format {
         Format::Json => out.write_all(&json).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()),
-        // All formats other than JSON are converted from it.
+        // The results are available as JSON, from which all other formats are converted.
         _ => {
             let label = serde_json::from_slice::<Labelled>(document).ok().and_then(|document| document.label);
             encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), format, &mut out))

@@ -52,7 +52,7 @@ mod exported {
             Some(layer.with_filter(filter_fn(|of| of.is_span() && of.target().starts_with("service"))))
         }
 
-        /// Exports the remaining spans.
+        /// Exports the spans that have not been exported yet, before the program ends.
         pub fn end(self) {
             if let Some(Err(error)) = self.0.map(|provider| provider.shutdown_with_timeout(LAST_SPANS)) {
                 tracing::warn!(%error, "the last spans did not reach the collector");

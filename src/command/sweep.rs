@@ -1,4 +1,4 @@
-//! `dvi sweep`: the members of a sweep on all cores of this machine, or a part of them.
+//! `dvi sweep`: solves all members of a sweep, or a part of the members, on all cores of this machine.
 
 use super::result::{Format, destination, write};
 use super::solve::{exit_code, on_interrupt, threads, with_progress};

@@ -46,7 +46,7 @@ fn variable(flag: &str, command: &Command) -> Option<String> {
     env::var_os(variable).map(|_| variable.to_string_lossy().into_owned())
 }
 
-/// Whether the flag was given on the command line.
+/// Whether a flag was given on the command line.
 fn is_written(flag: &str) -> bool {
     env::args().any(|argument| argument.split('=').next() == Some(flag))
 }

@@ -11,7 +11,7 @@ pub fn exit_code(reached_end: bool, verdict: Option<&Verdict>) -> ExitCode {
     ExitCode::from(code(reached_end, verdict))
 }
 
-/// Returns the exit code of a solve as a number, to be compared.
+/// Returns the exit code of a solve as a number, which unlike `ExitCode` can be compared.
 pub fn code(reached_end: bool, verdict: Option<&Verdict>) -> u8 {
     match verdict {
         _ if !reached_end => UNFINISHED,

@@ -51,7 +51,8 @@ Exit codes:
   5   it could not start, for example because the servers do not answer
   64  the command line or RUST_LOG is invalid";
 
-/// Runs `dvi worker`: performs orders until there are no more; returns the exit code.
+/// Runs `dvi worker`: checks and solves specifications as ordered on standard input until it ends; with `--nats`,
+/// supervises such processes. Returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
     if arguments.options.nats.is_used() {
         return join(arguments);

@@ -43,8 +43,8 @@ pub struct TimeStepping<'p> {
     between: (Vec<f64>, Vec<f64>),
 }
 
-/// Fractions of a step at which joints and gaps are also evaluated; multiples of the golden ratio, to avoid multiples
-/// of a period of the motion.
+/// Fractions of a step at which the values of joints and gaps are also checked for violations; multiples of the
+/// golden ratio, to avoid multiples of a period of the motion.
 const BETWEEN: [f64; 2] = [0.381_966_011_250_105, 0.763_932_022_500_210];
 
 /// The status of a contact in a step.

@@ -16,9 +16,9 @@ pub(crate) struct Forcing<'p> {
 /// Enclosures of the forcing over an interval of time.
 #[derive(Default)]
 pub(crate) struct Over {
-    /// Enclosures of `q`, then of the moving bounds in their order.
+    /// Enclosures of the function `q`, then of the moving bounds in their order.
     pub values: Vec<Interval>,
-    /// Enclosures of the time derivatives of `q`.
+    /// Enclosures of the time derivatives of the function `q`.
     pub slopes: Vec<Interval>,
     zeros: Vec<Interval>,
     jacobian: Vec<Interval>,

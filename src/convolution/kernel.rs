@@ -13,7 +13,7 @@ use radau::Tableau;
 pub struct Function {
     /// The exponent `a`: in `[0, 1)` for a power, where 0 denotes the identity, and in `(0, 1]` with a factor.
     pub exponent: f64,
-    /// The smooth factor `g`, a program of the one input `t`.
+    /// The smooth factor `g`, a compiled expression in the one input `t`.
     pub factor: Option<Tape>,
     /// The derivative `g'` of the smooth factor, if there is one.
     pub slope: Option<Tape>,
@@ -26,7 +26,7 @@ pub struct Function {
 pub struct Term {
     /// The scalar function of the term.
     pub function: Function,
-    /// The matrix of the term as `(row, column, value)`, each place at most once.
+    /// The nonzero entries of the matrix of the term as `(row, column, value)`, each entry at most once.
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
@@ -42,7 +42,7 @@ pub struct Kernel {
 pub enum NoWeights {
     /// The kernel is not finite at this lag (time since its beginning).
     NotFinite(f64),
-    /// [`Control`] asked to stop.
+    /// The caller asked to stop, through [`Control`].
     Interrupted,
 }
 

@@ -38,7 +38,7 @@ pub enum StepError {
         /// The lag, the time since the beginning of the kernel, at which it is not finite.
         lag: f64,
     },
-    /// `q` or a moving bound is not finite.
+    /// The function `q` of time in the inequality, or a moving bound, is not finite.
     #[error("row {row} is not finite at t = {t:?}")]
     NotFinite {
         /// The index of the variable, or the number of variables plus the index of the moving bound.
@@ -66,10 +66,10 @@ pub enum StepError {
         t: f64,
         /// The outcome that the solver reports.
         outcome: &'static str,
-        /// The residual of the natural map.
+        /// The residual of the natural map of the variational inequality.
         residual: f64,
     },
-    /// [`Control`] asked to stop.
+    /// The caller asked to stop, through [`Control`].
     #[error("interrupted at t = {t:?}")]
     Interrupted {
         /// The time reached.

@@ -42,7 +42,7 @@ impl Weights {
         &self.values[(i * self.stages + j) * self.length..][..self.length]
     }
 
-    /// Returns the entries `(W_n)_ij` of the convolution weights for all `n`.
+    /// Returns the entries `(W_n)_ij` of the convolution weights for all `n`, for modification.
     pub fn sequence_mut(&mut self, i: usize, j: usize) -> &mut [f64] {
         &mut self.values[(i * self.stages + j) * self.length..][..self.length]
     }

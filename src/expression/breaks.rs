@@ -7,7 +7,8 @@ use super::operator::Operator;
 use super::tape::Tape;
 use numerics::Interval;
 
-/// The compiled event functions of time whose sign changes are the breaks of some expressions.
+/// The compiled event functions of time whose sign changes are the breaks (kinks and jumps in time) of some
+/// expressions.
 #[derive(Clone, Debug)]
 pub struct Breaks {
     tape: Tape,
@@ -107,7 +108,8 @@ mod tests {
         assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
     }
 
-    /// Returns the times in `[0, 10]` at which a sign changes, located by bisection of enclosures as in steps.
+    /// Returns the times in `[0, 10]` at which a sign changes, located by bisection of the enclosures of the event
+    /// functions.
     fn changes(text: &str) -> Vec<f64> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         scope.bind("t", graph.input(0)).unwrap();

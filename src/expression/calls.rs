@@ -20,7 +20,7 @@ use winnow::token::take_while;
 const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
      height times z, with z in the box [0, 1] and the inequality k - a";
 
-/// The name of the function that sums a vector, or a term over indices.
+/// The name of the function that sums the elements of a vector, or a term over a range of indices.
 const SUM: &str = "sum";
 
 /// Parses a name of the scope, or a function with its arguments.

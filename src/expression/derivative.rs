@@ -95,7 +95,7 @@ impl Graph {
         Ok(gradient)
     }
 
-    /// Whether a derivative is zero, and is therefore dropped.
+    /// Whether a derivative is zero, so that it is left out of the result.
     fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.is_absent(derivative),
@@ -289,7 +289,7 @@ impl Graph {
         self.divide(w, root)
     }
 
-    /// Builds the term `w p / (a^2 + b^2)`.
+    /// Builds the term `w p / (a^2 + b^2)`, which occurs in the derivatives of `atan2`.
     fn by_angle(&mut self, w: Node, p: Node, a: Node, b: Node) -> Node {
         let (a, b) = (self.multiply(a, a), self.multiply(b, b));
         let square = self.add(a, b);

@@ -11,7 +11,7 @@ use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::parameters::Assumption;
 
-/// A discontinuous function.
+/// A discontinuous function of the expression language, such as `floor`, `mod`, `if` or a pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Discontinuous {
     Floor,
@@ -26,17 +26,17 @@ pub(super) enum Discontinuous {
     Pulse,
 }
 
-/// The admissible range of an argument.
+/// The admissible range of an argument of a discontinuous function.
 #[derive(Clone, Copy, Debug)]
 enum Range {
     Positive,
     NotNegative,
     NotZero,
-    /// A fraction from 0 to 1.
+    /// A fraction from 0 to 1, such as a duty cycle.
     Share,
 }
 
-/// An argument that is out of its range.
+/// An argument of a discontinuous function whose value is out of its admissible range.
 pub(super) struct OutOfRange {
     pub argument: &'static str,
     pub value: f64,
@@ -44,7 +44,7 @@ pub(super) struct OutOfRange {
 }
 
 impl Discontinuous {
-    /// Returns the number of arguments, in words and as a number.
+    /// Returns the number of arguments that the function takes, in words and as a number.
     pub(super) fn arity(self) -> (&'static str, usize) {
         match self {
             Self::Floor | Self::Ceil | Self::Round => ("one argument", 1),
@@ -154,7 +154,7 @@ impl Discontinuous {
 }
 
 impl Range {
-    /// Builds the condition that a value is in the range.
+    /// Builds the condition that the value of an argument is in this range.
     fn holds(self, graph: &mut Graph, a: Node) -> Node {
         let (zero, one) = (graph.constant(0.0), graph.constant(1.0));
         match self {
@@ -182,7 +182,7 @@ impl Range {
 }
 
 impl Graph {
-    /// Builds the elapsed fraction of a period.
+    /// Builds the term of the elapsed fraction of the current period at the time `t`: `mod(t/period, 1)`.
     fn sawtooth(&mut self, t: Node, period: Node) -> Node {
         let (one, periods) = (self.constant(1.0), self.divide(t, period));
         self.binary(Operator::Modulo, periods, one)

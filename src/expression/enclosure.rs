@@ -50,9 +50,9 @@ impl Tape {
         self.enclose_sides((first, rest), workspace, outputs, |_, _, _, range| range);
     }
 
-    /// Encloses the outputs, as [`enclose`](Self::enclose) does, near the point of the last evaluation. At a jump
-    /// that rounding leaves undecided, only the side taken in that evaluation is enclosed, not the values of both
-    /// sides and between.
+    /// Encloses the outputs, as [`enclose`](Self::enclose) does, over a box that contains the inputs of the last
+    /// [`evaluate`](Self::evaluate). Where an argument is so close to a jump that its interval reaches both sides of
+    /// it, only the side on which the last evaluation was is enclosed.
     pub fn enclose_as_evaluated(
         &self,
         first: Interval,
@@ -96,7 +96,8 @@ impl Tape {
 }
 
 impl Operator {
-    /// Narrows the range of an operation at a jump to the side on which the given operands have the given value.
+    /// If the range of an operation contains a jump, returns its range on one side of the jump: the side of the last
+    /// evaluation, in which the operation had the value `value` for the values `operands`.
     fn side_of(self, range: Interval, (ranges, operands): ([Interval; 2], [f64; 2]), value: f64) -> Interval {
         let is_open = range.lo < range.hi && range.contains(value);
         match self {
@@ -114,7 +115,8 @@ impl Operator {
     /// Encloses the values of the operator at `(a, b)`; `same` states that both operands are one term and thus have
     /// equal values.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
-        // A closed gate is 0 even if its operand is undefined; comparisons and some powers of NaN have a value.
+        // A gate or choice whose condition is 0 has the value 0 even if its other operand is undefined; comparisons
+        // and some powers of NaN have a value too.
         if !matches!(self, Self::Gate | Self::Choose | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
             return Interval::EMPTY;
         }
@@ -154,7 +156,8 @@ impl Operator {
             Self::Multiply if same => a.square(),
             Self::Multiply => product(a, b),
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
-            // Exact quotients are not widened, so that functions with jumps at integers are certain.
+            // Exact quotients are not widened, so that `floor` and other functions with jumps at integers have a
+            // single value at an exact integer.
             Self::Divide if is_exact_quotient(a, b) => Interval::point(a.lo / b.lo).defined_if(defined),
             // Enclose as a product, since a quotient by a constant power of two is compiled as a product.
             Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
@@ -246,7 +249,7 @@ fn within(a: Interval, least: f64, most: f64, function: impl Fn(Interval) -> Int
     if inside.is_empty() { Interval::EMPTY } else { function(inside).defined_if(least <= a.lo && a.hi <= most) }
 }
 
-/// Clamps an enclosure to the range `least..=most` of a function.
+/// Clamps the enclosure of a function to `least..=most`, the range of its values.
 fn clamped(a: Interval, least: f64, most: f64) -> Interval {
     Interval { lo: a.lo.clamp(least, most), hi: a.hi.clamp(least, most), ..a }
 }

@@ -8,7 +8,7 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashMap;
 
-/// Compiled terms with their ranges over a box of inputs.
+/// Compiled terms of a graph, with the enclosures of their values over a box of inputs.
 #[derive(Clone, Debug, Default)]
 struct Ranges {
     tape: Tape,
@@ -70,13 +70,13 @@ impl Jumps {
     }
 }
 
-/// The knots of tables of inputs after the first. At a knot one piece of a table ends and the next begins, and a
-/// derivative of some order jumps.
+/// The knots of tables of inputs after the first. At a knot one polynomial piece of a table ends and the next begins,
+/// so that the value or a derivative of some order jumps.
 #[derive(Clone, Debug, Default)]
 pub struct Knots(Ranges);
 
 impl Knots {
-    /// Compiles the piece numbers of the tables in `nodes`.
+    /// Compiles, for each table in `nodes`, the number of the piece to which its argument belongs.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let terms = graph.terms_below(nodes);
         let piece = |node: Node| match graph.operation(node)? {
@@ -90,7 +90,7 @@ impl Knots {
         Self(Ranges::new(graph, pieces))
     }
 
-    /// Binds new parameter values to the compiled piece numbers.
+    /// Binds new parameter values to the compiled numbers of the pieces of the tables.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.0.bind(parameters);
     }

@@ -4,7 +4,7 @@ use super::discontinuous::Discontinuous;
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
-/// The kind of a function of the language, which determines its term.
+/// A function of the language, by the way in which a call of it becomes a term of the graph.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Function {
     Unary(Operator),
@@ -13,7 +13,7 @@ pub(super) enum Function {
     Power,
     /// `min` or `max` of two or more arguments.
     Extremum(Operator),
-    /// A discontinuous function of time and parameters.
+    /// A discontinuous function of time and parameters, such as `floor` or a pulse.
     Discontinuous(Discontinuous),
 }
 

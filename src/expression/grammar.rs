@@ -45,10 +45,10 @@ const GREEK: [(char, &str); 20] = [
     ('\u{3c9}', "omega"),
 ];
 
-/// The maximum nesting depth.
+/// The maximum nesting depth of an expression: parentheses, signs and chains of `^` count.
 const DEEPEST: usize = 200;
 
-/// The state shared by the parsers of one text.
+/// The state that the parsers share while they parse one text.
 #[derive(Debug)]
 pub(super) struct State<'s> {
     pub graph: &'s mut Graph,
@@ -56,11 +56,11 @@ pub(super) struct State<'s> {
     /// The whole text of the expression.
     text: &'s str,
     pub depth: usize,
-    /// The indices of the enclosing sums.
+    /// The indices of the sums that enclose the current position, with their current values.
     pub indices: Vec<Index>,
 }
 
-/// A parsed term.
+/// A parsed term, with its position in the text.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Read {
     pub node: Node,
@@ -80,7 +80,7 @@ pub(super) enum Kind {
 
 pub(super) type Input<'i, 's> = Stateful<&'i str, State<'s>>;
 
-/// The failure of a parser.
+/// The failure of a parser at its position in the text.
 #[derive(Debug)]
 pub(super) enum Failure {
     /// A recoverable failure: the parser may try an alternative.

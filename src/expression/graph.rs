@@ -50,7 +50,8 @@ pub struct Graph {
     pub(super) known: FxHashMap<Node, f64>,
     /// The terms that depend on a parameter whose value is to vary.
     pub(super) varied: FxHashSet<Node>,
-    /// Assumptions about the structure made with the `known` values.
+    /// The assumptions about the structure of expressions (such as that a coefficient is not zero) that were decided
+    /// by the values `known` of terms in parameters.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
     /// The tables used by terms.
     pub(super) tables: Tables,

@@ -4,18 +4,18 @@
 
 use super::operator::Operator;
 
-/// The number of lanes whose operands are staged together: small enough for the stack, large enough to amortise the
-/// dispatch.
+/// The number of lanes (pairs of registers to which one operator is applied) whose operands are copied to contiguous
+/// memory together: small enough for the stack, large enough to amortise the dispatch.
 const CHUNK: usize = 64;
 
-/// The registers of one operand in all lanes.
+/// The registers of one operand in all lanes (pairs of registers to which one operator is applied).
 #[derive(Clone, Debug)]
 enum Operands {
-    /// One register for all lanes.
+    /// One register, which is the operand in all lanes.
     Same(usize),
-    /// Consecutive registers, from the first.
+    /// Consecutive registers, one per lane, of which the first is given.
     Run(usize),
-    /// Arbitrary registers.
+    /// Arbitrary registers, one per lane.
     Each(Vec<u32>),
 }
 
@@ -34,19 +34,19 @@ impl Lanes {
         Self { operator, length: a.len(), a: Operands::new(a), b: Operands::new(b) }
     }
 
-    /// Returns the number of results.
+    /// Returns the number of lanes (pairs of registers), each of which has one result.
     pub(super) fn len(&self) -> usize {
         self.length
     }
 
-    /// Visits the lanes in order, each with the registers of its operands.
+    /// Visits the lanes (pairs of registers) in order, each with the registers of its two operands.
     pub(super) fn for_each_operation(&self, visit: &mut impl FnMut(Operator, usize, usize)) {
         for lane in 0..self.length {
             visit(self.operator, self.a.register(lane), self.b.register(lane));
         }
     }
 
-    /// Writes the results of all lanes.
+    /// Writes the results of the operator for all lanes (pairs of registers).
     pub(super) fn evaluate(&self, registers: &[f64], results: &mut [f64]) {
         let (mut a, mut b) = ([0.0; CHUNK], [0.0; CHUNK]);
         for (chunk, results) in results.chunks_mut(CHUNK).enumerate() {
@@ -83,7 +83,7 @@ impl Operands {
         }
     }
 
-    /// Returns the register of the operand of one lane.
+    /// Returns the register of the operand of one lane (pair of registers).
     fn register(&self, lane: usize) -> usize {
         match self {
             Self::Same(register) => *register,
@@ -92,7 +92,8 @@ impl Operands {
         }
     }
 
-    /// Returns the operands of the lanes from `start` on, copied to `room` unless they are contiguous already.
+    /// Returns the first or second operands of the lanes (pairs of registers) from `start` on, copied to `room`
+    /// unless they are contiguous already.
     #[inline(always)]
     fn stage<'r>(&self, registers: &'r [f64], start: usize, room: &'r mut [f64]) -> &'r [f64] {
         match self {
@@ -115,7 +116,8 @@ impl Operator {
     /// Computes `results[i] = apply(a[i], b[i])` for all lanes.
     fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
         if !self.apply_arithmetic(a, b, results) {
-            // Dispatch in each lane: these functions take much longer than their dispatch.
+            // Select the operator anew for each pair of operands: the functions that remain take much longer than
+            // this selection.
             each(a, b, results, |a, b| self.apply(a, b));
         }
     }

@@ -37,9 +37,9 @@ pub struct Irregularity {
 /// The arguments at which a function is not Lipschitz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Points {
-    /// The argument is zero.
+    /// Zero: the function is not Lipschitz where its argument is zero.
     Zero,
-    /// The argument is zero or negative.
+    /// Zero and all negative arguments.
     NotPositive,
     /// All points outside the open interval `(-1, 1)`.
     NotInsideUnit,
@@ -61,13 +61,14 @@ impl Points {
     }
 }
 
-/// A function in an expression that is not Lipschitz at some arguments, whether or not its arguments reach them.
+/// A function in an expression that is not Lipschitz at some values of its arguments, whether or not these values
+/// occur.
 #[derive(Clone, Debug)]
 struct Candidate {
     operator: Operator,
     /// Whether a function with a finite value at infinity hides the pole of the term.
     pole: bool,
-    /// Whether the operator is a power with a constant exponent.
+    /// Whether the operator of the function is a power with a constant exponent.
     has_constant_exponent: bool,
     inputs: Vec<usize>,
 }
@@ -76,10 +77,10 @@ struct Candidate {
 #[derive(Clone, Debug, Default)]
 pub struct Irregularities {
     candidates: Vec<Candidate>,
-    /// The irregularities that the ranges of arguments over the whole space do not exclude, with the index of their
-    /// candidate.
+    /// The irregularities that the ranges of the arguments over the whole space do not exclude, each with its index
+    /// into `candidates`.
     found: Vec<(usize, Irregularity)>,
-    /// The program of the arguments, two per candidate.
+    /// The compiled arguments of the candidates, two for each.
     arguments: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
@@ -102,7 +103,7 @@ impl Irregularities {
         all
     }
 
-    /// Binds new parameter values and updates the irregularities.
+    /// Binds new parameter values and updates the irregularities (points where expressions are not Lipschitz).
     pub fn bind(&mut self, parameters: &[f64]) {
         if !self.candidates.is_empty() {
             self.arguments.bind(parameters);
@@ -111,7 +112,8 @@ impl Irregularities {
         }
     }
 
-    /// Finds the candidates that may be irregular for inputs in the whole space.
+    /// Sets `found` to those candidates whose arguments may reach an irregular point for some inputs in the whole
+    /// space.
     fn decide(&mut self) {
         let known = self.arguments.regularities();
         let pairs = self.arguments.program.outputs.chunks(2);
@@ -142,7 +144,8 @@ impl Irregularities {
 }
 
 impl Candidate {
-    /// Returns the irregularity of the candidate, if arguments with the given ranges and smoothness may reach it.
+    /// Returns the irregularity of the candidate (the points at which its function is not Lipschitz), if arguments
+    /// with the given ranges and smoothness may reach it.
     fn judged(&self, a: Regularity, b: Regularity) -> Option<Irregularity> {
         let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
         let exponent = (self.has_constant_exponent && b.range.lo == b.range.hi).then_some(b.range.lo);

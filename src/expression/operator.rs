@@ -51,7 +51,7 @@ pub(super) enum Operator {
     /// The remainder `a - b floor(a / b)`, which has the sign of `b`.
     Modulo,
     // The table operators, whose second operand is the index of the table.
-    /// The value of a table.
+    /// The value of a table at the first operand.
     Lookup,
     /// The number of knots up to the argument at which the polynomial of a table changes.
     Piece,
@@ -73,7 +73,7 @@ impl Operator {
         matches!(self, Self::Add | Self::Multiply)
     }
 
-    /// Whether the operator jumps where its switch changes sign.
+    /// Whether the operator jumps (and does not only have a kink) where its switch, an event function, changes sign.
     pub(super) fn jumps(self) -> bool {
         matches!(self, Self::Sign | Self::Heaviside) || self.has_steps()
     }

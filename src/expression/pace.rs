@@ -24,24 +24,26 @@ pub struct Pace {
     value: Vec<f64>,
 }
 
-/// The variation of a term with time.
+/// The variation of a term with time: the degree of its polynomials, and its pace.
 #[derive(Clone, Copy)]
 struct Variation {
     /// The degree of the polynomials in time that occur in the term.
     degree: u32,
-    /// The pace of the term; `None` if it is zero.
+    /// The pace of the term (the largest rate of the phase of a sine or of the exponent of an exponential in it);
+    /// `None` if it is zero.
     pace: Option<Node>,
 }
 
 impl Pace {
-    /// Compiles the pace of `nodes` in input 0 (time).
+    /// Compiles the pace of `nodes` in input 0 (time): the largest rate of the phase of a sine or of the exponent of
+    /// an exponential.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let pace = graph.pace(nodes);
         let value = vec![0.0; usize::from(pace.flatten().is_some())];
         Self { tape: pace.map(|pace| Tape::compile(graph, pace.as_slice())), value }
     }
 
-    /// Binds new parameter values to the compiled pace.
+    /// Binds new parameter values to the compiled pace of the expressions.
     pub fn bind(&mut self, parameters: &[f64]) {
         if let Some(tape) = &mut self.tape {
             tape.bind(parameters);
@@ -108,7 +110,8 @@ impl Graph {
             Operator::Sin | Operator::Cos | Operator::Exp if of_a.degree == 1 && of_a.pace.is_none() => {
                 let gradient = self.gradient(a).ok()?;
                 let (_, slope) = gradient.into_iter().find(|(input, _)| *input == 0)?;
-                // A pace is only known if the slope depends on parameters alone.
+                // The pace is known only if the slope of the argument with respect to time depends on parameters
+                // alone.
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Variation { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }

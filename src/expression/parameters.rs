@@ -27,8 +27,9 @@ impl Graph {
         node
     }
 
-    /// Prepares a parameter for other values; must be called before terms with the parameter are built: its
-    /// coefficients are part of the structure even if they are zero, and powers with it as exponent are not expanded.
+    /// Declares that the value of a parameter is to vary. This must happen before terms with the parameter are built:
+    /// its coefficients are part of the structure even if they are zero, and powers with it as exponent are not
+    /// expanded.
     pub fn vary(&mut self, parameter: Node) {
         self.varied.insert(parameter);
     }
@@ -124,16 +125,16 @@ struct Decision {
     parameters: Vec<usize>,
 }
 
-/// A violated assumption.
+/// An assumption about the value of a term in parameters that new parameter values violate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Broken {
-    /// The violated assumption.
+    /// The assumption that the new parameter values violate.
     pub assumption: Assumption,
-    /// The value of the term when the assumption was made.
+    /// The value of the term at the parameter values for which the assumption was made.
     pub given: f64,
-    /// The value of the term at the new parameters.
+    /// The value of the term at the new parameter values.
     pub found: f64,
-    /// The parameters that the term depends on, sorted.
+    /// The parameters on which the term depends, sorted.
     pub parameters: Vec<usize>,
 }
 

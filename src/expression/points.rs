@@ -9,13 +9,13 @@ pub const MOST_LANES: usize = 8;
 /// The registers of a program at several points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Wide {
-    /// The number of points per register; zero before the constants are set.
+    /// The number of points per register; zero until the constants of the program have been copied to the registers.
     lanes: usize,
     registers: Vec<f64>,
 }
 
 impl Wide {
-    /// Invalidates the constants, which new parameters may have changed.
+    /// Invalidates the copied constants of the program, which new parameter values may have changed.
     pub(super) fn forget(&mut self) {
         self.lanes = 0;
     }
@@ -43,7 +43,8 @@ impl Tape {
             let (first, rest) = (&first[begin..end], &rest[stride * begin..stride * end]);
             let outputs = &mut outputs[width * begin..width * end];
             match end - begin {
-                // Programs vectorised over terms gain nothing from vectorisation over points.
+                // Programs most of whose instructions are vectorised over many similar terms gain nothing from
+                // vectorisation over points.
                 _ if self.program.is_vectorised => self.evaluate_each(first, rest, outputs),
                 1 => self.evaluate(first[0], rest, outputs),
                 // Two to four points share four lanes: the narrowest vector registers of processors have two lanes.
@@ -54,7 +55,7 @@ impl Tape {
         }
     }
 
-    /// Evaluates the points one after the other.
+    /// Evaluates the program at the points one after the other.
     fn evaluate_each(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let (stride, width) = (rest.len() / first.len(), self.program.outputs.len());
         for (point, &first) in first.iter().enumerate() {
@@ -62,7 +63,7 @@ impl Tape {
         }
     }
 
-    /// Evaluates at most `L` points at once.
+    /// Evaluates the program at up to `L` points at once.
     fn evaluate_lanes<const L: usize>(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let mut wide = std::mem::take(&mut self.wide);
         let registers = wide.registers::<L>(&self.registers);
@@ -70,7 +71,7 @@ impl Tape {
         if let Some((input, inputs)) = registers[..self.program.inputs].split_first_mut() {
             let stride = rest.len() / count;
             for lane in 0..L {
-                // Spare lanes repeat the first point.
+                // If there are fewer points than the `L` lanes of a register, the other lanes repeat the first point.
                 let point = if lane < count { lane } else { 0 };
                 input[lane] = first[point];
                 let rest = &rest[stride * point..][..inputs.len()];

@@ -11,19 +11,21 @@ use super::operator::Operator;
 use super::tape::Tape;
 use numerics::{Interval, WIDER};
 
-/// Largest ratio of the values of an operand, relative to a singularity at zero, over which samples show a function.
+/// Largest ratio of the values of an operand over which samples resolve a function with a singularity at zero, such
+/// as a quotient.
 const RATIO: f64 = 4.0;
-/// Largest variation of the exponent over which samples show an exponential.
+/// Largest variation of the exponent over which samples resolve an exponential.
 const POWERS: f64 = 4.0;
-/// Largest variation of the argument over which samples show a sine or a cosine: about one period.
+/// Largest variation of the argument over which samples resolve a sine or a cosine: about one period.
 const PERIOD: f64 = 6.5;
-/// Largest variation of the argument over which samples show a function with singularities at a distance of about one
-/// from the real line.
+/// Largest variation of the argument over which samples resolve a function with singularities at a distance of about
+/// one from the real line, such as `atan`.
 const UNIT: f64 = 1.0;
 /// Fraction of the sampled range by which values may lie beyond it on either side. Polynomials whose degree is at
 /// most two thirds of the number of samples stay within (Ehlich and Zeller 1964).
 const BEYOND: f64 = 0.5;
-/// Largest ratio of the slope of a function within its scale to its mean slope.
+/// Largest ratio of the slope of a function to its mean slope, if its operands vary by no more than its scale (the
+/// variation over which samples resolve it).
 const STEEPER: f64 = 8.0;
 
 /// The ranges of all registers of a program over samples, and bounds on the variation that the samples do not show.
@@ -37,7 +39,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Allocates the registers of a program.
+    /// Allocates the registers of the program that is to be screened.
     pub fn new(tape: &Tape) -> Self {
         let count = tape.registers.len();
         let mut is_needed = false;
@@ -45,12 +47,12 @@ impl Sight {
         Self { sampled: vec![NOTHING; count], ranges: vec![Interval::LINE; count], hidden: vec![0.0; count], is_needed }
     }
 
-    /// Whether samples may miss a feature: a polynomial has none.
+    /// Whether samples may miss a narrow feature of the program; a polynomial has none.
     pub fn is_needed(&self) -> bool {
         self.is_needed
     }
 
-    /// Forgets all samples.
+    /// Discards all samples of the program.
     pub fn begin(&mut self) {
         self.sampled.fill(NOTHING);
     }
@@ -91,7 +93,8 @@ impl Sight {
             };
             let is_one_piece = operator.takes_table() && pieces().is_some_and(|(first, last)| first == last);
             hidden[next] = operation.hides(hi - lo, is_one_piece);
-            // The range of a register that samples show is no wider than the sampled range with its margin.
+            // If the samples of a register miss no variation, its range is at most the sampled range with a margin on
+            // either side.
             ranges[next] = range;
             if hidden[next] == 0.0 {
                 let shown = beyond((lo, hi));
@@ -104,8 +107,8 @@ impl Sight {
         });
     }
 
-    /// Returns a bound on the variation of output `k` that samples do not show, and the largest absolute value of the
-    /// output.
+    /// Returns a bound on the variation of output `k` of the program that its samples do not show, and the largest
+    /// absolute value of the output.
     pub fn hidden(&self, tape: &Tape, k: usize) -> (f64, f64) {
         let place = tape.program.outputs[k] as usize;
         (self.hidden[place], self.ranges[place].magnitudes().1)
@@ -133,7 +136,7 @@ impl Operation {
     fn hides(&self, shown: f64, is_one_piece: bool) -> f64 {
         let &Self { operator, a, b, range, hidden: [of_a, of_b], .. } = self;
         let width = if range.is_empty() { 0.0 } else { range.width() };
-        // A variation below all normal numbers is no feature.
+        // A variation smaller than every normal floating-point number does not count as a feature.
         if width < f64::MIN_POSITIVE {
             return 0.0;
         }
@@ -159,8 +162,10 @@ impl Operation {
             }
             Operator::Abs if !a.contains(0.0) => of_a,
             _ if of_a + of_b == 0.0 => {
-                // The enclosure of a function within its scale needs no samples. Samples on both sides of a jump do
-                // not locate the jump, on which products of jumps depend.
+                // If the operands vary by no more than the scale of the function, the enclosure alone shows that
+                // there is no feature. Otherwise the samples must account for the width of the enclosure; for a
+                // function with jumps they never do, since they do not locate the jumps, and the product of two
+                // functions with jumps depends on where these are.
                 let is_seen = width <= WIDER * shown && !operator.jumps();
                 if is_one_piece || self.is_in_scale() || is_seen { 0.0 } else { width }
             }
@@ -173,7 +178,8 @@ impl Operation {
         carried.min(width)
     }
 
-    /// Whether the operands vary by no more than the scale on which the operator varies.
+    /// Whether the operands vary by no more than the scale of the operator: the variation over which samples resolve
+    /// it.
     fn is_in_scale(&self) -> bool {
         let Self { operator, a, b, range, same, .. } = *self;
         let keeps_off = |x: Interval| {
@@ -189,7 +195,7 @@ impl Operation {
             Operator::Asin | Operator::Acos => range.width() <= UNIT && a.magnitudes().1 <= 0.5,
             Operator::Atan2 => keeps_off(a) || keeps_off(b),
             Operator::Divide => same || keeps_off(b),
-            // Between two jumps the remainder is linear.
+            // Between two of its jumps, the remainder `a - b floor(a / b)` is linear in `a`.
             Operator::Modulo => {
                 let periods = Operator::Divide.enclose(a, b, false);
                 keeps_off(b) && Operator::Floor.enclose(periods, periods, true).width() == 0.0

@@ -32,7 +32,7 @@ impl Graph {
                 },
                 Term::Parameter(_) => Replaced::Term(old),
                 Term::Apply(..) if self.value(old).is_some() => Replaced::Term(old),
-                // Keep the expansion of a power.
+                // The value of an expanded power is that of its product, which is the first operand.
                 Term::Apply(Operator::Expanded, a, _) => replaced[&a],
                 Term::Apply(operator, a, b) => match (replaced[&a], replaced[&b]) {
                     (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(self.tables.apply(operator, a, b)),

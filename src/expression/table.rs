@@ -26,21 +26,21 @@ pub struct Table(pub(super) Arc<Pieces>);
 /// The reason why points do not define a table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TableError {
-    /// The numbers of arguments and values differ.
+    /// The table has different numbers of arguments and of values.
     #[error("a table has {x} values `x` and {y} values `y`")]
     Lengths {
-        /// The number of arguments.
+        /// The number of arguments `x` of the points.
         x: usize,
-        /// The number of values.
+        /// The number of values `y` of the points.
         y: usize,
     },
-    /// There are fewer than two points.
+    /// The table has fewer than two points.
     #[error("a table has {0} points")]
     TooFew(usize),
-    /// An argument is not above the previous one.
+    /// The argument of a point of the table is not above that of the previous point.
     #[error("`x` number {0}, counted from 0, is not above the one before")]
     Unsorted(usize),
-    /// An argument, a value or a coefficient is not finite.
+    /// An argument, a value or a polynomial coefficient of the table is not finite.
     #[error("point number {0}, counted from 0, is not finite or too far from the next")]
     NotFinite(usize),
 }
@@ -48,14 +48,14 @@ pub enum TableError {
 /// A piecewise polynomial.
 #[derive(Debug)]
 pub(super) struct Pieces {
-    /// The knots between pieces.
+    /// The knots of the piecewise polynomial, at which one piece ends and the next begins.
     knots: Arc<[f64]>,
     /// The coefficients of each piece in powers of the distance from the knot before it (from the first knot for the
     /// first).
     coefficients: Vec<[f64; 4]>,
     /// The ranges of all pieces as a segment tree: entry `k` is the hull of entries `2 k` and `2 k + 1`.
     ranges: Vec<Interval>,
-    /// The knots at which the polynomial changes.
+    /// The switches of the table: the knots at which its polynomial differs from piece to piece.
     switches: Arc<[f64]>,
     interpolation: Interpolation,
     derivative: OnceLock<Arc<Pieces>>,
@@ -177,7 +177,7 @@ impl Pieces {
         }
     }
 
-    /// Returns the largest degree of a piece.
+    /// Returns the largest degree of the polynomial pieces of the table.
     pub(super) fn degree(&self) -> u32 {
         let of_piece = |piece: &[f64; 4]| piece.iter().rposition(|c| *c != 0.0).unwrap_or(0);
         self.coefficients.iter().map(of_piece).max().map_or(0, |degree| degree as u32)
@@ -191,7 +191,8 @@ impl Pieces {
         })
     }
 
-    /// Returns a piecewise linear function that is zero exactly at the switches, with slopes 1 and -1.
+    /// Returns a piecewise linear function with the slopes 1 and -1 that is zero exactly at the switches of the table
+    /// (the knots at which its polynomial changes).
     pub(super) fn zigzag(&self) -> &Arc<Self> {
         self.zigzag.get_or_init(|| {
             let zeros = &self.switches;
@@ -227,7 +228,7 @@ impl Pieces {
         if coefficients[1..] == [0.0; 3] { coefficients[0] } else { horner(coefficients, a - self.origin(piece)) }
     }
 
-    /// Returns the number of switches up to `a`.
+    /// Returns the number of switches of the table (knots at which its polynomial changes) that are at most `a`.
     fn count_at(&self, a: f64) -> f64 {
         if a.is_nan() { a } else { self.switches.partition_point(|switch| *switch <= a) as f64 }
     }

@@ -14,8 +14,8 @@ use std::hash::BuildHasher;
 use std::mem::take;
 use std::sync::Arc;
 
-/// The smallest number of terms of one kind that are evaluated together as vectorised lanes; for fewer, staging
-/// operands costs more than it saves.
+/// The smallest number of terms of one kind (same depth and operator, and so independent) that are evaluated together
+/// by vector instructions; for fewer terms, the copying of operands costs more than it saves.
 const FEWEST_LANES: usize = 24;
 
 /// Writes `operator(registers[a], registers[b])` to the next register.
@@ -28,11 +28,11 @@ pub(super) struct Instruction {
 
 #[derive(Clone, Debug)]
 pub(super) enum Block {
-    /// Instructions evaluated one after the other.
+    /// A block of instructions that are evaluated one after the other.
     Scalars(Vec<Instruction>),
-    /// Instructions with one operator, evaluated at once.
+    /// A block of instructions with one operator that are independent of each other and evaluated at once.
     Lanes(Lanes),
-    /// Table lookups, evaluated one after the other.
+    /// A block of table lookups, evaluated one after the other.
     Lookups(Vec<Instruction>),
 }
 
@@ -40,14 +40,15 @@ pub(super) enum Block {
 #[derive(Debug, Default)]
 pub(super) struct Program {
     pub(super) blocks: Vec<Block>,
-    /// The parameters that occur, with their registers.
+    /// The parameters that occur in the program, by index, with their registers.
     parameters: Vec<(usize, usize)>,
     /// The instructions for terms in parameters alone, with the registers of their results.
     prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
-    /// Whether most instructions are evaluated as vectorised lanes, even at a single point.
+    /// Whether most instructions are evaluated together by vector instructions even at a single point, because their
+    /// terms have one kind.
     pub(super) is_vectorised: bool,
-    /// The register written by the first instruction.
+    /// The register that the first instruction of the program writes; each further instruction writes the next one.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
     /// The tables used by the program.
@@ -61,7 +62,7 @@ pub struct Tape {
     pub(super) program: Arc<Program>,
     /// Registers of inputs, of constants and terms in parameters, then one per instruction.
     pub(super) registers: Vec<f64>,
-    /// The registers for evaluation at several points at once.
+    /// The registers of the program for its evaluation at several points at once.
     pub(super) wide: Wide,
 }
 
@@ -193,12 +194,14 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// Adds the constants and the terms in parameters alone that the steps need, operands first.
+    /// Adds the constants and the terms in parameters alone that the terms `steps` of the program need, operands
+    /// first.
     fn prelude(&mut self, steps: &[(Kind, Node)]) {
         let known = steps.iter().map(|&(_, node)| node).filter(|node| self.graph.known.contains_key(node));
         let mut terms = self.graph.computed_below(&known.collect::<Vec<_>>());
         terms.sort_unstable();
-        // Give computed terms consecutive registers, so that operands of lanes are contiguous.
+        // Give computed terms consecutive registers, so that the operands of terms that are evaluated together are
+        // contiguous.
         let (computed, given): (Vec<Node>, Vec<Node>) =
             terms.into_iter().partition(|node| matches!(self.graph.terms[node.place()], Term::Apply(..)));
         for node in given {
@@ -217,7 +220,8 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// Adds the instruction of a term, unless the prelude of terms in parameters contains it.
+    /// Adds the instruction that computes a term, unless the term has a register already, as a constant or a term in
+    /// parameters alone.
     fn take(&mut self, kind: Kind, node: Node) {
         if self.register_of.contains_key(&node) {
             return;
@@ -296,7 +300,8 @@ fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     steps
 }
 
-/// Divides the instructions into blocks of scalars, lanes and lookups.
+/// Divides the instructions into blocks: those evaluated one after the other, those evaluated at once, and table
+/// lookups.
 fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     let mut blocks = Vec::new();
     let mut scalars = Vec::new();

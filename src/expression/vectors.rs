@@ -17,7 +17,7 @@ use winnow::prelude::*;
 /// short texts.
 const MOST_READ: usize = 16 << 20;
 
-/// The index of an enclosing sum, with its current value.
+/// The index of a sum that encloses the parsed text, with its current value.
 #[derive(Clone, Debug)]
 pub(super) struct Index {
     name: String,
@@ -135,7 +135,7 @@ fn summands<'i>(
         if !input.input.starts_with("for") {
             return Err(syntax(input, "an operator or `for`"));
         }
-        // The last index varies fastest.
+        // Of several indices of a sum, the last one varies fastest.
         let next = (0..ranges.len()).rev().find(|&k| input.state.indices[outer + k].value < ranges[k].2);
         let Some(k) = next else { return Ok(nodes) };
         input.state.indices[outer + k].value += 1;

@@ -14,11 +14,12 @@ use std::time::Duration;
 /// The time between two polls of the stop condition.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The threads of the process: one for each core for current work, and one for each core for abandoned work.
+/// The limit on threads of this process: one thread per core for current work, and another one per core for abandoned
+/// work.
 pub static THREADS: LazyLock<Threads> =
     LazyLock::new(|| Threads::new(2 * available_parallelism().map_or(1, NonZero::get)));
 
-/// A limit on the number of threads, with the number in use.
+/// A limit on the number of threads, with the number of threads in use.
 pub struct Threads {
     most: usize,
     taken: AtomicUsize,
@@ -42,7 +43,7 @@ impl Threads {
         let computing = move || {
             let computed = work();
             drop(place);
-            // Sending fails if the receiver has given up, which is harmless.
+            // Sending fails if the receiver has stopped waiting, which is harmless.
             let _ = done.send(computed);
         };
         thread::Builder::new().name("dvi-factors".to_owned()).spawn(computing).ok()?;

@@ -20,7 +20,8 @@ pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64
     /// complex numbers, whose small matrices are factorised by [`ComplexLu`](super::ComplexLu).
     const SMALL: usize;
 
-    /// Eliminates a matrix of at most `SMALL` rows in place.
+    /// Factorises a matrix of at most `SMALL` rows in place; writes the row permutation and the reciprocals of the
+    /// pivots.
     fn eliminate(entries: &mut [Self], permutation: &mut [usize], reciprocals: &mut [Self]);
 }
 
@@ -42,7 +43,7 @@ impl Number for Complex<f64> {
 pub struct DenseLu<T> {
     /// The matrix in column-major order; after [`DenseLu::factorise`] its factors.
     entries: Vec<T>,
-    /// For each row of the factors, the row of the matrix.
+    /// The row permutation `P`: for each row of the factors, the index of the row of the matrix.
     permutation: Vec<usize>,
     /// The reciprocals of the pivots.
     reciprocals: Vec<T>,

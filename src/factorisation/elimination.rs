@@ -6,7 +6,7 @@
 //! reciprocals of the pivots, by which a substitution multiplies: a division would take as long as all of its other
 //! operations. The reciprocal of a zero pivot is not finite, which shows in every solution.
 
-/// Eliminates a real `n x n` matrix, column by column.
+/// Factorises a real `n x n` matrix in place, column by column.
 pub(super) fn eliminate(matrix: &mut [f64], permutation: &mut [usize], reciprocals: &mut [f64]) {
     of_size!(permutation.len(), |n| eliminate_of(n, matrix, permutation, reciprocals));
 }
@@ -68,8 +68,8 @@ pub struct ComplexLu {
 }
 
 impl ComplexLu {
-    /// Largest number of rows for which this elimination is used: on the ring modulator, with fifteen rows, steps are
-    /// rejected more often than with faer's blocked elimination.
+    /// Largest number of rows for which the unblocked complex elimination is used. With fifteen rows (the ring
+    /// modulator), integration steps are rejected more often than with faer's blocked elimination.
     pub const MOST: usize = 10;
 
     /// Allocates for an `n x n` matrix.

@@ -2,8 +2,8 @@
 //! computed many times. No factorisation is relied on to detect a singular matrix; the solution is then not finite.
 //! Also singular values and eigenvalues, from which ranks and definiteness are determined.
 
-/// Evaluates an expression for a size, which is a compile-time constant if it is small: the compiler then unrolls
-/// loops over a few numbers, whose bookkeeping would take longer than their arithmetic.
+/// Evaluates an expression in which the given size is a compile-time constant if it is small. The compiler then
+/// unrolls loops over a few numbers, whose loop control would take longer than their arithmetic.
 #[macro_export]
 macro_rules! of_size {
     ($size:expr, |$n:ident| $body:expr) => {

@@ -14,7 +14,7 @@ impl Pivoted {
         Self { factors: matrix.full_piv_lu() }
     }
 
-    /// Returns the number of pivots above this fraction of the largest pivot.
+    /// Returns the numerical rank: the number of pivots above the given fraction of the largest pivot.
     pub fn rank(&self, fraction: f64) -> usize {
         let pivots = self.factors.u().diagonal().abs();
         pivots.iter().filter(|pivot| **pivot > fraction * pivots.max()).count()
@@ -59,7 +59,8 @@ mod tests {
 
     #[test]
     fn the_pseudo_inverse_of_a_corner_obeys_its_four_laws() {
-        // A body held by a floor and a wall, each by its normal and its friction: rank two of four, scaled by loads.
+        // The Delassus matrix of a body held by a floor and a wall, each with a normal and a friction direction. Its
+        // rank is two of four; rows and columns are scaled by the roots of the contact forces.
         let scale = DMatrix::from_diagonal(&DVector::from_vec(
             [4.216970718184588, 6.113228723590284, 0.2 * 4.216970718184588, 0.3 * 6.113228723590284]
                 .map(f64::sqrt)

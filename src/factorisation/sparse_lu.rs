@@ -42,7 +42,7 @@ pub struct SparseLu<T> {
     factors: NumericLu<usize, T>,
     memory: MemBuffer,
     is_factored: bool,
-    /// Whether the workspace is owned by an abandoned thread.
+    /// Whether the workspace is owned by an abandoned thread, so that no further factorisation is possible.
     is_given_up: bool,
 }
 

@@ -6,7 +6,7 @@
 use faer::Mat;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Iteration limit, far above the need of any matrix; the sweeps converge cubically.
+/// Iteration limit for the eigenvalue computation, far above the need of any matrix: its sweeps converge cubically.
 const ITERATIONS: usize = 10_000;
 
 /// A singular value decomposition `A = U S V^T`, the singular values descending.
@@ -47,7 +47,7 @@ impl Singular {
         self.v_t.tr_mul(&along)
     }
 
-    /// Returns the number of singular values above this fraction of the largest.
+    /// Returns the numerical rank: the number of singular values above the given fraction of the largest.
     pub fn rank(&self, fraction: f64) -> usize {
         let largest = self.values.first().copied().unwrap_or(0.0);
         self.values.iter().take_while(|&&value| value > 0.0 && value > fraction * largest).count()
@@ -87,8 +87,8 @@ mod tests {
         }
     }
 
-    /// Returns the matrix of a body held by a floor and a wall, each by its normal and its friction, in the metric of
-    /// their loads: rank two of four.
+    /// Returns the Delassus matrix of a body held by a floor and a wall, each with a normal and a friction direction,
+    /// with rows and columns scaled by the roots of the contact forces. The rank is two of four.
     fn corner(a: f64, b: f64) -> DMatrix<f64> {
         let scale = DMatrix::from_diagonal(&DVector::from_vec([a, b, 0.2 * a, 0.3 * b].map(f64::sqrt).to_vec()));
         let rows = DMatrix::from_row_slice(4, 2, &[0.0, 1.0, -1.0, 0.0, 1.0, 0.0, 0.0, 1.0]);

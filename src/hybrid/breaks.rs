@@ -67,15 +67,16 @@ impl Breaking for dyn Mechanical + '_ {
 struct Unbroken {
     from: f64,
     until: f64,
-    /// The numbers before and at the sign change that ends the interval, if one was found.
+    /// The floating-point numbers before and at the sign change of a function that ends the interval, if one was
+    /// found.
     change: Option<(f64, f64)>,
 }
 
 /// State of the search for breakpoints.
 #[derive(Clone, Debug)]
 pub struct Breaks {
-    /// Number of breakpoints passed since the beginning of the window for their mean distance, and the time of that
-    /// beginning.
+    /// Number of breakpoints passed, and the time from which they are counted: the start of the run, or the last
+    /// breakpoint when their mean distance was taken.
     window: (u32, f64),
     /// Signs, at the beginning of the step, of the functions that change sign at breakpoints; 0 for a function that
     /// is zero.
@@ -179,7 +180,8 @@ impl Breaks {
         self.window.0 += 1;
     }
 
-    /// Returns the mean distance in time of the last breakpoints, once for each full window of breakpoints.
+    /// Returns the mean distance in time of the last breakpoints, each time that a certain number of them (10 000)
+    /// has been passed; otherwise `None`.
     pub fn mean_distance(&mut self) -> Option<f64> {
         let (count, begin) = self.window;
         if count < WINDOW {
@@ -195,9 +197,9 @@ impl Breaks {
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
     }
 
-    /// Returns the floating-point numbers before and at the first sign change of a function, `Some(None)` if no sign
-    /// changes, and `None` if enclosures leave it undecided. Does not repeat what the
-    /// last enclosures prove.
+    /// Returns the floating-point numbers before and at the first sign change of a function; `Some(None)` if no
+    /// function changes its sign, and `None` if enclosures leave that undecided. Does not repeat the enclosures of an
+    /// interval that the last call has proven.
     fn first_proven(
         &mut self,
         problem: &mut (impl Breaking + ?Sized),
@@ -207,7 +209,8 @@ impl Breaks {
     ) -> Option<Option<(f64, f64)>> {
         // A function that is zero at the beginning of an interval and positive behind may return to zero within it.
         let known = self.unbroken.filter(|known| {
-            // Behind a breakpoint, where a search begins depends on the size of the step within its rounding.
+            // Behind a breakpoint, the beginning of a search contains a rounding term that depends on the step size:
+            // allow for it.
             let from = known.from - f64::EPSILON * (known.until - known.from);
             (from..=known.until).contains(&begin) && self.signs.iter().all(|sign| *sign != 0.0)
         });
@@ -229,7 +232,8 @@ impl Breaks {
         found
     }
 
-    /// Encloses the functions from `begin` to `end` and returns what [`first_proven`](Self::first_proven) does.
+    /// Encloses the functions from `begin` to `end`, and returns the numbers before and at their first sign change as
+    /// [`first_proven`](Self::first_proven) does.
     fn first_enclosed(
         &mut self,
         problem: &mut (impl Breaking + ?Sized),
@@ -272,9 +276,9 @@ impl Breaks {
         (ranges.len() == self.signs.len()).then(|| ranges.iter().zip(&self.signs).all(keeps))
     }
 
-    /// Returns the floating-point numbers before and at a root between `a` and `b` of the first function that has broken at
-    /// `b`, if one enclosure proves that no function changes its sign before it: a guess that saves the bisection of a
-    /// single sign change.
+    /// Returns the floating-point numbers before and at a root between `a` and `b` of the first function whose sign
+    /// at `b` differs from that at `a`, if one enclosure proves that no function changes its sign before that root.
+    /// For a single sign change this saves the bisection.
     fn first_guessed(&self, problem: &mut (impl Breaking + ?Sized), a: f64, b: f64) -> Option<(f64, f64)> {
         let value = |value: f64, sign: f64| if sign == 0.0 { f64::NAN } else { value * sign };
         let values = problem.breaks(b).iter().zip(&self.signs).map(|(x, sign)| value(*x, *sign));
@@ -383,7 +387,8 @@ mod tests {
     use super::{Breaking, Breaks};
     use numerics::Interval;
 
-    /// `t - at` for each breakpoint, with the number of intervals that were enclosed.
+    /// Test equations with the function `t - at` for each breakpoint `at`, and a count of the intervals that were
+    /// enclosed.
     struct Steps {
         at: Vec<f64>,
         values: Vec<f64>,
@@ -410,22 +415,23 @@ mod tests {
         let mut breaks = Breaks::new(0.0);
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.5), 0.5);
         assert_eq!(problem.enclosed, 1);
-        // A probe, a step that was rejected, and the next step up to where the first ended.
+        // None of these needs a new enclosure: a probe of the beginning of the step, the step repeated with half its
+        // size, and the next step up to the end of the first attempt.
         assert_eq!(breaks.part_before(&mut problem, 0.0, 0.1), 0.1);
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.25), 0.25);
         assert_eq!(breaks.up_to_break(&mut problem, 0.25, 0.25), 0.25);
         assert_eq!(problem.enclosed, 1);
 
-        // A longer step meets the first breakpoint, before which it ends, from wherever it begins.
+        // A longer step ends before the first breakpoint, wherever the step begins.
         let first = 0.5 + breaks.up_to_break(&mut problem, 0.5, 2.0);
         assert!(first < 1.0 && 1.0 - first < 1e-15, "{first}");
-        // One enclosure of the step, and one of what is before the first root.
+        // Two more enclosures: one of the whole step, and one of the interval before the first root.
         assert_eq!(problem.enclosed, 3);
         let enclosed = problem.enclosed;
         assert_eq!(0.75 + breaks.up_to_break(&mut problem, 0.75, 0.75), first);
         assert_eq!(breaks.up_to_break(&mut problem, 0.75, 0.125), 0.125);
         assert_eq!(problem.enclosed, enclosed);
-        // Behind it, the second is found.
+        // The second breakpoint is found behind the first.
         breaks.up_to_break(&mut problem, first, 2.0);
         let after = breaks.after().unwrap_or(1.0);
         breaks.pass(after);

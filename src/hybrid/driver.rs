@@ -11,13 +11,13 @@
 
 /// An engine: an integrator that follows a hybrid automaton.
 pub trait Automaton {
-    /// Data kept over the attempts at one step, and dropped when a step is accepted.
+    /// Data kept over the attempts at one step, such as the number of cuts; dropped when a step is accepted.
     type Attempts: Default;
     /// A step whose equations are solved, and that is not yet accepted.
     type Step;
     /// A violation of a monitor within a step.
     type Violation;
-    /// The event at the end of a step.
+    /// The event (such as a switch or an impact) at the end of a step.
     type Event;
     /// The reason why no step is made.
     type Error;
@@ -92,7 +92,7 @@ pub trait Automaton {
 pub enum Proposal {
     /// Attempt a step of this size.
     Step(f64),
-    /// No attempt: the run has passed a breakpoint without a step, and proposes anew.
+    /// No attempt: the run has passed a breakpoint without a step, and has to propose a size again.
     Again,
 }
 
@@ -103,11 +103,11 @@ pub enum Solved<S> {
     Step(S),
     /// The equations have changed their form: the same step size is tried again.
     Again,
-    /// The equations of the mode cannot be solved over the step.
+    /// The equations of the mode have no solution over the step, or none was found.
     Lost,
     /// The attempt is rejected, and the next proposal is a smaller step.
     Rejected,
-    /// The run has moved on without a step of the method.
+    /// The run has advanced by other means than a step of the method.
     Passed,
 }
 
@@ -132,7 +132,7 @@ pub enum Located<S, E> {
     /// A step of this size is solved next: the event was at the beginning, where the mode has changed, or it is sought
     /// in a shorter step.
     Retry(f64),
-    /// The event was not found, and the step has to be made without the mode.
+    /// The event was not found, and the step has to be made without the equations of the mode.
     Nowhere,
     /// The attempt at the step is over, and another one is proposed.
     Rejected,
@@ -162,7 +162,7 @@ enum Reached<S, E> {
     Step(S, Option<E>),
     /// The attempt at the step was rejected.
     Nothing,
-    /// The run has moved on without a step of the method.
+    /// The run has advanced by other means than a step of the method.
     Passed,
 }
 

@@ -68,7 +68,7 @@ pub struct Monitors {
     pub open: u64,
 }
 
-/// The sign of a monitor at the time up to which it has been followed.
+/// The sign of a monitor at the time up to which the step has been examined.
 #[derive(Clone, Copy, Debug)]
 struct Sign {
     /// Present sign: 1, -1, or 0 for a value that is zero or cannot be told from zero by its enclosure.
@@ -77,7 +77,8 @@ struct Sign {
     last: f64,
     /// Whether the monitor has been zero over an interval since the start of the run.
     rested: bool,
-    /// Time up to which sign changes of the monitor belong to its last event.
+    /// Time up to which sign changes of the monitor count as part of its last event, since rounding splits one event
+    /// into several sign changes.
     quiet: f64,
 }
 
@@ -100,7 +101,8 @@ impl Sign {
         is_event
     }
 
-    /// Updates the sign of a monitor that leaves zero to the other side within the time of its last event.
+    /// Completes the last event of a monitor, at which it reached zero from one side: if the monitor has now left
+    /// zero to the opposite side, its sign is set to `to`, without a new event.
     fn complete(&mut self, to: f64) {
         if self.now == 0.0 && to != 0.0 && to != self.last {
             self.now = to;
@@ -248,8 +250,9 @@ impl Monitors {
         None
     }
 
-    /// Updates the signs of monitors that leave zero within the time of their last event, at the end of an examined
-    /// subinterval, where the monitors were evaluated.
+    /// Completes the last events of all monitors at the end of an examined subinterval, where the monitors were
+    /// evaluated: a monitor that had reached zero, and has left it to the opposite side, gets its new sign without a
+    /// new event.
     fn complete(&mut self) {
         for k in 0..self.signs.len() {
             if let Some(there) = self.sign_there(k) {
@@ -283,7 +286,7 @@ mod tests {
     use super::{Crossing, Followed, Monitors};
     use numerics::Interval;
 
-    /// The polynomial `prod (t - root)` with given roots.
+    /// Test monitor: the polynomial `prod (t - root)` with given roots.
     struct Polynomial(&'static [f64]);
 
     impl Followed for Polynomial {
@@ -347,7 +350,8 @@ mod tests {
         assert!((found.t - 0.5).abs() < 1e-15 && found.is_rising);
     }
 
-    /// A piecewise constant function of time, given by the times of its jumps and the values behind them.
+    /// Test monitor: a piecewise constant function of time, given by the times of its jumps and its values behind
+    /// them.
     struct Steps<'a>(&'a [(f64, f64)]);
 
     impl Steps<'_> {
@@ -413,7 +417,7 @@ mod tests {
 
     #[test]
     fn rounding_around_zero_is_no_event() {
-        /// The monitor `max(1/2 - t, 0)` with noise of the size of a rounding error.
+        /// Test monitor: `max(1/2 - t, 0)` with noise of the size of a rounding error.
         struct Held;
 
         impl Followed for Held {

@@ -25,7 +25,7 @@ pub struct Closures {
     /// zero.
     met: Vec<f64>,
     y: Vec<f64>,
-    /// The values of the rows at both ends of a central difference.
+    /// The values of `F` and `G` at both ends of a central difference.
     ends: [Vec<f64>; 2],
 }
 
@@ -61,8 +61,8 @@ impl Closures {
         &mut self.structure
     }
 
-    /// Evaluates the rows at time `t` and the unknowns `y` in the workspace, into the storage of one end of the
-    /// difference.
+    /// Calls the user's function at time `t` and the unknowns `y` of the workspace, and stores `F` and `G` as the
+    /// values at end `end` (0 or 1) of a central difference.
     fn at_end(&mut self, end: usize, t: f64) {
         let n = self.structure.states;
         let (rates, inequality) = self.ends[end].split_at_mut(n);
@@ -135,7 +135,8 @@ mod tests {
     use super::*;
     use problem::{ConvexSet, Mass};
 
-    /// Compares difference quotients with the known derivatives of a function, in units far from one, and at zero.
+    /// Compares difference quotients with the known derivatives of a function, for unknowns whose magnitudes are far
+    /// from one, and for an unknown that is zero.
     #[test]
     fn differences_have_two_thirds_of_the_digits() {
         let structure = Structure {
@@ -159,7 +160,7 @@ mod tests {
         let mut derivatives = [0.0; 9];
         closures.jacobian(0.3, &y, &mut derivatives);
         let exact = [0.0, 2.0, 0.0, -(1.0_f64.cos()) * 1e9, 0.0, 1.0, 1.0, 0.0, 3.0];
-        // Rounding error of the terms of a row, divided by the increment of an unknown.
+        // Rounding error of the terms of a row, divided by the increment of the unknown in a central difference.
         let rounding = [1e6 * 1e-16 / 6e-9, 0.0, 0.0];
         for (k, (found, exact)) in derivatives.iter().zip(exact).enumerate() {
             let allowed = 1e-9 * f64::abs(exact) + rounding[k % 3];

@@ -5,23 +5,23 @@ use analysis::{Analysis, analyse};
 use problem::Warning;
 use problem::{Dvi, Structure};
 
-/// The equations of a differential variational inequality.
+/// The equations of a differential variational inequality, in one of three forms.
 #[derive(Clone, Debug)]
 pub enum Equations {
     /// Rates and inequality functions as symbolic expressions.
     Symbolic(Box<Symbolic>),
-    /// Constant matrices and a forcing that depends on time.
+    /// A linear complementarity system: constant matrices, and a forcing that depends on time.
     Linear(Box<Linear>),
-    /// Rust functions, of which only values are available.
+    /// `F` and `G` as Rust functions, of which only values are available.
     Closures(Box<Closures>),
 }
 
 /// Advice for the user when time steps chatter across a kink of the rates.
 #[derive(Clone, Debug, Default)]
 pub struct KinkAdvice {
-    /// Descriptions of the kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    /// Descriptions of the kinks of the equations in the order of [`Dvi::kinks`], such as "`sign` of `x`".
     pub names: Vec<String>,
-    /// The problem as JSON, with each kink replaced by a variable in a convex set.
+    /// The problem as a JSON specification, with each kink replaced by a variable in a convex set.
     pub as_set: Option<String>,
 }
 
@@ -32,11 +32,11 @@ pub struct DviModel {
     pub state_names: Vec<String>,
     /// The names of the `m` variables of the problem.
     pub variable_names: Vec<String>,
-    /// The outputs besides states and variables.
+    /// The outputs of the model besides its states and variables.
     pub outputs: Outputs,
     /// The initial states, `n` finite values.
     pub initial: Vec<f64>,
-    /// The compiled equations.
+    /// The compiled equations of the differential variational inequality.
     pub equations: Equations,
     /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,

@@ -100,7 +100,7 @@ impl Departures {
         Ok(Self { t, tape: Tape::compile(graph, &nodes), inputs })
     }
 
-    /// Binds new parameter values to the compiled program.
+    /// Binds new parameter values to the compiled indicators, gradients and rates of the regions.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
     }

@@ -6,18 +6,20 @@ use numerics::Interval;
 use problem::{ForcingSlopes, Sums};
 use rustc_hash::FxHashMap;
 
-/// The time derivatives of the forcing, with the compiled programs of their terms and factors.
+/// The time derivatives of the forcing as sums of factors times shared terms, with the compiled expressions of the
+/// terms and of the factors.
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
     pub sums: ForcingSlopes,
     terms: Tape,
     over_box: IntervalWorkspace,
-    /// The program of the factors of all terms in the order of the sums, with a buffer for their values; `None` if no
-    /// factor depends on parameters.
+    /// The compiled expressions of the factors of all terms in the order of the sums, with a buffer for their values;
+    /// `None` if no factor depends on parameters.
     factors: Option<(Tape, Vec<f64>)>,
 }
 
-/// Sums of pairs `(term index, factor)`, one sum per row, with factors as graph nodes.
+/// Linear combinations of the shared terms, one per row of `F` or `G`, as pairs `(term index, factor)` with factors
+/// as graph nodes.
 type Symbolic = Vec<Vec<(usize, Node)>>;
 
 impl Slopes {
@@ -52,7 +54,8 @@ impl Slopes {
         }
     }
 
-    /// Binds new parameter values to the compiled programs, and updates the factors of the terms.
+    /// Binds new parameter values to the compiled expressions, and updates the factors in the time derivatives of the
+    /// forcing.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.terms.bind(parameters);
         self.over_box.bind(&self.terms);

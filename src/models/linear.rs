@@ -20,7 +20,7 @@ pub struct LinearRows {
     pub mass: Mass,
     /// The matrix `[A B; C D]` as triplets `(row, column, value)` in any order, without duplicate entries.
     pub matrix: Vec<(usize, usize, f64)>,
-    /// The entries of `[A B; C D]` that depend on parameters, as triplets `(row, column, node)` in any order.
+    /// The entries of `[A B; C D]` that depend on parameters, as triplets `(row, column, graph node)` in any order.
     pub parametric: Vec<(usize, usize, Node)>,
     /// The forcing `a` of the `n` states, functions of `t` alone.
     pub state_forcing: Vec<Node>,
@@ -50,14 +50,14 @@ pub struct Linear {
     coefficients: Vec<f64>,
     /// Indices into `coefficients` of the matrix entries that depend on parameters.
     parametric: Vec<u32>,
-    /// The program of the matrix entries that depend on parameters, with a buffer for their values.
+    /// The compiled expressions of the matrix entries that depend on parameters, with a buffer for their values.
     decided: (Tape, Vec<f64>),
     /// The column of each matrix entry in `coefficients`, as `u32` to save memory bandwidth, since every evaluation
     /// reads them.
     columns: Vec<u32>,
-    /// The end of each matrix row in `coefficients`.
+    /// For each matrix row, the index in `coefficients` behind its last entry.
     row_ends: Vec<usize>,
-    /// The program of the forcing `a`, `g` and of the moving bounds.
+    /// The compiled expressions of the forcing `a`, `g` and of the moving bounds.
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,

@@ -44,14 +44,14 @@ pub struct MechanicalRows {
     pub coefficients: Vec<Option<Node>>,
 }
 
-/// The part of a mechanical system whose derivative exceeds the size limits of the graph.
+/// The part of a mechanical system whose derivative exceeds the size limits of the expression graph.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DifferentiationError {
     /// The mass matrix `M`, the potential `V` or the forces `Q`.
     Dynamics(ExpressionError),
-    /// The joint constraint with this index.
+    /// The function of the joint constraint with this index.
     Joint(usize, ExpressionError),
-    /// The gap of the contact with this index.
+    /// The gap function of the contact with this index.
     Gap(usize, ExpressionError),
     /// The slip velocity with this index.
     Slip(usize, ExpressionError),
@@ -86,7 +86,7 @@ pub struct SymbolicMechanics {
     breaks: Breaks,
     jumps: Jumps,
     knots: Knots,
-    /// The inputs of the compiled programs after `t`: `q`, `v`, `a`, `lambda`.
+    /// The inputs of the compiled expressions after `t`: `q`, `v`, `a`, `lambda`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
 }
@@ -101,7 +101,7 @@ struct Enclosures {
     bias: IntervalWorkspace,
     mass: IntervalWorkspace,
     sensitivity: IntervalWorkspace,
-    /// The intervals of the inputs after `t`.
+    /// The intervals of the inputs `q`, `v`, `a`, `lambda` of the compiled expressions.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
 }
@@ -331,7 +331,7 @@ impl SymbolicMechanics {
         })
     }
 
-    /// Binds new parameter values to the compiled programs.
+    /// Binds new parameter values to the compiled expressions of the mechanical system.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let Enclosures { values, drift, rows, forces, bias, mass, sensitivity, .. } = &mut self.enclosures;
         let enclosed = [
@@ -384,7 +384,7 @@ impl SymbolicMechanics {
     }
 }
 
-/// Returns the momenta `p = M v` as nodes.
+/// Returns the momenta `p = M v` as nodes of the expression graph.
 fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
     (0..n)
         .map(|i| {
@@ -397,7 +397,7 @@ fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
         .collect()
 }
 
-/// Returns the kinetic energy `T`, the potential energy `V` and the power `Q^T v` as nodes.
+/// Returns the kinetic energy `T`, the potential energy `V` and the power `Q^T v` as nodes of the expression graph.
 fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node; 3] {
     let n = momenta.len();
     let mut products = [momenta, &rows.forces].map(|factors| {
@@ -412,7 +412,7 @@ fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node
     [products[0], rows.potential, products[1]]
 }
 
-/// Returns the right-hand side `f` of Lagrange's equations `M v' = f` as nodes.
+/// Returns the right-hand side `f` of Lagrange's equations `M v' = f` as nodes of the expression graph.
 fn lagrange(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> Result<Vec<Node>, ExpressionError> {
     let n = momenta.len();
     let [kinetic, potential, _] = energies(graph, rows, momenta);

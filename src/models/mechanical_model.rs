@@ -115,13 +115,14 @@ impl MechanicalModel {
         Ok(bound)
     }
 
-    /// Returns the terms of motion that depend on parameters, see [`SymbolicMechanics::terms`].
+    /// Returns the expressions of the equations of motion that may depend on parameters (force balance, constraint
+    /// accelerations and velocities, constraint values), see [`SymbolicMechanics::terms`].
     pub fn terms(&self) -> &[Node] {
         self.system.terms()
     }
 
-    /// Returns the derivatives of the terms of motion with respect to the parameters; `None` if the model has no
-    /// parameters.
+    /// Returns the derivatives of force balance, constraint accelerations, constraint velocities and constraint
+    /// values with respect to the parameters; `None` if the model has no parameters.
     ///
     /// # Errors If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
@@ -176,7 +177,8 @@ pub fn velocity_name(coordinate: &str) -> String {
     quantity_name(coordinate, "dot")
 }
 
-/// Appends the name of a quantity to a name, before its index if there is one: the `gap` of `c[2]` is `c_gap[2]`.
+/// Appends the name of a quantity of a contact, such as `gap`, to the name of the contact, before its index if there
+/// is one: the gap of `c[2]` is `c_gap[2]`.
 fn quantity_name(of: &str, quantity: &str) -> String {
     match of.split_once('[') {
         Some((vector, index)) => format!("{vector}_{quantity}[{index}"),

@@ -36,12 +36,12 @@ impl Outputs {
         self
     }
 
-    /// Binds new parameter values to the compiled program.
+    /// Binds new parameter values to the compiled expressions of the outputs.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.values.bind(parameters);
     }
 
-    /// Returns the energies, if the problem defines them.
+    /// Returns the energies of the model, if the problem defines them.
     pub fn energy(&self) -> Option<&EnergyForm> {
         self.energy.as_ref()
     }

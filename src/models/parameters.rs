@@ -27,14 +27,15 @@ pub struct ParametricTerms {
     pub mass: Vec<(usize, usize, Node)>,
     /// The constant bounds that depend on parameters.
     pub bounds: Vec<(MovingBound, Node)>,
-    /// The rows of the problem: `F`, `G` and the moving bounds, or the [terms](super::SymbolicMechanics::terms) of a
-    /// mechanical system.
+    /// The rows of the problem: `F`, `G` and the moving bounds, or for a mechanical system the [force balance and
+    /// constraint functions](super::SymbolicMechanics::terms).
     pub rows: Vec<Node>,
     /// The contact coefficients that depend on parameters.
     pub contacts: Vec<Node>,
     /// The coefficients of a circuit, which are graph inputs numbered after the user's parameters.
     pub circuit: Option<CircuitParameters>,
-    /// Coefficients of unknowns that depend on parameters and are not part of `rows`, as `(row, column, node)`.
+    /// Coefficients of unknowns in the rows `F` and `G` that depend on parameters and are not part of `rows`, as
+    /// `(row, column, node)`.
     pub coefficients: Vec<(usize, usize, Node)>,
 }
 
@@ -42,26 +43,27 @@ pub struct ParametricTerms {
 #[derive(Clone, Debug)]
 pub struct Parameters {
     values: Vec<f64>,
-    /// The program of initial states, entries of the mass matrix, bounds and contact coefficients that depend on
-    /// parameters, in this order.
+    /// The compiled expressions of initial states, entries of the mass matrix, bounds and contact coefficients that
+    /// depend on parameters, in this order.
     constants: Tape,
     assumptions: Assumptions,
     departures: Option<Departures>,
     source: Arc<Source>,
 }
 
-/// Data shared by all copies of a model; the terms are differentiated when [`DviModel::slopes`] is called.
+/// Data shared by all copies of a model; the expressions that depend on parameters are differentiated when
+/// [`DviModel::slopes`] is called.
 #[derive(Debug)]
 pub(super) struct Source {
     pub(super) graph: Graph,
     pub(super) terms: ParametricTerms,
-    /// The positions of the entries that depend on parameters in the list of entries of the mass matrix.
+    /// The positions, in the list of entries of the mass matrix, of the entries that depend on parameters.
     mass: Vec<usize>,
 }
 
 impl Parameters {
-    /// Collects the parameters of compiled rows. `graph` contains the assumptions about parameters made during
-    /// compilation; `mass` is the mass matrix of the compiled rows, with sorted entries.
+    /// Collects the parameters of compiled equations. `graph` contains the assumptions about parameters made during
+    /// compilation; `mass` is the mass matrix of the equations, with sorted entries.
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
@@ -99,7 +101,7 @@ impl Parameters {
         &self.values
     }
 
-    /// Returns programs for derivatives with respect to the parameters, bound to the current values.
+    /// Returns the compiled derivatives of the problem with respect to the parameters, bound to the current values.
     pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
         let mut slopes = Slopes::new(&self.source)?;
         slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
@@ -136,7 +138,7 @@ impl Parameters {
         listed(&all, self.names(), values)
     }
 
-    /// Stores new parameter values as the current ones.
+    /// Replaces the current parameter values by new ones.
     pub(super) fn keep(&mut self, values: &[f64]) {
         self.values.copy_from_slice(values);
     }
@@ -177,7 +179,8 @@ impl Parameters {
         terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
     }
 
-    /// Returns the node of constant `k`, in the order of the program `constants`, or `None` beyond the last.
+    /// Returns the graph node of the `k`-th constant that depends on parameters: initial states, entries of the mass
+    /// matrix, bounds, then contact coefficients; `None` if there are not as many constants.
     fn node(&self, k: usize) -> Option<Node> {
         let terms = &self.source.terms;
         let mass = terms.mass.iter().map(|&(.., node)| node);
@@ -275,7 +278,8 @@ impl DviModel {
                 }
             }
         }
-        // The JSON text of the advice contains the old parameter values, so it is dropped.
+        // The text of the reformulation with a convex set in place of kinks contains the old parameter values, so it
+        // is dropped.
         self.kinks.as_set = None;
         Ok(())
     }
@@ -312,7 +316,7 @@ fn placed(
     Ok(())
 }
 
-/// Describes the assumption about parameters that new values violate.
+/// Describes the assumption, made at compilation, that new parameter values violate.
 fn changed(broken: &Broken) -> String {
     let Broken { given, found, .. } = broken;
     match broken.assumption {

@@ -1,11 +1,12 @@
-//! Questions to the user about signs that look reversed, with the names of the variables and states concerned.
+//! Questions to the user whether the sign of an inequality, or of its variable in a rate, is reversed, with the names
+//! of the variables and states concerned.
 
 use super::DviModel;
 use analysis::{Analysis, Reversal};
 
 impl DviModel {
-    /// Appends a question to the reason of the analysis about the sign that looks reversed, if the analysis found
-    /// one.
+    /// Appends the question whether a sign is reversed to the reason that the analysis gives for its verdict, if the
+    /// analysis found a sign that looks reversed.
     pub(super) fn questioned(&self, analysis: Analysis) -> Analysis {
         let Some(reversed) = analysis.reversed else { return analysis };
         const SHOWN: usize = 3;

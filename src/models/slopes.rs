@@ -9,7 +9,8 @@ use problem::MovingBound;
 /// Compiled programs for the derivatives of a problem with respect to its parameters, with their own workspace.
 #[derive(Clone, Debug)]
 pub struct Slopes {
-    /// The structural nonzeros of the derivatives of the rows, as pairs `(row, parameter)`.
+    /// The structural nonzeros of the derivatives of the rows `F`, `G` and the moving bounds, as pairs `(row,
+    /// parameter)`.
     pattern: Vec<(usize, usize)>,
     rows: Tape,
     /// The chain rule for inputs that are functions of the parameters (circuit coefficients).
@@ -22,12 +23,12 @@ pub struct Slopes {
     contacts: Constants<usize>,
 }
 
-/// The chain rule for circuit coefficients: maps derivatives with respect to the inputs of the compiled program
+/// The chain rule for circuit coefficients: maps derivatives with respect to the inputs of the compiled expressions
 /// (parameters and circuit coefficients) to derivatives with respect to parameters.
 #[derive(Clone, Debug)]
 struct Chain {
-    /// For each derivative with respect to an input, the entries of the pattern to which it contributes, with
-    /// factors.
+    /// For each derivative with respect to an input, the structural nonzeros (indices into the pattern of [`Slopes`])
+    /// to which it contributes, with factors.
     shares: Vec<Vec<(usize, f64)>>,
     values: Vec<f64>,
 }
@@ -66,8 +67,8 @@ impl Slopes {
         })
     }
 
-    /// Adds the chain rule for inputs that are functions of the parameters, with their derivatives
-    /// `slopes[parameter][input]`; these inputs are numbered after the parameters.
+    /// Adds the chain rule for inputs that are functions of the parameters. `slopes[parameter][input]` are the
+    /// derivatives of these inputs, which are numbered after the parameters.
     pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
         let parameters = slopes.len();
         let shares_of = |input: usize| -> Vec<(usize, f64)> {
@@ -100,7 +101,8 @@ impl Slopes {
     }
 
     /// Returns the structural nonzeros of the derivatives as `(row, parameter)`, sorted by row; rows are `F` (`n`),
-    /// `G` (`m`), then moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
+    /// `G` (`m`), then moving bounds, or for a mechanical system the [force balance and constraint
+    /// functions](super::SymbolicMechanics::terms).
     pub fn pattern(&self) -> &[(usize, usize)] {
         &self.pattern
     }
@@ -126,8 +128,8 @@ impl Slopes {
         self.mass.iter()
     }
 
-    /// Returns the derivatives of the contact coefficients that depend on parameters, as `(coefficient, parameter,
-    /// value)`.
+    /// Returns the derivatives of the contact coefficients that depend on parameters, as `(index of the coefficient,
+    /// index of the parameter, value)`.
     pub fn contacts(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.contacts.iter()
     }
@@ -154,11 +156,11 @@ impl<P: Copy> Constants<P> {
     }
 }
 
-/// The positions of differentiated terms with the parameter of each derivative, and the derivatives as graph nodes,
-/// in the same order.
+/// The derivatives of a list of expressions: for each derivative, the position of its expression in the problem (such
+/// as a row) and the index of the parameter; and the derivatives as graph nodes, in the same order.
 type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
 
-/// Differentiates terms, each given with its position, with respect to all parameters.
+/// Differentiates expressions, each given with its position in the problem, with respect to all parameters.
 fn derivatives<P: Copy>(
     graph: &mut Graph,
     terms: impl Iterator<Item = (P, Node)>,

@@ -60,7 +60,7 @@ fn grid(names: &[String]) -> Option<Vec<usize>> {
     names.iter().enumerate().all(is_node).then_some(shape)
 }
 
-/// An evaluator of `G` and its derivative.
+/// An evaluator of the function `G` of a static variational inequality, and of its derivative.
 pub struct Inequality {
     /// The equations, a differential variational inequality without states.
     pub equations: Box<dyn Dvi>,

@@ -32,7 +32,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Returns the rows that may depend on parameters.
+    /// Returns the rows `F`, `G` and the moving bounds as the terms that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.rates.iter().chain(&self.inequality).chain(bounds).copied().collect();
@@ -40,18 +40,18 @@ impl Rows {
     }
 }
 
-/// Why rows cannot be compiled to a differential variational inequality.
+/// Why the rows `F`, `G` and the moving bounds cannot be compiled to a differential variational inequality.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoweringError {
     /// A rate of `F` is not affine in the variables `z`.
     #[error("rate {rate} is not affine in variable {variable}")]
     NotAffine {
-        /// The index of the rate in `F`.
+        /// The index in `F` of the rate that is not affine.
         rate: usize,
-        /// The index of the variable in `z`.
+        /// The index in `z` of the variable in which the rate is not affine.
         variable: usize,
     },
-    /// The derivative of a row exceeds the size limits of the graph.
+    /// The derivative of a row of `F`, `G` or the moving bounds exceeds the size limits of the graph.
     #[error("row {row}: {error}")]
     Derivative {
         /// The index of the row, counted through `F`, `G` and the moving bounds.
@@ -133,7 +133,8 @@ impl Gradients {
         Ok(Self { outputs, pattern, by_unknowns, by_time, kinks })
     }
 
-    /// Returns the rows as matrices and a forcing; `None` if a row is not affine in `y` with constant coefficients.
+    /// Returns the rows `F` and `G` as matrices and a forcing; `None` if a row is not affine in `y` with constant
+    /// coefficients.
     fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
         let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
         self.by_unknowns.iter().for_each(|&node| graph.assume(node, Assumption::Finite));
@@ -170,8 +171,8 @@ impl Gradients {
 }
 
 impl Equations {
-    /// Differentiates and compiles rows; the result is [`Linear`] if all rows are affine in `y` with constant
-    /// coefficients.
+    /// Differentiates and compiles the rows `F`, `G` and the moving bounds; the result is [`Linear`] if all rows are
+    /// affine in `y` with constant coefficients.
     ///
     /// # Errors Every rate that is not affine in the variables, and every row whose derivative exceeds the size
     /// limits of `graph`.
@@ -220,7 +221,7 @@ impl Symbolic {
         }
     }
 
-    /// Binds new parameter values to the compiled programs.
+    /// Binds new parameter values to the compiled expressions of the equations.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         for (tape, range) in
             [&mut self.values, &mut self.derivatives, &mut self.time_derivatives].into_iter().zip(&mut self.boxes)

@@ -11,7 +11,7 @@ pub enum Unbindable {
     Count {
         /// The number of parameters of the problem.
         expected: usize,
-        /// The number of values that were given.
+        /// The number of parameter values that were given.
         found: usize,
     },
     /// A parameter, or a constant that depends on parameters, is not finite.
@@ -37,7 +37,7 @@ pub enum Unbindable {
     EmptySet {
         /// The parameters on which the bounds depend, with their values.
         parameters: String,
-        /// The contradictory bounds, as a clause.
+        /// The bounds that contradict each other, as a clause for messages.
         what: String,
     },
     /// The new values would change the structure of the problem, such as its sparsity.
@@ -45,7 +45,7 @@ pub enum Unbindable {
     Structure {
         /// The parameters that determine the structure, with their values.
         parameters: String,
-        /// The structural property that would change.
+        /// The property of the structure, such as its sparsity, that would change.
         what: String,
     },
 }

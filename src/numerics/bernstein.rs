@@ -4,8 +4,8 @@
 
 use crate::Interval;
 
-/// Bound on the rounding error of a Bernstein coefficient, a sum of a few terms, relative to the largest of the
-/// terms.
+/// Bound on the rounding error of a Bernstein coefficient, relative to the largest of the few terms that the
+/// coefficient is a sum of.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// Encloses the polynomial on `[0, 1]`, widened by the rounding errors of its coefficients.
@@ -72,7 +72,7 @@ fn of_ends(values: impl Iterator<Item = f64>) -> Interval {
 mod tests {
     use super::*;
 
-    /// The polynomial `(u - 1/4) (u - 3/4)`.
+    /// The Bernstein coefficients of the polynomial `(u - 1/4) (u - 3/4)`.
     const PARABOLA: [f64; 3] = [3.0 / 16.0, -5.0 / 16.0, 3.0 / 16.0];
 
     #[test]

@@ -14,14 +14,14 @@ pub struct Interval {
     pub lo: f64,
     /// The upper end of the interval, which may be infinity.
     pub hi: f64,
-    /// Whether the term that the interval encloses has a value at every point of the box.
+    /// Whether the enclosed term has a value at every point of the box on which the interval was computed.
     pub defined: bool,
 }
 
 impl Interval {
     /// The whole real line.
     pub const LINE: Self = Self { lo: f64::NEG_INFINITY, hi: f64::INFINITY, defined: true };
-    /// The empty interval: the term is defined nowhere on the box.
+    /// The empty interval, which encloses a term that is defined nowhere on the box.
     pub const EMPTY: Self = Self { lo: f64::INFINITY, hi: f64::NEG_INFINITY, defined: false };
 
     /// Creates the interval of the numbers from `lo` to `hi`.
@@ -51,7 +51,8 @@ impl Interval {
         Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi), defined: self.defined && other.defined }
     }
 
-    /// Returns a copy of the interval that counts as defined everywhere only if `condition` holds as well.
+    /// Returns a copy of the interval whose term counts as defined on the whole box only if `condition` holds in
+    /// addition.
     #[must_use]
     pub fn defined_if(self, condition: bool) -> Self {
         Self { defined: self.defined && condition, ..self }
@@ -113,13 +114,13 @@ impl Interval {
         (near, self.lo.abs().max(self.hi.abs()))
     }
 
-    /// Returns the largest absolute value of the term; infinite if the term is not defined on the whole box.
+    /// Returns the largest absolute value of the enclosed term; infinite if the term is not defined on the whole box.
     pub fn size(self) -> f64 {
         if self.defined { self.magnitudes().1 } else { f64::INFINITY }
     }
 
-    /// Returns a lower bound of the term: its lower end, or minus infinity if the term is not defined on the whole
-    /// box.
+    /// Returns a lower bound of the enclosed term: the lower end of the interval, or minus infinity if the term is
+    /// not defined on the whole box.
     pub fn least(self) -> f64 {
         if self.defined { self.lo } else { f64::NEG_INFINITY }
     }
@@ -199,7 +200,8 @@ impl Div for Interval {
         if other.lo < 0.0 || other.hi == 0.0 {
             return Self { defined, ..Self::LINE };
         }
-        // The divisor is nonnegative from here on. Remove the sign of its zero, at which the quotient is unbounded.
+        // From here on the divisor is nonnegative. Its zero is made a positive zero, so that the quotient becomes
+        // unbounded with the right sign.
         let other = Self { lo: other.lo.abs(), ..other };
         let (below, above) =
             (if self.lo >= 0.0 { other.hi } else { other.lo }, if self.hi >= 0.0 { other.lo } else { other.hi });

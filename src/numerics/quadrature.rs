@@ -34,7 +34,7 @@ pub fn kronrod(from: f64, to: f64) -> impl Iterator<Item = (f64, f64, f64)> {
         .map(move |(at, point)| (middle + half * at, half * point.kronrod, half * (point.kronrod - point.gauss)))
 }
 
-/// The distance from the last Kronrod point of an interval to its end, relative to the interval.
+/// The distance from the last Kronrod point of an interval to the end of the interval, relative to its length.
 pub const KRONROD_GAP: f64 = 0.5 * (1.0 - HALF[7].at);
 
 /// Returns, for each point of [`kronrod`] in order, the weights of its value in the extrapolation by the

@@ -1,8 +1,8 @@
 //! Roots of a function of time by the Illinois modification of false position (Dowell and Jarratt 1971): the function
 //! value at an end that is kept twice is halved, so that both ends converge to the root, with order 1.44.
 
-/// A bracket of a root: a point where the function is positive, a later point where it is not, and the function
-/// values, weighted for the next guess.
+/// A bracket of a root: a point where the function is positive, and a later point where it is not. The function
+/// values at both points are stored; one of them may have been halved for the next guess.
 #[derive(Clone, Copy, Debug)]
 pub struct Bracket {
     /// The point where the function is positive, and the function value, which may have been halved.
@@ -10,13 +10,13 @@ pub struct Bracket {
     /// The later point where the function is not positive, and the function value, which may have been halved.
     pub behind: (f64, f64),
     kept: Option<End>,
-    /// The initial width of the bracket, and the number of points by which it was narrowed.
+    /// The initial width of the bracket, and the number of guesses that have narrowed it.
     first_width: f64,
     guesses: i32,
 }
 
-/// Number of guesses by which [`Bracket::guess_apart`] may exceed bisection: false position finds the root of a
-/// smooth function in fewer guesses.
+/// Number of guesses by which [`Bracket::guess_apart`] may exceed bisection. On a smooth function, false position
+/// needs fewer guesses than bisection.
 const BEYOND_BISECTION: i32 = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_bracket_closes_where_values_are_rounding() {
-        // A smooth function with the root sqrt 2, and a function that jumps at that point.
+        // A smooth function with the root sqrt 2, and a function that jumps at sqrt 2.
         let close = |f: &dyn Fn(f64) -> f64| {
             let mut bracket = Bracket::new((1.0, f(1.0)), (2.0, f(2.0)));
             let count = (0..).take_while(|_| {
@@ -109,7 +109,7 @@ mod tests {
             count
         };
         assert!(close(&|t| 2.0 - t * t) <= 10, "{}", close(&|t| 2.0 - t * t));
-        // For the jump bisection takes 51 guesses.
+        // For the function that jumps, bisection takes 51 guesses.
         for (before, behind) in [(1.0, -1e-9), (1e-9, -1.0), (1.0, -1.0), (1.0, -1e300)] {
             assert!(close(&|t| if t * t < 2.0 { before } else { behind }) <= 51 + 8);
         }

@@ -2,12 +2,12 @@
 
 use super::Interval;
 
-/// Largest admissible ratio of the width of an enclosure to the range of the sampled values: sums and products of terms
-/// that vary together widen an enclosure.
+/// Largest admissible ratio of the width of an enclosure of a function to the range of its sampled values. It exceeds
+/// one, since interval arithmetic overestimates sums and products of terms that vary together.
 pub const WIDER: f64 = 4.0;
 
-/// Largest admissible deviation of the middle value from the mean of the end values, relative to the range of the
-/// three: a pulse that falls on the middle deviates by the whole range, and a pulse that falls on an end by half of it.
+/// Largest admissible deviation of the middle one of three sampled values from the mean of the other two, relative to
+/// the range of the three: for a pulse at the middle point it is the whole range, for a pulse at an end half of it.
 const BENT: f64 = 0.3;
 
 /// Whether three samples represent a function over an interval, given the `width` of its enclosure, the `range` of
@@ -17,8 +17,8 @@ pub fn is_shown(width: f64, range: f64, bent: f64) -> bool {
     width <= WIDER * range && bent <= BENT * range
 }
 
-/// Applies [`is_shown`] to the values `seen` at the beginning, in the middle and at the end of an interval, where the
-/// enclosure and the middle value may deviate by `allowed` in addition.
+/// Applies [`is_shown`] to the values `seen` at the beginning, in the middle and at the end of an interval. The width
+/// of the enclosure and the deviation of the middle value are first reduced by `allowed`.
 pub fn is_seen(enclosure: Interval, seen: [f64; 3], allowed: f64) -> bool {
     let (range, bent) = variation(seen);
     enclosure.defined && is_shown(enclosure.width() - allowed, range, bent - allowed)

@@ -12,7 +12,7 @@ pub enum EventKind {
     Activated,
     /// A variable reached a bound and stays on it.
     Deactivated,
-    /// A state jumped, since a constraint on it did.
+    /// A state jumped because a constraint on the state jumped.
     Jumped,
     /// An open contact closed.
     Impact,

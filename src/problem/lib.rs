@@ -33,7 +33,7 @@ pub enum Side {
     Lower,
     /// The upper end `u` of an interval of `K`.
     Upper,
-    /// The radius of the ball that contains the variable.
+    /// The radius of the ball that contains the variable in a block of `K`.
     Radius,
 }
 
@@ -52,12 +52,12 @@ impl Side {
 pub struct MovingBound {
     /// The index of the bounded variable, below `m`.
     pub variable: usize,
-    /// Which end of the variable's interval moves, or that the radius of its ball does.
+    /// Which bound it is: which end of the variable's interval moves, or that the radius of its ball does.
     pub side: Side,
 }
 
 impl MovingBound {
-    /// Sets the end or radius of `set` that the bound stands for to `value`.
+    /// Sets this bound in `set`, an end of an interval or the radius of a ball, to `value`.
     pub fn place(self, value: f64, set: &mut ConvexSet) {
         match self.side {
             Side::Lower => set.lower[self.variable] = value,
@@ -132,14 +132,15 @@ impl Structure {
     }
 }
 
-/// Linear combinations of terms, one per row of the problem, each as a list of pairs `(index of a term, factor)`.
+/// Linear combinations of terms (functions of time), one per row of the problem, each as a list of pairs `(index of a
+/// term, factor)`.
 pub type Sums = Vec<Vec<(usize, f64)>>;
 
 /// The time derivatives of the rows `F` and `G` as linear combinations of terms that are functions of time alone.
 /// Terms that rows share cancel in linear combinations of rows before the terms are enclosed by intervals.
 #[derive(Clone, Debug, Default)]
 pub struct ForcingSlopes {
-    /// The number of terms that the rows share.
+    /// The number of terms (functions of time) of which the derivatives are combined.
     pub terms: usize,
     /// The derivatives `dF/dt` of the rates, one sum for each of the `n` states.
     pub rates: Sums,

@@ -35,14 +35,14 @@ pub struct ContactData {
 }
 
 impl ContactData {
-    /// Returns the speed of a slip velocity that is given in rows of `J`, which are scaled if friction is
-    /// anisotropic.
+    /// Returns the slip speed `|u_t|` for the slip velocity that the slip rows of `J` give, in which the second
+    /// component is multiplied by `ratio`.
     pub fn slip_speed(&self, slip: &Vector2<f64>) -> f64 {
         slip.x.hypot(slip.y / self.ratio)
     }
 
-    /// Returns the gradient of [`ContactData::slip_speed`] with respect to the slip velocity in rows of `J`; at zero
-    /// slip, the gradient in direction `way`.
+    /// Returns the gradient of [`ContactData::slip_speed`] with respect to its argument; at zero slip, the limit of
+    /// the gradient along the direction `way`.
     pub fn slip_speed_slope(&self, slip: &Vector2<f64>, way: &Vector2<f64>) -> Vector2<f64> {
         let along = if slip.norm() > 0.0 { slip } else { way };
         let speed = self.slip_speed(along);
@@ -135,8 +135,8 @@ impl Constraints {
         self.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum()
     }
 
-    /// Returns the slip velocity `u_t` of the contact with rows `tangents`, at velocities `v`; its components are
-    /// zero in directions that the contact does not have.
+    /// Returns the slip velocity `u_t` of the contact whose slip rows of `J` are `tangents`, at velocities `v`; its
+    /// components are zero in directions that the contact does not have.
     pub fn slip(&self, tangents: Range<usize>, v: &[f64]) -> Vector2<f64> {
         let mut slip = Vector2::zeros();
         slip.iter_mut().zip(tangents).for_each(|(slip, row)| *slip = self.velocity(row, v));

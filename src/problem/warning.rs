@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 /// A warning to the user about a solve that was nevertheless carried out.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Warning {
-    /// A code of the warning for programs; it does not change between versions.
+    /// A machine-readable code of the warning, which does not change between versions.
     pub code: &'static str,
-    /// The text of the warning for people, with the remedy.
+    /// The text of the warning for the user, with the remedy.
     pub message: String,
 }

@@ -1,4 +1,5 @@
-//! The equations of the blocks of `K` on their faces, as rows of a [`System`].
+//! The equations of the blocks of `K` on their faces, as rows of a [`System`]. A block is a factor of `K` that
+//! couples several variables, such as a second-order cone or a ball.
 
 use super::face::Activity;
 use super::newton_control::NewtonControl;
@@ -50,8 +51,8 @@ impl System<'_> {
         turned
     }
 
-    /// Linearises the equations of the blocks at `y`, the point of the last evaluation of the system. A block whose `G`
-    /// is below the noise level of `control` is linearised with `G = 0`.
+    /// Linearises the equations of the blocks on their faces at `y`, the point of the last evaluation of the system.
+    /// A block whose `G` is below the noise level of `control` is linearised with `G = 0`.
     pub fn linearise_blocks(&mut self, y: &[f64], control: Option<&NewtonControl>) {
         for b in 0..self.face.blocks.len() {
             self.equations_of(b, y);
@@ -68,8 +69,9 @@ impl System<'_> {
         }
     }
 
-    /// Solves the equation of each block on a sphere for another member if its pivot is small at `y`; returns whether
-    /// a pivot changed.
+    /// Changes, for each ball on whose boundary the solution lies, the member (the pivot) for which the equation of
+    /// the sphere is solved, if the value of the present pivot at `y` is less than half of that of the largest
+    /// member; returns whether a pivot changed.
     pub fn repivot_spheres(&mut self, y: &[f64]) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -100,7 +102,8 @@ impl System<'_> {
         }
     }
 
-    /// Whether the equation of the face for variable `k` involves `z` alone, by the last linearisation of its block.
+    /// Whether the equation of variable `k` on the active face of `K` involves `z` alone, and not `G`, by the last
+    /// linearisation of its block.
     pub fn is_constraint(&self, k: usize) -> bool {
         self.place_in_block(k).is_some_and(|(b, at)| self.linearised[b].is_of_z[at])
     }
@@ -137,7 +140,7 @@ impl System<'_> {
     }
 }
 
-/// Returns the face with its equations in the form that is solved for `z`.
+/// Returns the face of a block with its equations in the form that is solved for `z`.
 fn for_z(shape: &Shape, face: &Face) -> Face {
     match (shape, face) {
         (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),

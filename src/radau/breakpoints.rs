@@ -1,4 +1,5 @@
-//! The [breakpoints](hybrid::Breaks) of a run: a step ends before each, and the next begins behind it with a new face.
+//! The [breakpoints](hybrid::Breaks) of a run: a step ends before each of them, and the next step begins behind it on
+//! a newly determined face of `K`.
 
 use super::settings::{StepError, Switches};
 use super::stepper::Radau;
@@ -25,7 +26,7 @@ impl Radau<'_> {
         self.breaks.part_before(self.system.problem(), self.clock.t, h)
     }
 
-    /// Restarts behind a breakpoint, from time `after`.
+    /// Restarts the run behind a breakpoint, from time `after`.
     ///
     /// # Errors
     /// If the variational inequality has no solution at that time, or breakpoints are so dense that the end is out of reach.

@@ -32,7 +32,7 @@ use sparse::Sparse;
 pub struct ConsistentVariables {
     equations: Equations,
     inside: Vec<usize>,
-    /// Values of the equations of the face (`Phi`).
+    /// Values of the equations of the active face of `K` (`Phi`).
     phi: Vec<f64>,
     /// Partial derivatives, with respect to time, of the equations of the face that belong to variables.
     drift: Vec<f64>,
@@ -99,8 +99,8 @@ impl ConsistentVariables {
     }
 
     /// Bounds the distance of each free variable from the value that is consistent with the states, as
-    /// [`Self::find_errors`] does, for derivatives that vary within the enclosures `jacobian`, in the order of the
-    /// pattern. Returns whether the derivatives vary too much for a bound.
+    /// [`Self::find_errors`] does, for derivatives that vary within the enclosures `jacobian`, one for each nonzero
+    /// in the order of the sparsity pattern. Returns whether the derivatives vary too much for a bound.
     pub fn find_errors_over(
         &mut self,
         system: &System<'_>,
@@ -115,8 +115,8 @@ impl ConsistentVariables {
         errors.flatten().unwrap_or(Errors::Unbounded).write(&self.inside, out)
     }
 
-    /// Returns the linear response of the variables to the equations of the face; `None` if the equations are
-    /// singular, a block is on a curved face, or the system is sparse.
+    /// Returns the linear response of the variables to residuals of the equations of the face; `None` if the
+    /// equations are singular, a block is on a curved face, or the system is sparse.
     pub fn response(&mut self, system: &mut System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
         if !are_flat(system) {
@@ -157,7 +157,8 @@ impl ConsistentVariables {
         }
         self.start.copy_from_slice(&y[n..]);
         let mut last = f64::INFINITY;
-        // Largest magnitude of the variables so far: a variable that passes through zero has no scale of its own there.
+        // Largest magnitude of the variables so far: where a variable passes through zero, its value is no scale for
+        // errors.
         let mut scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
         for _ in 0..ITERATIONS {
             if !self.newton_step(system, control, t, y) {
@@ -191,7 +192,8 @@ impl ConsistentVariables {
         if !system.phi(t, y, &mut self.phi) || !system.differentiate(t, y) {
             return false;
         }
-        // Pass the noise levels: if a multiplier is zero within noise, the curvature of the face must vanish exactly.
+        // Linearise with the noise levels of `control`: if a multiplier is zero within noise, the curvature of the
+        // face must have no effect at all.
         system.linearise_blocks(y, Some(control));
         system.time_derivative(t, y, &mut self.drift);
         system.combine_drift(&mut self.drift);

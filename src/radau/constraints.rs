@@ -38,8 +38,8 @@ pub(super) struct Constraints {
     face: Option<ActiveFace>,
     /// Indices of the rows of the system that are not rates.
     rows: Vec<usize>,
-    /// Change of each unknown per unit of each row of `A`, the rows that are not rates; empty if there is nothing to
-    /// correct.
+    /// Change of each unknown by a correction, per unit of each row of `A` (the rows that are not rates); empty if
+    /// there is nothing to correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
     changes: Vec<f64>,
@@ -163,7 +163,7 @@ impl Constraints {
         true
     }
 
-    /// Updates the constraints to the face of `system` and its last Jacobian.
+    /// Updates the constraints on the states to the active face of `system` and its last Jacobian.
     fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
         let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);
         if is_same && !system.is_curved() {
@@ -201,7 +201,7 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
             (usize::MAX, usize::MAX) => {}
-            // A variable on a bound does not drive the states.
+            // A variable on a bound does not drive the states: its column of derivatives of the rates is zero.
             (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
             (row, usize::MAX) => of_states[(row, j)] += value,
             (row, column) => of_free[(row, column)] += value,
@@ -260,7 +260,7 @@ fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f6
 /// Whether `directions` of the states reach all constraints, given the derivatives `constraints` of the constraints
 /// with respect to the states.
 fn reaches(constraints: &DMatrix<f64>, directions: &DMatrix<f64>) -> bool {
-    // More constraints than states, or than directions, cannot all be reached.
+    // Constraints that outnumber the states, or the directions, cannot all be reached.
     if constraints.nrows() > constraints.ncols().min(directions.ncols()) {
         return false;
     }

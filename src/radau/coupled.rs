@@ -1,5 +1,5 @@
-//! Steps across a switch that was not located, with the variational inequality coupled over the stages: bound on the
-//! change of the states if the switch were anywhere else in the step.
+//! Steps across a switch that was not located, with the variational inequality coupled over the stages: a bound on
+//! the change of the states that would follow if the switch were anywhere else in the step.
 
 use super::stepper::Radau;
 
@@ -14,8 +14,9 @@ const GAIN: f64 = 0.5;
 /// quarters of its digits, and curvature is negligible.
 const BESIDE: f64 = 1e-4;
 
-/// Maximum number of attempts at one step, each four times shorter, for which Newton's method cannot follow the face,
-/// before the face is abandoned.
+/// Maximum number of attempts at one step at which Newton's method fails on the active face of `K`, and which are
+/// then shortened to a quarter if the switch may change a state by too much; after more failures the step is accepted
+/// with its switch unlocated.
 const MOST_UNFOLLOWED: u32 = 4;
 
 /// Maximum number of attempts at one step that are shortened because of an event between the stages: each is at most
@@ -27,18 +28,19 @@ const MOST_CUT: u32 = 10;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
-    /// Number of attempts at the step for which Newton's method could not follow the face.
+    /// Number of attempts at the present step at which Newton's method failed on the active face of `K`.
     unfollowed: u32,
-    /// Number of attempts at the step that were shortened because of an event between the stages.
+    /// Number of attempts at the present step that were shortened because of an event between the stages.
     cut: u32,
 }
 
 impl Shortened {
-    /// Whether to shorten a step within which a switch may change a state by `unlocated` tolerances.
+    /// Whether to shorten a step within which a switch that was not located may change a state by `unlocated`
+    /// tolerances.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
-        // If the face was followed past its end, and the end was not found, switches accumulate: every shorter step
-        // contains further switches.
+        // If Newton's method solved the stages on the active face, but the end of that face within the step was not
+        // found, switches accumulate: every shorter step contains further switches.
         if !(1..=MOST_UNFOLLOWED).contains(&self.unfollowed) {
             return false;
         }
@@ -51,16 +53,17 @@ impl Shortened {
         self.cut <= MOST_CUT
     }
 
-    /// Records an attempt for which Newton's method could not follow the face.
+    /// Records an attempt at which Newton's method failed on the active face of `K`.
     pub fn unfollowed(&mut self) {
         self.unfollowed += 1;
     }
 }
 
 impl Radau<'_> {
-    /// Returns the largest change of a state, in units of its tolerance, if a switch within a step of size `h` were
-    /// anywhere else in the step: `h max_ij |B (z_i - z_j)| / M` over the stages `i, j`, which are solved with the
-    /// variational inequality. `None` if switches are not to be located, or the step has none.
+    /// Returns the largest change of a state, in units of its tolerance, that would follow if a switch within a step
+    /// of size `h` were anywhere else in the step: `h max_ij |F_z (z_i - z_j)| / M` over the stages `i, j`, which are
+    /// solved with the variational inequality, and points on the face before the switch. `None` if switches are not
+    /// to be located, or the step has none.
     pub(super) fn unlocated(&mut self, h: f64) -> Option<f64> {
         if !self.switching.is_to_locate() || self.switching.before.is_same(&self.system.face) {
             return None;
@@ -106,8 +109,8 @@ impl Radau<'_> {
         [begin, halfway, further]
     }
 
-    /// Returns the largest change of a state, in tolerances, if the switch within the last step were anywhere else in
-    /// the step; `None` if there was no switch, or it was located.
+    /// Returns the largest change of a state, in tolerances, that would follow if the switch within the last step
+    /// were anywhere else in the step; `None` if there was no switch, or it was located.
     pub fn unlocated_switch(&self) -> Option<f64> {
         self.last.unlocated
     }

@@ -9,7 +9,7 @@ use numerics::Bracket;
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
-    /// Index of the monitor among the monitors of the face.
+    /// Index of the monitor among the monitors of the active face of `K`.
     pub index: usize,
     /// Position of the sign change, as a fraction of the step.
     pub theta: f64,
@@ -20,8 +20,8 @@ pub(super) struct Crossing {
     pub bracket: Option<(f64, f64)>,
 }
 
-/// Maximum number of halvings of an interval in the search for a point at which a monitor, within noise at its
-/// beginning, has become positive.
+/// Maximum number of halvings of an interval in the search for a point at which a monitor is positive, if it is zero
+/// within noise at the beginning of the interval.
 const RISES: i32 = 16;
 
 impl Radau<'_> {
@@ -42,13 +42,15 @@ impl Radau<'_> {
         monitors(&mut self.system, &self.control, scratch, out);
     }
 
-    /// Evaluates all monitors as [`Self::monitors_at`] does; if a monitor is negative within noise, with noise levels
-    /// from the derivatives at `theta`.
+    /// Evaluates all monitors on the collocation polynomial at the fraction `theta` of the step, as
+    /// [`Self::monitors_at`] does; if a monitor is negative within noise, the noise levels are found from the
+    /// derivatives at `theta`.
     pub(super) fn judged_monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.monitors_at(theta, h, out);
         let t = self.clock.t + theta * h;
         let scratch = &self.switching.scratch;
-        // Derivatives at another point do not determine the noise of a monitor that is small at `theta`.
+        // The noise of a monitor that is small at `theta` depends on the derivatives there, not on those at another
+        // point.
         let may_be_violated = |monitor: &Monitor| monitor.value < 0.0 && !monitor.is_violated();
         if out.iter().any(may_be_violated) && self.system.exchange_derivatives(t, scratch) {
             monitors(&mut self.system, &self.control, scratch, out);
@@ -122,8 +124,8 @@ impl Radau<'_> {
     /// the monitor is not positive there and does not rise from it. On a new face a monitor may be zero to within
     /// noise, and rise before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
-        // A monitor that crossed zero together with the one that ended the last step errs by its noise at the end of
-        // that step, not by its noise at the left point.
+        // A monitor that crossed zero together with the one that ended the last step is wrong by its noise at the end
+        // of that step, which may exceed its noise at the left point.
         let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, right.0, h) };
         let Some(start) = start else { return left.0 };
         let mut bracket = Bracket::new(start, right);

@@ -24,8 +24,8 @@ pub struct GivenStep {
     /// Errors at the end of the step from variations of the rates between the stages; empty if the stages show these
     /// variations.
     pub missed: Vec<f64>,
-    /// Whether functions of time vary within the step, whose stages are coupled, by more than their values at its
-    /// ends and its middle show.
+    /// Whether the rows, in a step with the variational inequality coupled over its stages, vary with time by more
+    /// than their values at both ends and the middle of the step show.
     pub is_blind: bool,
 }
 

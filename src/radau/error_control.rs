@@ -46,8 +46,8 @@ pub struct Controller {
     accepted: Option<(f64, f64)>,
     /// Whether the last attempt at a step was rejected.
     pub rejected: bool,
-    /// Whether the stages of the last attempt could not be solved, of which the contraction in the step before gave
-    /// no sign.
+    /// Whether the stages of the last attempt could not be solved, although Newton's method may have contracted fast
+    /// in the step before.
     surprised: bool,
     /// The ratio of the last two accepted step sizes.
     quotient: f64,
@@ -150,7 +150,8 @@ impl Controller {
         self.accepted = None;
     }
 
-    /// Records an attempt whose stages could not be solved, of which the contraction in the step before gave no sign.
+    /// Records an attempt whose stages could not be solved, although Newton's method may have contracted fast in the
+    /// step before.
     pub fn surprise(&mut self) {
         self.rejected = true;
         self.surprised = true;

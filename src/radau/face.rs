@@ -17,7 +17,7 @@ pub enum Activity {
     AtUpper,
     /// The variable is inside its interval: `l <= z <= u`, and `G = 0`.
     Inactive,
-    /// The value of the variable is prescribed from outside the stage equations.
+    /// The value of the variable is prescribed, and not an unknown of the stage equations.
     Fixed,
     /// The variable is on the boundary of a block, but free to move: on this number of rows of a polyhedron, or
     /// positive in a simplex.
@@ -69,7 +69,8 @@ impl ActiveFace {
         self.blocks[b] = face;
     }
 
-    /// Whether `variable` is, on the face `other`, on a row of its polyhedron that is not active on the face `self`.
+    /// Whether, on the face `other`, `variable` is on a row of its polyhedron (one of the linear inequalities that
+    /// define it) that is not active on the face `self`.
     pub fn exchanges(&self, other: &Self, set: &ConvexSet, variable: usize) -> bool {
         let Some(b) = set.block_of(variable) else { return false };
         let block = &set.blocks()[b];
@@ -108,7 +109,7 @@ pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     }
 }
 
-/// A quantity that must stay nonnegative while a variable or a block keeps its face.
+/// A monitor: a quantity that must stay nonnegative while a variable or a block keeps its face of `K`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
     /// Value of the monitor: `G` on the lower bound, `-G` on the upper bound, the distance to a bound inside an

@@ -171,7 +171,7 @@ impl FreeVariables {
         out.retain(|(_, weight)| *weight != 0.0);
     }
 
-    /// Updates the equations to the face of `system` and its last Jacobian.
+    /// Updates the equations of the free variables to the active face of `system` and its last Jacobian.
     fn follow(&mut self, system: &System<'_>) {
         let inside = (0..self.changes.len()).filter(|&k| system.is_inside(k));
         if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {

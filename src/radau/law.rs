@@ -24,7 +24,7 @@ pub struct Excess {
 }
 
 impl Radau<'_> {
-    /// Returns [`Self::law_excess`] at the end of the last step.
+    /// Returns the largest residual of the variational inequality ([`Self::law_excess`]) at the end of the last step.
     pub fn law_excess_at_end(&mut self) -> Option<Excess> {
         let y = std::mem::take(&mut self.y);
         let found = self.law_excess(self.clock.t, &y);

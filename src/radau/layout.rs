@@ -21,7 +21,7 @@ pub fn is_sparse(unknowns: usize, entries: usize) -> bool {
     unknowns > DENSE_AT_MOST && entries <= unknowns.saturating_mul(unknowns) / SPARSITY
 }
 
-/// Storage index (place) of each entry of the matrices of the stage equations.
+/// Storage index, called place, of each entry of the matrices of the stage equations.
 #[derive(Debug)]
 pub struct Layout {
     /// Number of unknowns, `n` states and `m` variables.
@@ -132,7 +132,7 @@ impl Layout {
         Ok(Self { unknowns, storage, places, mass, is_rate, has_mass, jacobian, diagonal, spread, own })
     }
 
-    /// Multiplies each row of the matrix whose entries are `places` by its factor.
+    /// Multiplies each row of a matrix by its factor in `factors`; `places` are the stored entries of the matrix.
     pub fn multiply_rows(&self, factors: &[f64], places: &mut [f64]) {
         match &self.storage {
             Storage::Dense => {

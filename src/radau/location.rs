@@ -53,8 +53,8 @@ impl Radau<'_> {
         // that ends at this sign change shows an earlier one of another variable.
         while let Some(crossing) = self.earliest(size, hidden_crossing.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.clock.t.abs().max(size);
-            // A monitor that crosses zero at the located end, to within the rounding of time, crosses together with the
-            // located one.
+            // A monitor that crosses zero at the located end of the step, to within the rounding of time, crosses
+            // together with the monitor for which that end was located.
             let is_end = solves > 0 && (1.0 - crossing.theta) * size <= self.clock.rounding(size);
             let end = if is_end {
                 size
@@ -86,8 +86,8 @@ impl Radau<'_> {
                 continue;
             }
             let between = self.screen_step(size);
-            // The first step on a face may have to bring the states onto the face, which is no reason to leave it at
-            // once.
+            // In its first step on a new face, a run may have to bring the states onto the equations of that face; a
+            // violation of a monitor in between is no reason to leave the face at once.
             match between {
                 Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
                     hidden_crossing = Some(theta * size / h);
@@ -127,13 +127,14 @@ impl Radau<'_> {
             match self.stages_on_face(size) {
                 Some(true) => {}
                 Some(false) => {
-                    // The step passes the end of the face: reduce it towards the last size with which the face was
-                    // followed.
+                    // The step passes the end of the active face: reduce it towards the last step size for which all
+                    // stages were on the face.
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
                     continue;
                 }
-                // The equations of a face need not have a solution behind the end of the face.
+                // Behind the end of the active face its equations need not have a solution: reduce the step in the
+                // same way.
                 None => {
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
@@ -183,10 +184,10 @@ impl Radau<'_> {
         self.monitors_at(theta, h, &mut monitors);
         let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
         self.switching.monitors = monitors;
-        // Take the secant through both values of the monitor: the error of the polynomial behind its last stage is of
-        // second order.
+        // Take the secant through both values of the monitor: in this way the error of the polynomial behind its last
+        // stage has an effect of second order only.
         let end = h - correction * value / (value - left);
-        // A secant through values that differ by noise only may lead anywhere.
+        // A secant through values of the monitor that differ by noise only may lead to any time.
         if left.is_nan() || left.abs() > 0.5 * value.abs() || !end.is_finite() {
             return h;
         }

@@ -41,12 +41,12 @@ impl Orders {
         self.methods.iter().map(|method| method.tableau.stages()).min().unwrap_or(1)
     }
 
-    /// Returns the method of the present step.
+    /// Returns the method (number of stages and tolerances) of the present step.
     pub fn current(&self) -> &Method {
         &self.methods[self.current]
     }
 
-    /// Returns the method of the last accepted step.
+    /// Returns the method (number of stages and tolerances) of the last accepted step.
     pub fn last(&self) -> &Method {
         &self.methods[self.last]
     }

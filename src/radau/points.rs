@@ -1,5 +1,5 @@
-//! The rows of a problem at all stages, evaluated together and used one after the other. Using the rows at a point
-//! has the effect of evaluating them, and counts as one evaluation.
+//! The rows of a problem (rates, `G` and moving bounds) at all stages, evaluated together and used one after the
+//! other. Using the rows at a point has the effect of evaluating them there, and counts as one evaluation.
 
 use super::system::System;
 use factorisation::of_size;

@@ -27,7 +27,8 @@ impl Recent {
     /// Returns the rows at the point `(t, y)`, if they are stored; `rows` is the number of rows.
     pub(super) fn find(&self, t: f64, y: &[f64], rows: usize) -> Option<&[f64]> {
         let key = key(t, y);
-        // Compare all keys, without an exit at the first match, so that the loop is vectorised.
+        // Compare the hashes of all stored points, without an exit at the first match, so that the loop is
+        // vectorised.
         if !self.keys.iter().fold(false, |found, other| found | (*other == key)) {
             return None;
         }

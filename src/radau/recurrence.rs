@@ -26,25 +26,25 @@ const NEAR: f64 = 10.0;
 /// Maximum number of steps on one face for which the location of switches is suspended.
 const LONGEST: u32 = 1 << 16;
 
-/// Number of switches within noise from which their frequency is known, and number of steps to the end of the run, at
-/// that frequency, from which the run fails.
+/// A run fails after `SAMPLE` switches within noise, from which their frequency is known, if it would take more than
+/// `ENDLESS` further steps to its end at that frequency.
 const SAMPLE: u32 = 1 << 11;
 const ENDLESS: f64 = (1_u32 << 21) as f64;
 
 /// Record of the recent switches of a run, clear ones and those within noise.
 #[derive(Clone, Debug)]
 pub(super) struct Recurrence {
-    /// Whether each variable has been clearly off its last switch since that switch.
+    /// Whether each variable has been clearly (by more than noise) off the zero of its monitor since its last switch.
     is_clear: Vec<bool>,
     /// Number of successive clear switches (those not within noise).
     clear: u32,
     /// Number of switches within noise, and the variable of the last one.
     within: u32,
     variable: usize,
-    /// Time and number of accepted steps at the first of the switches that are recorded.
+    /// Time, and number of accepted steps, at the beginning of this record of switches.
     since: (f64, u64),
-    /// Number of steps on one face until the location of switches resumes: at the next suspension, and in the present
-    /// one (zero if there is none).
+    /// Number of steps, each on one face, after which the location of switches resumes: for the next suspension, and
+    /// the number left in the present one (zero if the location is not suspended).
     pause: u32,
     left: u32,
 }
@@ -80,8 +80,8 @@ impl Recurrence {
         false
     }
 
-    /// Records a switch within noise, or a switch behind which nothing has changed; returns whether the location of
-    /// switches is suspended from this switch on.
+    /// Records a switch within noise, or a switch behind which no variable has changed; returns whether the location
+    /// of switches is suspended from this switch on.
     pub(super) fn within_noise(&mut self) -> bool {
         self.clear = 0;
         self.within += 1;

@@ -155,13 +155,14 @@ impl Radau<'_> {
         let Self { system, control, switching, consistent, .. } = self;
         let Switching { inside, constraints, .. } = switching;
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
-        // On curved faces monitors are evaluated from the polynomials of their variables, which may violate hidden
-        // constraints.
+        // With blocks, a proof requires that equations determine all variables: on curved faces monitors are
+        // evaluated from the polynomials of the variables, which may violate hidden constraints.
         let is_proof = !has_blocks || told != Told::InPart;
         let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
-        // Result for the monitors that depend on hidden constraints, once their proof is given up.
+        // Result of screening for the monitors that depend on hidden constraints, once no proof for them is attempted
+        // any more.
         let mut given_up = None;
         while (has_blocks || !watched.is_empty())
             && let Some(mut part) = left.pop()
@@ -188,15 +189,17 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
-                    // Give up the monitors that depend on hidden constraints; the other monitors are still to be
-                    // proven.
+                    // Attempt no further proof for the monitors that depend on hidden constraints; the other monitors
+                    // are still to be proven.
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
-                        // Hidden constraints hold at the stages, whatever the unknowns do between them.
+                        // Hidden constraints hold at the stages, so that the monitors there show nothing of what the
+                        // unknowns do between the stages.
                         if self.is_unresolved(h, Along::Polynomial) {
                             return Between::Unresolved;
                         }
-                        // Error tests resolve the states, and the monitors with them, but not the dependence on time
-                        // alone; smaller parts would have decided all monitors that are not hopeless.
+                        // The error test of the step resolves the states, and with them the monitors, but not rows
+                        // that depend on time alone: only if these vary by more than the stages show are sign changes
+                        // left open.
                         let is_open = found != Found::Hopeless && self.is_unresolved(h, Along::Time);
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
@@ -205,7 +208,8 @@ impl Radau<'_> {
                         left.push(part);
                         continue;
                     }
-                    // Boxes alone are too wide for the curved monitors of blocks; flat monitors are still to be proven.
+                    // The curved (nonlinear) monitors of blocks are bounded over boxes alone, which is too wide:
+                    // leave them out. The flat (linear) monitors are still to be proven.
                     _ if limits.leave_out_curved(&self.system) => {
                         given_up.get_or_insert(Between::Undecided);
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
@@ -303,7 +307,7 @@ impl Radau<'_> {
     /// Returns the result of the screening of the last step; `None` if the step has no bounded variables.
     pub fn screened(&mut self) -> Option<Screened> {
         let found = self.last.screened?;
-        // At the end of a face, its variables must still satisfy the variational inequality.
+        // At the end of its active face, the variables must still satisfy the variational inequality.
         let end = self.last.t + self.last.h;
         if self.last.is_smooth
             && !self.continues

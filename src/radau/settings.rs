@@ -152,7 +152,7 @@ pub enum StepError {
     /// The problem needs more memory than one run may take.
     #[error("{what} for {unknowns} unknowns do not fit into the memory that one run may take (2 GiB for each)")]
     TooLarge {
-        /// The data that do not fit.
+        /// Name of the data that do not fit into memory.
         what: &'static str,
         /// Number of coupled unknowns.
         unknowns: usize,

@@ -36,14 +36,14 @@ pub struct StageVi {
     /// Argument `z - s g` of the projection for the bounded variables of all stages, with the scale `s` of their
     /// block.
     moved: Vec<f64>,
-    /// Whether the solution found last is on one face at all stages.
+    /// Whether the solution of the last variational inequality is on one face of `K` at all stages.
     pub is_one_face: bool,
     /// The bounded variables of all stages, stage by stage: present values, and values before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
     /// Values of `G` for the bounded variables of all stages.
     g: Vec<f64>,
-    /// The face on which the bounded variables are held fixed and the others are free.
+    /// The face on which all bounded variables are held fixed and the unbounded ones are free.
     held: ActiveFace,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
@@ -314,7 +314,7 @@ impl StageVi {
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
-        // Compute the increment of the other unknowns while the bounded variables are held fixed.
+        // Compute the increment of the states and the unbounded variables while the bounded variables are held fixed.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
             return Err(RejectionCause::Singular);
         }
@@ -403,8 +403,8 @@ impl StageVi {
             if system.outside.poll().is_some() {
                 return false;
             }
-            // Response of all unknowns to a unit of z_k, by blocks of E; the response of G is added to each pair of
-            // stages.
+            // Solve for the response of all unknowns to a unit of z_k, one diagonal block of E at a time, and add the
+            // response of G for each pair of stages.
             let mut block = 0;
             if tableau.gamma.is_some() {
                 self.real.fill(0.0);

@@ -179,7 +179,8 @@ impl Stages {
         for (k, pair) in tableau.pairs.iter().enumerate() {
             let (p, q) = (block * n, (block + 1) * n);
             let (alpha, beta) = (pair.re / h, pair.im / h);
-            // The second block of a pair contains minus the imaginary part of the complex unknown of the pair.
+            // For each pair of complex eigenvalues, the first real block contains the real part of the complex
+            // unknown, and the second block minus its imaginary part.
             let (re, im) = self.right[p..q + n].split_at_mut(n);
             for ((re, im), (mw_p, mw_q)) in re.iter_mut().zip(&mut *im).zip(mw[p..q].iter().zip(&mw[q..q + n])) {
                 *re = *re - alpha * mw_p - beta * mw_q;
@@ -252,8 +253,8 @@ impl Stages {
                     };
                     factor = next / (1.0 - theta);
                 } else if k == 2 && !is_ode && !rounding() {
-                    // The extrapolated starting values were better in the states than in the variables: no rate is
-                    // known yet.
+                    // The extrapolated starting values were better in the states than in the variables, so that the
+                    // first increments show no rate of convergence.
                     factor = f64::INFINITY;
                 } else if !rounding() {
                     contraction.theta = theta;
@@ -262,7 +263,7 @@ impl Stages {
                 last_ratio = ratio;
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                // If variables are extrapolated, they dominate the first increment: the rate shows from the third
+                // Extrapolated variables dominate the first increment: the rate of convergence shows from the third
                 // increment on.
                 if predicted >= 1.0 && (k > 2 || is_ode) && !rounding() {
                     let q = predicted.clamp(1e-4, 20.0);
@@ -270,8 +271,8 @@ impl Stages {
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            // The first increment alone shows no rate, and the rate of another step may belong to other derivatives:
-            // that rate is trusted for half of the digits.
+            // The first increment alone shows no rate of convergence. The rate of the last step may belong to other
+            // derivatives: it is trusted for half of the digits.
             let is_told = k > 1 || norm * norm <= control.kappa || system.constant_jacobian();
             if factor * norm <= control.kappa && is_told || rounding() {
                 contraction.factor = factor;
@@ -350,9 +351,10 @@ impl Stages {
 
 /// Result of the check of the bounded variables at the stages.
 struct Verdict {
-    /// Whether the equations of the face hold to the tolerance of the variational inequality.
+    /// Whether the equations of the active face of `K` hold at the stages to the tolerance of the variational
+    /// inequality.
     satisfied: bool,
-    /// Whether a monitor of the face is violated at a stage.
+    /// Whether a monitor of the active face of `K` is violated at a stage.
     violated: bool,
     /// Whether, on a curved face, values beside the apex satisfy the equations but not the inequality.
     degenerate: bool,

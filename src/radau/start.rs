@@ -16,7 +16,7 @@ use super::stepper::Radau;
 use super::system::System;
 use super::tableau::Tableau;
 
-/// Size of the probe step that selects a face, relative to the steps of the run.
+/// Size of the probe step that selects a face of `K`, relative to the steps of the run.
 const PROBE: f64 = 1e-4;
 /// Sizes of longer probe steps, relative to the steps of the run, for a sign that the first probe step leaves
 /// undecided.
@@ -44,7 +44,7 @@ const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 /// same, while a steep change grows by this factor.
 const MULTIPLE: f64 = 16.0;
 
-/// The implicit Euler step that selects a face.
+/// The probe: an implicit Euler step that selects a face of `K`.
 pub(super) struct Probe {
     euler: &'static Tableau,
     stages: Stages,
@@ -104,8 +104,8 @@ impl Radau<'_> {
         let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * h, false)) else {
             return Err(self.no_start());
         };
-        // States without mass have no initial value of their own: beside bounded variables, their equations determine
-        // them.
+        // States without mass have no initial values of their own: if there are bounded variables, take the values
+        // that the equations of the probe step give them.
         for (state, (y, z)) in self.y.iter_mut().zip(&mut self.switching.probe.stages.z[..n]).enumerate() {
             if !self.system.bounded.is_empty() && !self.system.layout.has_mass[state] {
                 *y += std::mem::take(z);
@@ -168,7 +168,9 @@ impl Radau<'_> {
         true
     }
 
-    /// Applies the face of the last probe step, and its unknowns from index `first` on.
+    /// Takes over the result of the last probe step: a face of `K` whose equations determine the variables, and the
+    /// unknowns from index `first` on; then removes noise from the states, and makes the variables consistent with
+    /// them.
     fn take_probe(&mut self, first: usize) {
         let Self { system, switching, y, .. } = self;
         if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
@@ -198,9 +200,9 @@ impl Radau<'_> {
         }
     }
 
-    /// Whether the last probe step was too long to determine the face at `t`: over that step, an inequality that was
-    /// off its switch, and contains no variables, came half way to the switch. If switches accumulate, the time
-    /// between them is shorter than any fraction of the steps of the run.
+    /// Whether the last probe step was too long to determine the face of `K` at `t`: over that step, some inequality
+    /// `G_k` that contains no variables, and was nonzero at `t`, came half way to zero. If switches accumulate, the
+    /// time between them is shorter than any fraction of the steps of the run.
     fn was_too_long(&mut self) -> bool {
         // A fixed step size resolves no shorter times.
         if self.settings.step.is_some() {

@@ -140,8 +140,9 @@ impl<'p> Radau<'p> {
         if !system.bounded.is_empty() {
             let mut vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
             let is_all = system.bounded.len() == unknowns - system.states;
-            // A factorisation at the start decides whether unbounded variables can be eliminated: a multiplier of
-            // bounded variables occurs in no equation of its own.
+            // A factorisation at the start decides whether the unbounded variables can be eliminated while the
+            // bounded ones are fixed. They cannot if one of them is a multiplier of a constraint on bounded
+            // variables, which occurs in no equation of its own.
             if !is_all && system.differentiate(t, &y) && !vi.eliminates(&mut system, orders.current().tableau, end - t)
             {
                 system.keep_free(t)?;

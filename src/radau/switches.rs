@@ -50,7 +50,7 @@ pub(super) struct Switching {
     pub(super) switches: Vec<Switch>,
 }
 
-/// Record of the switches of a run, by which accumulations are recognised.
+/// Record of the switches of a run, in which accumulations of switches (Zeno) and switches within noise show.
 #[derive(Clone)]
 pub(super) struct History {
     /// The time of the last switch, the time between it and the switch before, and the number of successive decreases
@@ -114,8 +114,9 @@ impl Switching {
         self.before.clone_from(face);
     }
 
-    /// Records the variables whose activity differs from that on the remembered face, and those in `turned`, which
-    /// are on the opposite side of the boundary of their block; returns whether there are any.
+    /// Records as switches the variables whose activity on `face` differs from that on the face before the step, and
+    /// those in `turned`, which are on the opposite side of the boundary of their block; returns whether there are
+    /// any.
     pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = Vec::new();
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
@@ -158,7 +159,7 @@ impl Radau<'_> {
         self.switching.history.accumulations
     }
 
-    /// Determines the face at the end of an accepted step.
+    /// Determines the active face of `K` at the end of an accepted step.
     pub(super) fn update_face(&mut self, coupled: bool, ends_at_switch: bool) {
         if self.system.bounded.is_empty() {
             return;

@@ -18,10 +18,11 @@ use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
-/// A problem on a face, with the values of one evaluation and of one Jacobian.
+/// A problem on a face of `K`, with the values of one evaluation and of one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
-    /// Sizes, mass matrix and sparsity; the set `K` with its moving bounds is [`System::set`].
+    /// The structure of the problem: sizes, mass matrix and sparsity. The set `K` with its moving bounds is in
+    /// [`System::set`].
     structure: Structure,
     /// The caller's control, which may ask to stop.
     pub outside: &'p Control,
@@ -97,7 +98,8 @@ impl<'p> System<'p> {
         }
         let mut set = structure.set.clone();
         for moving in &structure.moving {
-            // Set a moving bound to a finite value until its first evaluation: the interval has an end on that side.
+            // Set a moving bound to a finite value until its first evaluation, so that its variable counts as bounded
+            // on that side.
             moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();

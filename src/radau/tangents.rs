@@ -82,7 +82,7 @@ pub enum NoDerivative {
     /// A switch was stepped over rather than located.
     #[error("a switch could not be located, and was stepped over")]
     Unlocated,
-    /// A block of variables changes its face.
+    /// A block of variables changes its face of `K`.
     #[error(
         "variables come to the boundary of a ball, a cone, a simplex or a polyhedron, or leave it, and rates jump: of that switch \
          derivatives are not available"

@@ -106,9 +106,10 @@ pub(super) struct Unseen {
     /// The unknowns at both ends and at the midpoint of a part, and the variations of derivatives between these points.
     points: Vec<f64>,
     variations: Vec<(f64, f64)>,
-    /// Largest slope of each unknown over a part of the step.
+    /// Largest magnitude of the slope of each unknown over a part of the step.
     slopes: Vec<f64>,
-    /// Number of parts enclosed in the last step, and in all steps in which no missed variation was found.
+    /// Number of parts enclosed in the search over the last step, and in all searches that are charged to the
+    /// allowance because they found no missed variation.
     looked: f64,
     spent: f64,
     /// Whether the search left functions of the states undecided in the last step.
@@ -247,7 +248,8 @@ impl Radau<'_> {
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         let effects = self.effects_through_others(h);
         let rows = self.rows_compared(h, &effects);
-        // If the examination of functions of the states is not affordable, examine only the dependence on time.
+        // If the search for missed variations in functions of the states is not affordable, examine only the
+        // dependence of rows on time.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
         room.is_open = !is_affordable && !self.system.features.is_empty();
         let unknowns = self.system.unknowns;
@@ -309,7 +311,7 @@ impl Radau<'_> {
             Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) }
         });
         let uncertainties = self.uncertainties(h);
-        // A variable whose change affects no state within the tolerances is known only to within that change.
+        // A variable is known only to within a change that affects no state by more than its tolerance.
         let of_variable = |l: usize, k: usize| {
             let [of_z, of_g] = uncertainties.at_last(&self.system, l);
             let directly = self.system.place_of_own(l).map_or(0.0, |at| self.system.derivatives[at].abs() * of_z);
@@ -359,8 +361,8 @@ impl Radau<'_> {
             }
             samples.at_nodes.push(values);
         }
-        // If the phase advances by more than half a turn over every two stages, the stages show nothing, however
-        // small the oscillating part of the rows is.
+        // If the phase of an oscillation in time advances by more than half a turn over every two stages, the values
+        // at the stages show nothing of it, however small the oscillating part of the rows is.
         let part =
             if self.system.pace * samples.h > 0.5 * self.tableau().stages() as f64 * SHOWN_PHASE { 0.0 } else { SHOWN };
         for (shown, (low, high)) in samples.shown.iter_mut().zip(lowest.iter().zip(&highest)) {
@@ -392,8 +394,8 @@ impl Radau<'_> {
         let values = [0.0, 0.5, 1.0].map(|u| look(self, samples, &whole, u));
         let unseen = self.unseen_of(samples, &whole, &values, room)?;
         let (mut pieces, mut enclosed) = (vec![Piece::new(whole, values, unseen, &samples.rows)], 1);
-        // The piece with the widest bound comes first, so that rounding errors of enclosures elsewhere do not hide a
-        // feature.
+        // The part with the widest bound is examined first, so that rounding errors of enclosures elsewhere do not
+        // hide a variation.
         let widest = |pieces: &[Piece]| (0..pieces.len()).max_by(|&i, &j| pieces[i].size.total_cmp(&pieces[j].size));
         while let Some(at) = widest(&pieces) {
             let Piece { mut part, values, unseen, .. } = pieces.swap_remove(at);
@@ -420,8 +422,8 @@ impl Radau<'_> {
             }
             for (i, row) in samples.rows.iter().enumerate() {
                 let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
-                // For functions of the states, the enclosure is mostly too wide: its bound does not count as an
-                // error.
+                // For functions of the states, the enclosure is mostly too wide to be an estimate: its bound does not
+                // count as an error.
                 room.is_open |= samples.still.is_none() && is_open(i);
                 let counts = samples.still.is_some() && unseen[i].is_finite() && is_open(i);
                 let open = if counts { unseen[i] } else { 0.0 };

@@ -260,8 +260,8 @@ mod tests {
             assert_eq!(log.line().write(&line).unwrap(), line.len());
         }
         assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
-        // At most the capacity of the buffer of waiting lines, and as much again in the buffer of the log thread, is
-        // kept.
+        // The log keeps at most the capacity of its buffer of waiting lines, and as much again in the buffer of the
+        // log thread.
         let kept = 10_000 - log.lost();
         assert!((1000..=2100).contains(&kept), "{kept} lines are kept");
         let start = Instant::now();

@@ -307,7 +307,8 @@ impl Metrics {
         time: Duration,
     ) {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
-        // Methods invented by clients must not become values of the label `method`.
+        // HTTP methods invented by clients must not become values of the label `method`, whose values would then be
+        // unbounded in number.
         let known = [Method::GET, Method::HEAD, Method::POST, Method::DELETE, Method::OPTIONS];
         let method = known.iter().find(|known| *known == method).map_or("other", Method::as_str).to_owned();
         let label = [("method", method.into()), ("route", route.to_owned().into())];

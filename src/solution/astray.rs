@@ -21,7 +21,8 @@ impl Astray {
         Self { bodies: vec![Default::default(); bodies], order }
     }
 
-    /// Adds the errors of the last step of a run, of length `h` from the motions `starts` to the time `t`.
+    /// Adds the errors of the last step of a run: a step of length `h` that began with the motions `starts` and ended
+    /// at the time `t`.
     pub fn step(&mut self, scene: &MultibodySystem, run: &MoreauStepping<'_>, starts: &[Motion], [h, t]: [f64; 2]) {
         let directions = run.misdirected(starts, h);
         let errors = directions.into_iter().zip(run.restituted(starts, h)).zip(damped(scene, [starts, &run.ends], h));
@@ -67,7 +68,9 @@ impl Astray {
         !mistakes.is_empty()
     }
 
-    /// Writes the displacements of the states of the bodies at their motions `ends`; returns false if all are zero.
+    /// Writes the displacements of the positions, orientations and velocities of all bodies that follow from the
+    /// errors so far; `ends` are the motions at the end of the last step. Returns false if all displacements are
+    /// zero.
     pub fn displace(&self, ends: &[Motion], out: &mut [f64]) -> bool {
         let mut is_any = false;
         for ((of, motion), out) in self.bodies.iter().zip(ends).zip(out.chunks_exact_mut(OF_BODY.len())) {

@@ -16,12 +16,12 @@ pub(super) struct Audit<'p> {
     /// Whether the rates, as functions of the states, have kinks, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
-    /// Number of steps that qualified for a proof of freedom from events and failed it.
+    /// Number of steps that could not be proven free of events although the states determine every monitor.
     open: u32,
     /// Number of steps in which rates may vary between the stages more than their values at the stages show.
     hidden: u32,
     given_steps: GivenSteps,
-    /// Whether interpolated values within steps are in use throughout the run.
+    /// Whether values interpolated within steps are used in every step of the run, and not only at output times.
     is_dense: bool,
     checks: Checks,
 }
@@ -119,8 +119,9 @@ impl<'p> Audit<'p> {
 
     /// Measures the residual of the variational inequality for the values `y` at an output time within a step.
     pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
-        // Within rounding errors of an end of the step, data that jump may be on the other side of their jump than
-        // the active face. At the end of a step the residual is measured together with the step.
+        // If the output time is an end of the step up to rounding, data that jump there may already have the values
+        // after the jump while the active face is the one before it, or the reverse. The residual at the end of a
+        // step is measured when the step is accepted.
         let t = match radau.end_at(t) {
             Some(End::After) => return,
             Some(End::Before) => radau.begin(),
@@ -192,7 +193,8 @@ impl<'p> Audit<'p> {
     }
 }
 
-/// Returns the states that exceeded rounding errors of zero at some time.
+/// Returns the indices of the states that were larger than rounding errors at some time of the run, and are not known
+/// to be held at zero.
 pub(super) fn states_above_zero(radau: &Radau<'_>, atol: &[f64]) -> Vec<usize> {
     let states = &radau.largest()[..atol.len()];
     let rounding = rounding_of(states);

@@ -68,7 +68,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// Runs the problem, with all checks of accuracy.
+    /// Runs the problem with all checks of accuracy, including those that need further runs.
     pub fn run(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Solution {
         match self {
             Self::Dvi(model) => integrate(model, plan, settings, analysis, control),

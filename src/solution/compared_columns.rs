@@ -17,7 +17,7 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// Creates the columns of a plan.
+    /// Creates the columns of the quantities that the plan of a run requests.
     pub fn new(plan: &Plan) -> Self {
         let of = &plan.observables;
         let mut inputs = of.inputs.clone();
@@ -36,7 +36,7 @@ impl Columns {
         self.outputs
     }
 
-    /// Returns the number of columns.
+    /// Returns the number of columns: the outputs of the problem and the computed columns.
     pub fn count(&self) -> usize {
         self.outputs + self.inputs.len()
     }
@@ -53,8 +53,8 @@ impl Columns {
         }
     }
 
-    /// Completes `by`, small changes of the outputs, with the resulting changes of the other columns; `y` are the
-    /// unchanged columns.
+    /// Writes the changes of the computed columns to `by`, which already contains small changes of the outputs of the
+    /// problem; `y` are the unchanged columns.
     pub fn displace(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
         if self.inputs.is_empty() {
             return;
@@ -69,8 +69,8 @@ impl Columns {
         self.changed = changed;
     }
 
-    /// Completes `held`, nonzero for outputs that are held fixed, with the other columns: those that depend on held
-    /// outputs only.
+    /// Writes to `held` whether each computed column is fixed (1) or not (0): it is if it depends on fixed outputs
+    /// only. `held` already contains a nonzero number for each output of the problem that contacts hold fixed.
     pub fn hold(&self, held: &mut [f64]) {
         for (place, inputs) in self.inputs.iter().enumerate() {
             let is_held = inputs.iter().all(|&k| held[k] != 0.0);
@@ -78,8 +78,9 @@ impl Columns {
         }
     }
 
-    /// Completes `by`, bounds on small changes of the outputs, with bounds on the changes of the other columns: the
-    /// sum of the effects of all outputs; `y` are the unchanged columns.
+    /// Writes bounds on the changes of the computed columns to `by`, which already contains bounds on small changes
+    /// of the outputs of the problem. Each bound is the sum of the effects of all outputs; `y` are the unchanged
+    /// columns.
     pub fn spread(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
         if self.inputs.is_empty() {
             return;

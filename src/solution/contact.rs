@@ -31,7 +31,7 @@ const HELD: f64 = 1e-9;
 /// The plan for the integration of a mechanical system.
 #[derive(Clone, Debug)]
 pub struct ContactPlan {
-    /// Step size of time stepping, and contact laws.
+    /// The settings of the contact method: step size of time stepping, and contact laws.
     pub settings: Settings,
     /// Settings of Radau IIA for smooth motion, if impacts are located.
     pub located: Option<radau::Settings>,
@@ -236,7 +236,7 @@ struct Outputs<'p> {
     control: &'p Control,
     problem: Box<dyn Mechanical>,
     constraints: Constraints,
-    /// Coordinates `q` and velocities `v` at the current time.
+    /// The coordinates `q` and velocities `v` of the system at the current time.
     states: Vec<f64>,
 }
 
@@ -302,8 +302,8 @@ struct TimeSteppingRun<'p> {
 
 impl TimeSteppingRun<'_> {
     /// Returns the speed at the end of the last step, of length `h`, in the norm of the mass matrix, and the errors
-    /// of the velocities due to the position at which impacts are taken: each impact uses normal and approach
-    /// velocity at the beginning of the step, and not where its gap closes.
+    /// of the velocities that arise because time stepping takes the normal and the approach velocity of each impact
+    /// at the beginning of the step, and not where the gap closes.
     fn misdirected(&mut self, h: f64) -> Option<(f64, Vec<f64>)> {
         let TimeStepping { state, last, impulses, .. } = &self.stepper;
         let structure = self.outputs.model.structure();
@@ -372,8 +372,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
             kinds.push(Continuous);
             kinds.resize(kinds.len() + 1 + contact.slips, Jumping);
         }
-        // The kinds of kinetic and potential energy, work of forces, work of drives, friction losses and impact
-        // losses.
+        // Behaviour in time of kinetic and potential energy, work of forces, work of drives, friction losses and
+        // impact losses.
         kinds.extend([Jumping, Continuous, Continuous, Jumping, Jumping, Jumping]);
         kinds
     }
@@ -387,7 +387,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
         out.iter_mut().zip(&at).for_each(|(out, at)| *out = (*out - at).abs());
         let n = kicks.len();
         out[n..2 * n].iter_mut().zip(&kicks).for_each(|(out, kick)| *out = kick.abs());
-        // Changes by the forces on a body at rest in one step: kinetic energy, and impulse.
+        // Twice the kinetic energy that the forces of one step give to the system at rest: the least scale of the
+        // errors of all energies.
         let State { t, q, .. } = &self.stepper.state;
         let energy = 2.0 * self.outputs.problem.energies(*t, q, &kicks).kinetic;
         let first = out.len() - ENERGIES.len();
@@ -397,8 +398,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
 
     fn strike(&mut self, out: &mut [f64]) -> bool {
         let TimeStepping { state, last, step, .. } = &self.stepper;
-        // An impulse that contacts transmit throughout the step is no larger than that of the forces, and has no
-        // error of timing; the rest of the velocity change is due to impacts.
+        // The impulse of contacts that are closed throughout the step is at most that of the forces, and has no error
+        // of timing; any further change of the velocity is due to impacts.
         let displaced: Vec<f64> = (0..state.q.len())
             .map(|k| {
                 let (change, kick) = (state.v[k] - last.v[k] - step.kicks[k], step.kicks[k].abs());
@@ -620,7 +621,7 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let n = self.phase.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
-        // A time that rounding moves before the start of the step counts as the start.
+        // A time that is before the start of the step due to rounding counts as the start.
         let elapsed = self.clock.elapsed(t).max(self.phase.located.last.t);
         let (impulses, energy) = self.phase.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
@@ -648,7 +649,8 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn finish(&mut self, _: &mut Diagnostics) {}
 }
 
-/// Copies the counters of a run to the diagnostics, and adds warnings; their times are shifted by `ahead`.
+/// Copies the counters of a run to the diagnostics, and adds warnings; `ahead` is added to the times in these to
+/// obtain the user's time.
 fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;

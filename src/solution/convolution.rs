@@ -24,20 +24,20 @@ use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
 use std::time::Instant;
 
-/// The division of the time horizon into steps.
+/// The division of the time horizon of a problem with memory into steps.
 #[derive(Clone, Debug)]
 pub enum Mesh {
     /// A uniform mesh with a given number of steps.
     Fixed(usize),
     /// A uniform mesh whose steps are halved until three runs agree.
     Halved {
-        /// Number of steps of the first run.
+        /// Number of steps of the first run, whose steps are then halved.
         first: usize,
-        /// Largest number of steps of the last run.
+        /// Largest number of steps that a run with halved steps may have.
         most: usize,
-        /// Relative tolerance of the mean distance between runs.
+        /// Relative tolerance of the mean distance between two successive runs.
         rtol: f64,
-        /// Absolute tolerance of each variable.
+        /// Absolute tolerance of each variable in the comparison of two successive runs.
         atol: Vec<f64>,
     },
 }
@@ -47,7 +47,7 @@ pub enum Mesh {
 pub struct ConvolutionPlan {
     /// Settings of the steps on a uniform mesh.
     pub settings: Settings,
-    /// The uniform mesh: given or refined.
+    /// The uniform mesh: with a given number of steps, or with steps that are halved until the runs agree.
     pub mesh: Mesh,
     /// Settings for segments between located switches, if these are tried before a uniform mesh.
     pub segments: Option<SegmentSettings>,
@@ -116,7 +116,8 @@ pub fn integrate_convolution(
         });
     }
     loop {
-        // The number of runs is unknown in advance: each run takes half of the remaining progress.
+        // The number of runs is unknown in advance: each run accounts for half of the progress that remains to be
+        // reported to the user.
         let share = if steps * 2 > most { 1.0 } else { 0.5 };
         let done = before_halvings.max(1.0 - 0.5_f64.powi(halvings));
         let mut run = Run::new(plan, control, diagnostics.clone());
@@ -182,8 +183,8 @@ pub fn integrate_convolution(
     }
 }
 
-/// Fraction of the progress for the run with half as many steps as given: a quarter of the work of the run itself,
-/// since each step sums over all earlier ones.
+/// Fraction of the progress reported to the user that the run with half as many steps as given accounts for: a
+/// quarter of the work of the run itself, since each step sums over all earlier ones.
 const HALF_AS_MANY: f64 = 0.2;
 
 /// Records the check of the difference between a run with steps of a given size and `before`, a run with half as many
@@ -217,8 +218,8 @@ struct ConvolutionRun<'p> {
     set: ConvexSet,
     bounded: Vec<usize>,
     is_constant: bool,
-    /// Number of steps reported. The first step is computed immediately, since `z` at the start comes from its
-    /// polynomial.
+    /// Number of steps that the run has reported as made. The first step is computed before it is reported, since `z`
+    /// at the start comes from the polynomial of this step.
     told: usize,
     total: usize,
     end: f64,
@@ -228,7 +229,7 @@ struct ConvolutionRun<'p> {
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
-    /// Permitted residual of the natural map in a step.
+    /// Permitted residual of the natural map of the variational inequality in a step.
     tolerance: f64,
 }
 
@@ -337,7 +338,8 @@ impl Stepper for ConvolutionRun<'_> {
             ((t - self.convolution.time(last - 1)) / self.convolution.h).clamp(0.0, 1.0)
         };
         if self.convolution.interpolate(theta, &mut self.set, out).is_err() {
-            // Bounds that cross between two stages are ignored: the values at the last stage are reported.
+            // If a lower bound exceeds its upper bound between two stages only, the interpolation fails; the values
+            // at the last stage are reported instead.
             let m = self.names.len();
             out[..m].copy_from_slice(self.ends());
         }

@@ -28,7 +28,7 @@ pub struct Dense {
     pub deviation: f64,
 }
 
-/// The interpolant of one step.
+/// The interpolant of all fields over one step of the run.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     begin: f64,
@@ -45,9 +45,9 @@ pub(super) struct Sampling {
     /// The permitted difference of an interpolant from the values, relative to the largest value of a field.
     tolerance: f64,
     most_values: usize,
-    /// The largest absolute value of each field so far.
+    /// The largest absolute value of each field in the run so far.
     largest: Vec<f64>,
-    /// Whether a step could not be interpolated.
+    /// Whether some step of the run could not be interpolated.
     is_broken: bool,
 }
 

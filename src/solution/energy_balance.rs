@@ -27,7 +27,7 @@ const POINTS: [(f64, f64); 5] = [
 /// The energy balance of a run in progress.
 pub(super) struct EnergyBalance {
     form: EnergyForm,
-    /// The energies, work and losses so far.
+    /// The energies of the system, and the work and losses from the start of the run up to now.
     pub energy: Energy,
     reached: f64,
     samples: [Vec<f64>; POINTS.len()],

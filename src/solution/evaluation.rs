@@ -33,7 +33,7 @@ impl EvaluationBuffer {
         }
     }
 
-    /// Evaluates the program at a time within the last step.
+    /// Evaluates the program at a time within the last step of the method `stepper`.
     pub fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
         stepper.values(t, &mut self.outputs);
         self.program.evaluate(t, &self.outputs, &mut self.values);
@@ -81,22 +81,22 @@ impl EvaluationBuffer {
         Some(())
     }
 
-    /// Begins sampling a part of a step, for integrals.
+    /// Discards all samples, and begins those of another part of a step, over which the values are to be integrated.
     pub fn begin(&mut self) {
         if self.sight.is_needed() {
             self.sight.begin();
         }
     }
 
-    /// Adds the last evaluation to the samples of the part.
+    /// Adds the last evaluation to the samples of the current part of a step.
     pub fn sample(&mut self) {
         if self.sight.is_needed() {
             self.sight.sample(&self.program);
         }
     }
 
-    /// Bounds the variation of the values between two times that the samples do not show; returns whether any value
-    /// may hide variation.
+    /// Bounds the variation of the values between two times that the samples do not show; returns whether samples may
+    /// miss variation of any value.
     pub fn judge(&mut self, from: f64, to: f64) -> bool {
         if self.sight.is_needed() {
             self.sight.judge(&self.program, Interval::new(from, to));
@@ -104,20 +104,22 @@ impl EvaluationBuffer {
         self.sight.is_needed()
     }
 
-    /// Returns a bound on the hidden variation at an index into the outputs followed by the values, and the size of
-    /// the function there; zero for outputs, which are smooth.
+    /// Returns a bound on the variation that the samples of a function do not show, and the size of the function;
+    /// both zero for outputs, which are smooth. The function is given by its index into the outputs of the problem
+    /// followed by the values of the program.
     pub fn hidden(&mut self, place: usize) -> (f64, f64) {
         let value = place.checked_sub(self.outputs.len());
         value.map_or((0.0, 0.0), |value| self.sight.hidden(&self.program, value))
     }
 
-    /// Returns the value of the last evaluation at an index into the outputs followed by the values.
+    /// Returns the value in the last evaluation of the function with the index `place` into the outputs of the
+    /// problem followed by the values of the program.
     pub fn got(&self, place: usize) -> f64 {
         of_both([&self.outputs, &self.values], place)
     }
 }
 
-/// Returns the element at an index into the outputs followed by the values.
+/// Returns the element with the index `place` of the list `outputs` followed by the list `values`.
 fn of_both<T: Copy>([outputs, values]: [&[T]; 2], place: usize) -> T {
     place.checked_sub(outputs.len()).map_or_else(|| outputs[place], |value| values[value])
 }
@@ -126,9 +128,9 @@ fn of_both<T: Copy>([outputs, values]: [&[T]; 2], place: usize) -> T {
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// The selected functions, as indices into the outputs followed by the values.
+    /// The selected functions, as indices into the outputs of the problem followed by the values of the program.
     pub places: &'a [usize],
-    /// The uncertainties of the first outputs.
+    /// The uncertainties of the first outputs of the problem, by which their enclosures are widened.
     pub uncertain: &'a [f64],
 }
 

@@ -10,16 +10,16 @@ use std::ops::RangeInclusive;
 pub struct Excerpt {
     /// The names of the fields to include, in this order; `None` for all fields.
     pub fields: Option<Vec<String>>,
-    /// The earliest time to include.
+    /// The earliest time of the trajectory to include in the excerpt.
     pub from: f64,
-    /// The latest time to include.
+    /// The latest time of the trajectory to include in the excerpt.
     pub to: f64,
-    /// Include one in this many of the times in the interval, beginning with the first.
+    /// The number `n` if every `n`-th of the times in the interval is to be included, beginning with the first.
     pub every: NonZeroUsize,
 }
 
 impl Default for Excerpt {
-    /// Requests the whole trajectory.
+    /// The request for the whole trajectory.
     fn default() -> Self {
         Self { fields: None, from: f64::NEG_INFINITY, to: f64::INFINITY, every: NonZeroUsize::MIN }
     }
@@ -28,13 +28,13 @@ impl Default for Excerpt {
 /// The fields and rows of an excerpt, selected from given columns.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// Indices of the selected fields.
+    /// The indices of the selected fields of the trajectory.
     pub fields: Vec<usize>,
-    /// The selected rows.
+    /// The selected rows (times) of the trajectory.
     pub rows: Rows,
 }
 
-/// The reasons why an excerpt cannot be made.
+/// The reasons why an excerpt of a trajectory cannot be made.
 #[derive(Debug)]
 pub enum ExcerptError {
     /// The requested field, named by the first entry, does not exist; the second entry lists the names of the
@@ -71,7 +71,7 @@ impl Excerpt {
         Ok(Selection { fields, rows: Rows { first, end, every: self.every.get() } })
     }
 
-    /// Returns the interval of times to include.
+    /// Returns the interval of the times that the excerpt includes.
     pub fn times(&self) -> RangeInclusive<f64> {
         self.from..=self.to
     }

@@ -9,7 +9,7 @@ use numerics::{Interval, kronrod};
 /// errors (the square of this number); also the permitted excess over an extreme between samples, relative to its
 /// size.
 const KNOWN: f64 = 1e-8;
-/// Reduction of a bracket by one golden-section step.
+/// Factor by which one golden-section step reduces the bracket of an extreme.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 /// Largest number of parts of a step that are enclosed. A pulse needs two parts for each binary digit of its width.
 const MOST_PARTS: usize = 1000;
@@ -70,7 +70,7 @@ impl Extremes {
         self.open
     }
 
-    /// Adds a step between two times, along which the functions `of` are defined.
+    /// Updates the extremes of the functions `of` by the step from the time `from` to the time `to`.
     pub fn step(&mut self, from: f64, to: f64, of: &mut impl Followed) {
         if self.least.is_empty() {
             return;
@@ -115,8 +115,8 @@ impl Extremes {
         if !of.enclose_at(from, &mut self.ranges) {
             return;
         }
-        // A function that cannot be enclosed at one time cannot be enclosed over an interval; beside a jump, one side
-        // can be.
+        // The width of an enclosure at a single time is due to rounding; at a jump only one side is enclosed. A
+        // function that cannot be enclosed at a single time cannot be enclosed over an interval either.
         self.rounding.iter_mut().zip(&self.ranges).for_each(|(rounding, range)| *rounding = range.width());
         self.found.fill([None; 2]);
         self.left.clear();

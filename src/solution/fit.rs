@@ -32,10 +32,11 @@ use utoipa::ToSchema;
 const FAR_APART: f64 = 100.0;
 /// Relative tolerance of the rank of the Jacobian, in units of `rtol`, since derivatives are as accurate as a run.
 const TOLERANCES: f64 = 10.0;
-/// Fraction of the progress for the search; the rest is for the final run and its sensitivity check.
+/// Fraction of the progress reported to the user that the search accounts for; the rest is for the final run and its
+/// sensitivity check.
 const SHARE: f64 = 0.9;
-/// Progress at which the search begins. It is above 0 because only the events of a run that begins at 0 are recorded
-/// as those of the answer.
+/// Reported progress at which the search begins. It is above 0 because only the events of a run that begins at 0 are
+/// recorded as those of the answer.
 const BEGIN: f64 = 1e-9;
 /// Largest ratio of the squared errors of the runs to the sum of squares at which the residuals are attributed to the
 /// data.
@@ -46,7 +47,7 @@ const SAME: f64 = 1e-3;
 /// A request for a fit: the fitted quantities and the data.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// The parameters and initial values to fit.
+    /// The parameters and initial values to fit to the data.
     pub parameters: Vec<Fitted>,
     /// The times of the data, increasing, within the horizon.
     pub t: Vec<f64>,
@@ -67,7 +68,7 @@ pub struct Fitted {
     pub name: String,
     /// The parameter or initial value with respect to which residuals are differentiated.
     pub by: By,
-    /// Starting value of the parameter in the search.
+    /// Starting value of the parameter in the search for the minimum.
     pub initial: f64,
     /// Lower bound of the fitted parameter.
     pub lower: f64,
@@ -78,7 +79,7 @@ pub struct Fitted {
 /// An output with measured values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// A measured state, by its index.
+    /// A measured state, given by its index.
     State(usize),
     /// A measured definition of the user, by its index; it depends on states, parameters and time alone.
     Definition(usize),
@@ -397,7 +398,8 @@ impl<'a> Search<'a> {
     }
 
     fn at(&self, point: &[f64], run: u64) -> Option<Residuals> {
-        // The number of runs is unknown in advance: each run takes a fraction of the remaining progress.
+        // The number of runs is unknown in advance: each run accounts for a fraction of the progress that remains to
+        // be reported to the user.
         let done = |run: u64| 1.0 - 1.0 / run as f64;
         self.control.part(done(run)..done(run + 1), || self.residuals(point).ok())
     }
@@ -430,7 +432,8 @@ impl<'a> Search<'a> {
                 let Some(value) = value else { continue };
                 let (found, error) = match column.of {
                     Quantity::State(state) => {
-                        // If all measured quantities are states, the columns are in the order of the data.
+                        // If all measured quantities are states, the columns of derivatives are already in the order
+                        // of the data.
                         let at = of.iter().position(|of| *of == state).unwrap_or(number);
                         derivatives[at * p..][..p]
                             .iter()
@@ -459,7 +462,7 @@ impl<'a> Search<'a> {
                 row += 1;
             }
         }
-        // The squares are checked for finiteness, since they are summed.
+        // The residuals must have finite squares, since the loss sums these.
         if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
             let message = "a residual or its derivative, divided by the standard deviation and squared, is not finite";
             return Err(self.failure(message.to_owned()));
@@ -592,7 +595,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Returns the scale of relative changes of a parameter.
+/// Returns the magnitude to which relative changes of a fitted parameter refer.
 fn size(value: f64, fitted: &Fitted) -> f64 {
     let span = fitted.upper - fitted.lower;
     [value.abs(), fitted.initial.abs(), span].into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0)

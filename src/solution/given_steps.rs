@@ -31,16 +31,17 @@ pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
 /// Evidence of the error of a run with steps of a given size, for each state.
 #[derive(Default)]
 pub(super) struct GivenSteps {
-    /// For each state, the sum of the estimated errors at the ends of steps, each raised to the power that gives it
-    /// the order of the method.
+    /// For each state, the sum over the steps of the estimated errors at their ends. Each estimate is raised to the
+    /// power `power`, which raises its order to the order of the method.
     at_ends: Vec<f64>,
     /// For each state, the largest estimated error at a time within a step whose interpolated values are in use.
     within: Vec<f64>,
-    /// For each state, the sum of the errors from variations of the rates that the stages miss.
+    /// For each state, the sum over the steps of the errors due to variations of the rates between the stages.
     missed: Vec<f64>,
-    /// Number of steps with a switch within which data vary by more than their ends and middle show.
+    /// Number of steps with a switch in which functions of time vary by more than their values at the ends and in the
+    /// middle of the step show.
     blind: u32,
-    /// The largest absolute value of each state.
+    /// The largest absolute value of each state in the run so far.
     largest: Vec<f64>,
     /// The power to which the estimated errors at the ends of steps are raised.
     power: f64,
@@ -64,7 +65,7 @@ impl GivenSteps {
         self.power = radau.error_power();
     }
 
-    /// Records that interpolated values within the step are in use.
+    /// Records that values interpolated within this step are in use, so that their estimated errors count.
     pub fn use_within(&mut self, step: &GivenStep) {
         self.within.resize(step.within.len(), 0.0);
         let errors = self.within.iter_mut().zip(&step.within);

@@ -21,8 +21,8 @@ use radau::{Settings, StageChoice};
 const TIGHTER: f64 = 0.01;
 const LEAST_RTOL: f64 = 1e-14;
 
-/// The approximate fraction of the total work that the first run takes, out of the first run and its more accurate
-/// reference.
+/// The approximate fraction of the work of both runs, the first one and the more accurate second one, that the first
+/// run accounts for.
 pub const SHARE: f64 = 0.5;
 
 /// Makes the second, more accurate run and records the estimate of the global error in the diagnostics of the first

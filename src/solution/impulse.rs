@@ -9,9 +9,9 @@ pub struct Impulse {
     pub at: f64,
     /// First time at which the states are those after the jump.
     pub t: f64,
-    /// The outputs with the states before the jump and the impulse times 0 and 1 as variables.
+    /// The outputs of the problem for the states before the jump, with 0 and 1 times the impulse as variables.
     pub before: [Vec<f64>; 2],
-    /// The outputs with the states after the jump and the impulse times 0, 1 and 2 as variables.
+    /// The outputs of the problem for the states after the jump, with 0, 1 and 2 times the impulse as variables.
     pub after: [Vec<f64>; 3],
 }
 

@@ -100,7 +100,8 @@ struct RadauRun<'p> {
     radau: Radau<'p>,
     /// The jumps of the states at the end of the last step.
     jumps: Vec<Jump>,
-    /// The switches at the current time, which the next step may revoke, and whether the last step has any.
+    /// The switches at the current time, which the next step may revoke (`switches`), and whether the last step has
+    /// any switch (`has_switched`).
     switches: Vec<Switch>,
     has_switched: bool,
     followed: Option<Followed>,
@@ -117,8 +118,8 @@ struct RadauRun<'p> {
 }
 
 impl RadauRun<'_> {
-    /// Returns the time and the state of a jump at the end of the last step at which the effect of the impulse on the
-    /// rate of the state differs between the sides of the jump.
+    /// Returns the time of a jump at the end of the last step, and the index of a state on whose rate the impulse
+    /// acts differently at the states before and after the jump; `None` if there is no such jump.
     fn ambiguous_jump(&mut self) -> Option<(f64, usize)> {
         let Self { radau, jumps, plan, .. } = self;
         let n = plan.initial.len();
@@ -142,7 +143,8 @@ impl RadauRun<'_> {
     }
 }
 
-/// Converts a switch to an event: a variable is activated if the number of equations that hold it decreases.
+/// Converts a switch to an event: the event is an activation if fewer equations fix the variable after the switch
+/// than before it.
 fn event(plan: &Plan, &Switch { t, variable, from, to }: &Switch) -> Event {
     let kind = if to.equations() < from.equations() { EventKind::Activated } else { EventKind::Deactivated };
     Event { t, kind, of: plan.names[plan.initial.len() + variable].clone() }
@@ -260,8 +262,8 @@ impl Stepper for RadauRun<'_> {
         self.has_switched = !self.jumps.is_empty();
         for switch in self.radau.take_switches() {
             self.has_switched = true;
-            // If a face is left at the time at which it is entered, it was chosen by rounding errors: both switches
-            // are removed.
+            // If a switch is reversed at the time at which it occurs, the active face between both was chosen by
+            // rounding errors: both switches are removed.
             let is_undone = |last: &Switch| {
                 last.t == switch.t
                     && last.variable == switch.variable
@@ -363,7 +365,8 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    // Sweeps do not report the active faces of their members; `FaceWatch` analyses those that it needs.
+    // Sweeps do not report the active faces of their members, so that only `FaceWatch` analyses faces, for the check
+    // of uniqueness.
     if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());

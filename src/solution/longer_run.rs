@@ -22,7 +22,7 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// The reason why the step failed, for the user.
     fn step_to(&mut self, end: f64) -> Result<(), Failure>;
 
-    /// Returns the behaviour in time of each output.
+    /// Returns the behaviour of each output in time: whether it is continuous, jumps, or is a sum over a step.
     fn kinds(&self) -> Vec<Kind>;
 
     /// Returns groups of outputs that are the components of one vector; if all components are requested, their errors
@@ -93,7 +93,7 @@ pub(super) trait TimeStepped: Stepper + Sized {
 /// The columns (recorded quantities) at the end of a step.
 struct Row {
     t: f64,
-    /// The length of the step, which ends at `t`.
+    /// The length of the step that ends at the time `t`.
     h: f64,
     y: Vec<f64>,
 }
@@ -120,7 +120,7 @@ pub(super) struct LongerRun<S> {
     events: Vec<SelectedEvents>,
 }
 
-/// Events of both runs that a sweep collects by one selection.
+/// The events of both runs of one kind and origin, whose number or time a sweep collects.
 struct SelectedEvents {
     name: String,
     /// Whether the number of the events is collected; otherwise the time of the first or the last event is collected.
@@ -198,7 +198,8 @@ impl<S: TimeStepped> LongerRun<S> {
         Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
     }
 
-    /// Adds the last step of `run` to the comparison, and makes a longer step if enough steps are waiting.
+    /// Adds the last step of `run` to the comparison, and makes a step of the longer run if the run is more than
+    /// three steps ahead of it.
     pub fn follow(&mut self, run: &mut S) {
         let (t, h) = (run.t(), run.t() - run.begin());
         if h <= 0.0 || !self.comparison.goes_on() {
@@ -274,8 +275,8 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Whether values at the output times depend on the step from `begin` to `end`: the step reaches into the latter
-    /// half of the time up to the next output time, or every step is an output.
+    /// Whether the step from `begin` to `end` counts for values at the output times: it does if it reaches into the
+    /// latter half of the time from the start to the next output time, or if every step is an output.
     fn counts(&self, [begin, end]: [f64; 2]) -> bool {
         let next = self.times.get(self.times.partition_point(|time| *time <= begin));
         self.times.is_empty() || next.is_some_and(|next| end - self.start >= 0.5 * (next - self.start))
@@ -287,7 +288,8 @@ impl<S: TimeStepped> LongerRun<S> {
         self.columns.evaluate(t, y);
     }
 
-    /// Makes one longer step over the first `count` of the waiting steps of `run`, and compares the two runs over it.
+    /// Makes one step of the longer run over the next `count` steps of `run`, which is ahead of it, and compares the
+    /// two runs over this step.
     fn join(&mut self, run: &mut S, count: usize) {
         let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
         self.stepper.exceed(run, end);
@@ -318,7 +320,7 @@ impl<S: TimeStepped> LongerRun<S> {
         true
     }
 
-    /// Compares the first `count` waiting steps of the run with the last longer step, which spans them all.
+    /// Compares the last step of the longer run with the `count` steps of the run that it spans.
     fn compare(&mut self, count: usize) {
         let length = self.stepper.t() - self.stepper.begin();
         self.changes.fill(0.0);
@@ -336,7 +338,8 @@ impl<S: TimeStepped> LongerRun<S> {
         self.free.extend(rows);
     }
 
-    /// Completes the comparison at the end of the run: compares the waiting steps, and sets the scales of errors.
+    /// Completes the comparison at the end of the run: compares the steps that the longer run has not made yet, and
+    /// sets the scales of errors.
     pub fn finish(&mut self, run: &mut S) {
         if self.comparison.goes_on() && self.open.len() == 1 {
             // At first order two steps of half the length have half the error of the single step, so that their
@@ -354,7 +357,7 @@ impl<S: TimeStepped> LongerRun<S> {
             self.join(run, count);
         }
         self.comparison.settle();
-        // The error of a whole vector relative to its length does not depend on the frame.
+        // The error of a whole vector relative to its length does not depend on the coordinate frame.
         let mut vectors = self.stepper.vectors();
         vectors.retain(|vector| vector.iter().all(|&column| self.comparison.compares(column)));
         self.comparison.share_units(&vectors);

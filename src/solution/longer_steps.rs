@@ -65,7 +65,7 @@ pub(super) enum Measure {
 pub(super) struct Quantity {
     /// The name of the quantity in messages.
     pub name: String,
-    /// The index of the column that holds the values.
+    /// The index of the column that contains the values of the quantity.
     pub column: usize,
     /// The behaviour of the column in time.
     pub kind: Kind,
@@ -84,7 +84,7 @@ pub(super) struct Quantity {
     distance: f64,
     /// The integral over time of the quantity, and the difference of this integral between the two runs.
     integrals: [f64; 2],
-    /// Whether only values at the output times are requested.
+    /// Whether only the values of the quantity at the output times are requested.
     pub is_at_times: bool,
     /// The length of time over which the two runs were compared.
     compared: f64,
@@ -232,7 +232,7 @@ impl Quantity {
 /// The comparison of a run with another whose steps are twice as long.
 #[derive(Clone, Debug)]
 pub(super) struct Comparison {
-    /// The compared quantities.
+    /// The quantities that are compared between the two runs.
     pub quantities: Vec<Quantity>,
     /// Whether the steps have the default size, and not a size that the user gave.
     is_default: bool,
@@ -245,9 +245,10 @@ pub(super) struct Comparison {
     repeated: f64,
     /// Factor that converts a difference of the two runs to the error of the first run.
     share: f64,
-    /// Number of output times that lie within steps.
+    /// Number of output times of the run that lie within steps, and not at their ends.
     within: u32,
-    /// Whether values at the output times depend on the current time; see [`Comparison::count`].
+    /// Whether differences of the two runs at the current time count as errors of the values at the output times; see
+    /// [`Comparison::count`].
     counts: bool,
     /// Relative errors from other sources, each with a message that names the quantity in error.
     others: Vec<(f64, String)>,
@@ -287,7 +288,7 @@ impl Comparison {
         }
     }
 
-    /// Raises the least scale of each quantity to the change of its column by the forces of one step.
+    /// Raises the least scale of the errors of each quantity to the change of its column by the forces of one step.
     pub fn resolve(&mut self, least: &[f64]) {
         self.quantities.iter_mut().for_each(|of| of.least = of.least.max(least[of.column]));
     }
@@ -343,13 +344,13 @@ impl Comparison {
         }
     }
 
-    /// Whether impacts have displaced any quantity.
+    /// Whether impacts so far have displaced any compared quantity.
     pub fn carries(&self) -> bool {
         self.quantities.iter().any(|of| of.carried != 0.0)
     }
 
-    /// Updates the largest displacements by impacts; columns that contacts hold fixed (`held` is not zero) forget the
-    /// displacements by earlier impacts.
+    /// Updates the largest displacement of each quantity by impacts; for columns that contacts hold fixed (`held` is
+    /// not zero) the displacements by earlier impacts are set to zero.
     pub fn carry(&mut self, held: &[f64]) {
         let counts = self.counts;
         for quantity in &mut self.quantities {
@@ -362,15 +363,16 @@ impl Comparison {
         }
     }
 
-    /// Sets whether the current time counts for values at the output times. Runs that differ may agree at a single
-    /// time by chance, and so the latter half of the time up to each output time counts.
+    /// Sets whether differences of the two runs at the current time count as errors of the values at the output
+    /// times. Runs that differ may agree at a single time by chance, so that differences in the latter half of the
+    /// time up to each output time count.
     pub fn count(&mut self, counts: bool) {
         self.counts = counts;
     }
 
-    /// Compares columns `at` a time within a step with the linear interpolation `line` between the step ends, for
-    /// quantities that are not continuous: the end of a step does not determine the earlier values of a quantity that
-    /// is constant within the step.
+    /// Adds the distances of the columns `at`, those at an output time within a step, from their linear interpolation
+    /// `line` between the step ends, for quantities that are not continuous: the value at the end of a step says
+    /// little about earlier values within the step.
     pub fn look_within(&mut self, at: &[f64], line: &[f64]) {
         self.within += 1;
         for quantity in self.quantities.iter_mut().filter(|of| !of.is_continuous()) {
@@ -390,7 +392,8 @@ impl Comparison {
         }
     }
 
-    /// Updates the displacements of the columns by impacts in a wrong direction, at the end of a step of length `h`.
+    /// Updates the errors of the quantities by `displaced`, the displacements of the columns at the end of a step of
+    /// length `h` that result from impacts in a wrong direction.
     pub fn mislead(&mut self, displaced: &[f64], h: f64) {
         let counts = self.counts;
         let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
@@ -404,7 +407,8 @@ impl Comparison {
         }
     }
 
-    /// Updates the displacements of the columns by data that vary between the evaluation points of the steps.
+    /// Updates the errors of the quantities by `displaced`, the displacements of the columns that result from data
+    /// that vary between the evaluation points of the steps.
     pub fn miss(&mut self, displaced: &[f64]) {
         let counts = self.counts;
         let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);

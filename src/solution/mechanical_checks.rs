@@ -16,8 +16,8 @@ use radau::ALLOWED;
 pub(super) const LARGEST_PART: f64 = 1e-3;
 
 /// Permitted error of the states of a first-order scheme, as a multiple of their motion per step. The errors of steps
-/// add up over the periods of an oscillation: a smaller multiple would doubt some tens of periods that are right to
-/// first order; a larger one would trust an oscillation that the scheme has damped away.
+/// add up over the periods of an oscillation: a smaller multiple would reject runs over some tens of periods that are
+/// correct to first order; a larger one would accept an oscillation that the scheme has damped away.
 const STEPS: f64 = 30.0;
 
 /// Largest defect that the order of a scheme may explain, relative to the largest energy. A loss of a twentieth of
@@ -34,7 +34,7 @@ const BETWEEN_STAGES: f64 = 100.0;
 /// Energy lost by rounding in an elastic impact, relative to the largest energy.
 const ROUNDING_OF_IMPACTS: f64 = 1e-11;
 
-/// The requested accuracy of a run.
+/// The accuracy that the user requested of a run: fixed steps, or tolerances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Accuracy {
     /// Fixed steps, without a tolerance.
@@ -47,7 +47,7 @@ pub(super) enum Accuracy {
         atol: f64,
         /// Work of the forces along displacements as large as their absolute tolerances.
         work: f64,
-        /// Number of accepted steps.
+        /// Number of accepted steps of the run.
         steps: u64,
     },
 }
@@ -101,8 +101,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     });
 }
 
-/// Compares violations of joints and gaps with the lengths met in the run, or with the tolerances; `names` are those
-/// of the contacts.
+/// Compares the violations of joints and gaps with their permitted values: a fraction of the length scale of each
+/// joint or gap in the run for fixed steps, else the tolerances. `names` are those of the contacts.
 pub(super) fn check_violations(violations: &Violations, names: &[String], accuracy: Accuracy, checks: &mut Checks) {
     let allowed = |seen: &Violation| {
         let permitted = match accuracy {

@@ -51,7 +51,7 @@ impl Misdirection {
         }
     }
 
-    /// Whether any velocity component has an error.
+    /// Whether any velocity component of the body has an error due to impacts.
     pub fn is_any(&self) -> bool {
         self.sums.iter().any(|[one, ..]| *one > 0.0)
     }
@@ -62,7 +62,7 @@ impl Misdirection {
         self.sums.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(sums, _)| *sums = [0.0; 3]);
     }
 
-    /// Returns the errors of the position components.
+    /// Returns the errors of the position components of the body that impacts with errors have caused.
     pub fn of_place(&self) -> impl Iterator<Item = f64> {
         let way = self.way;
         self.sums.iter().map(move |[one, first, second]| (one * way * way - 2.0 * first * way + second).max(0.0).sqrt())
@@ -97,7 +97,7 @@ mod tests {
         for _ in 0..10 {
             misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
         }
-        // A velocity error of 0.2 in the second component for one second.
+        // The second velocity component has an error of 0.2 for one second.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
         assert_near(misdirection.of_velocity(1.0), [0.0, 0.1]);
         misdirection.step(5.0, 0.0, [0.0; 2], &[0.0, 0.0]);
@@ -115,7 +115,7 @@ mod tests {
         for _ in 0..7 {
             misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
         }
-        // A velocity error of 0.2 in the second component for one second.
+        // The second velocity component has an error of 0.2 for one second.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
     }
 

@@ -20,16 +20,17 @@ struct Differences {
     /// The change of each end state that the derivative predicts.
     derivative: DVector<f64>,
     near: DVector<f64>,
-    /// The difference for starts at twice the distance, halved.
+    /// Half the difference for runs that begin at twice the distance from the orbit.
     far: DVector<f64>,
-    /// The tolerances of the states in runs at twice the distance.
+    /// The tolerances of the end states in the runs that begin at twice the distance from the orbit.
     scale: Vec<f64>,
 }
 
-/// Returns the multipliers of an orbit. Multipliers do not depend on the point of the orbit at which the period
-/// begins, but the monodromy matrix does: if rates switch at this point, the matrix is a one-sided derivative. If it
-/// is no limit of differences, the period begins at another point; its multipliers are returned if `may_replace` is
-/// set or they agree with the first ones.
+/// Returns the multipliers of an orbit, and records their check. Multipliers do not depend on the point of the orbit
+/// at which the period begins, but the monodromy matrix does: if rates switch at this point, the matrix is only a
+/// one-sided derivative, and finite differences do not converge to it. If the check fails, it is repeated for a
+/// period that begins at another point of the orbit; the multipliers of that period are returned if it passes there,
+/// and if they agree with the first ones or `may_replace` is set.
 pub(super) fn find(
     subject: Subject<'_>,
     plan: &Plan,

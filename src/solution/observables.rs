@@ -47,16 +47,16 @@ pub struct ObservableSlopes {
 /// An argument of a partial derivative of an observable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Argument {
-    /// A state, by its index.
+    /// A state, given by its index.
     State(usize),
-    /// A parameter, by its index.
+    /// A parameter, given by its index.
     Parameter(usize),
 }
 
 /// A monitor (event function) of the user.
 #[derive(Clone, Debug)]
 pub struct Monitored {
-    /// The label of the monitor's events.
+    /// The label of the events at sign changes of the monitor.
     pub label: String,
     /// The direction of the sign changes that count as events.
     pub direction: Direction,
@@ -98,12 +98,12 @@ impl Observables {
         self.slopes.program.bind(parameters);
     }
 
-    /// Returns the number of values that the program computes.
+    /// Returns the number of values that the program computes: definitions, integrands and monitors.
     pub(super) fn values(&self) -> usize {
         self.names.len() + self.monitors.len()
     }
 
-    /// Returns the number of definitions.
+    /// Returns the number of definitions of the user.
     pub(super) fn definitions(&self) -> usize {
         self.names.len() - self.integrals
     }
@@ -223,7 +223,7 @@ impl<'a> Observed<'a> {
         out.copy_from_slice(&self.place.values[..out.len()]);
     }
 
-    /// Announces the impulses at the end of the last step, which the integrals will pass.
+    /// Stores the impulses at the end of the last step, which are added to the integrals when these reach their time.
     pub fn expect(&mut self, impulses: &[Impulse]) {
         if self.of.integrals > 0 {
             self.impulses.extend(impulses.iter().cloned());

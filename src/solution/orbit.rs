@@ -41,8 +41,9 @@ const GAIN: f64 = 0.25;
 const MOST_OF_PERIOD: f64 = 0.5;
 /// Largest number of runs until the state that fixes the phase returns to its initial value.
 const RETURNS: usize = 8;
-/// A distance of fewer tolerances than this has less than three known digits: an orbit with a free period and no
-/// greater length counts as a point, and an orbit whose start has no smaller error is uncertain.
+/// Distance in units of the tolerances, of which at least three digits are known: an orbit with a free period counts
+/// as a point if no state would move further than this at its final rate over the period, and an orbit is uncertain
+/// if the error of its start exceeds this distance.
 const SEEN: f64 = 1e3;
 /// Distance from the unit circle below which a Floquet multiplier counts as being on it, given the accuracy of the
 /// derivatives.
@@ -50,7 +51,7 @@ const ON_CIRCLE: f64 = 1e-6;
 /// Relative change of the derivatives over a step of Newton's method beyond which a nearby solution is not
 /// guaranteed: the bound of Kantorovich's theorem, which is attained at a double root.
 pub(super) const CHANGED: f64 = 0.5;
-/// Largest number of states that a message lists.
+/// Largest number of states that a message about an orbit lists.
 const TOLD: usize = 3;
 /// Number of times in a period at which the right-hand sides of a problem are compared with those one period later.
 /// These times, and their distances, are not simple fractions of the period, so that they meet edges of pulses by
@@ -193,7 +194,8 @@ pub(super) fn run_along(
     };
     let distances = x.iter().zip(&start).zip(&shot.scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let residual = distances.fold(0.0, f64::max);
-    // Errors of the steps, each of the size of the tolerance, may add up to this number of tolerances.
+    // The permitted distance, in units of the tolerances, is the number of steps, whose errors add up: each is of the
+    // size of the tolerance.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, residual, allowed, || {
         format!("the end of the orbit differs from its beginning by {residual:.1e} times the tolerance")

@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 #[derive(Debug)]
 pub(super) struct OrderOfImpacts {
     bodies: Vec<Sequences>,
-    /// Impacts before this time are ignored.
+    /// Impacts of both runs before this time are ignored.
     since: f64,
 }
 
@@ -79,8 +79,8 @@ impl OrderOfImpacts {
 }
 
 impl Sequences {
-    /// Compares impacts while both runs have one, or one run has an impact before the time `due` that the other run
-    /// lacks.
+    /// Compares the next impacts of both runs as long as both have one, or one run has an impact before the time
+    /// `due` that the other run lacks.
     fn compare(&mut self, due: f64, h: f64, mistakes: &mut Vec<Mistake>) {
         loop {
             let is_extra = |impact: &Impact| impact.t < due;
@@ -91,7 +91,8 @@ impl Sequences {
                         continue;
                     }
                     Some(extra) => extra,
-                    // An impact after `due` may still have a partner in the other run.
+                    // An impact after `due` may still have its counterpart among impacts that the other run has not
+                    // reached yet.
                     None if !is_extra(own) || !is_extra(other) => return,
                     None => [1, 1],
                 },
@@ -113,8 +114,9 @@ impl Sequences {
         }
     }
 
-    /// Returns the numbers of impacts in each run before the next common impact, within a time `h`; among all
-    /// candidates, the one that skips impacts with the least energy.
+    /// Returns, for both runs, the number of impacts before the next common impact. Two impacts may be common if
+    /// their times differ by less than `h`; of several such pairs, the one is taken for which the impacts before it
+    /// have the least energy.
     fn next_in_common(&self, h: f64) -> Option<[usize; 2]> {
         let within = |open: &VecDeque<Impact>| open.partition_point(|impact| impact.t < open[0].t + h);
         let [own, other] = &self.open;
@@ -136,8 +138,8 @@ impl Sequences {
         best
     }
 
-    /// Removes the next impact of both runs, which is a common one, and compares its distance from the last common
-    /// one.
+    /// Removes the next impact of each run, which both have in common, and compares its distance in time from the
+    /// last common impact between the runs.
     fn meet(&mut self, mistakes: &mut Vec<Mistake>) {
         let [Some(of), Some(other)] = self.open.each_mut().map(VecDeque::pop_front) else { return };
         self.apart = [0, 1].map(|k| self.apart[k] + of.change[k] - other.change[k]);

@@ -28,18 +28,19 @@ impl Passages {
         self.phases.push(phase);
     }
 
-    /// Returns the number of events.
+    /// Returns the number of switches and contact events in the period.
     pub fn len(&self) -> usize {
         self.events.len()
     }
 
-    /// Returns the event with the given index.
+    /// Returns the switch or contact event with the given index.
     pub fn get(&self, number: usize) -> Option<&Passed> {
         self.events.get(number)
     }
 
-    /// Returns the middle of the longest interval without events, as a fraction of the period, if an event is nearer
-    /// to the beginning of the period than half of the distance from that middle to its nearest event.
+    /// Returns a better time for the beginning of the period, as a fraction of the period: the middle of the longest
+    /// interval without events. Returns `None` if the distance of the present beginning from its nearest event is at
+    /// least half of the distance of that middle from its nearest event.
     pub fn far_from_all(&self) -> Option<f64> {
         let (first, last) = (*self.phases.first()?, *self.phases.last()?);
         let around = (last, first + 1.0);

@@ -30,7 +30,7 @@ pub(super) trait Integrand {
     /// Writes the values of the functions at a time within the step.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// Begins sampling a new part of the step.
+    /// Discards the samples of the functions, and begins those of another part of the step.
     fn begin(&mut self) {}
 
     /// Writes bounds on the variation of the functions between two times that the samples do not show.
@@ -49,7 +49,8 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// The integrands, as indices into the outputs followed by the values of expressions; and whether to square them.
+    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions; and
+    /// whether to square them.
     pub integrands: &'a [(usize, bool)],
 }
 
@@ -88,9 +89,10 @@ fn select(integrands: &[(usize, bool)], place: &EvaluationBuffer, out: &mut [f64
 pub(super) struct Integrals {
     /// The integral of each function up to the end of the last step.
     pub values: Vec<f64>,
-    /// For each function, the sum of the differences of the two rules over parts that were not resolved.
+    /// For each function, the sum of the differences of the two quadrature rules over those parts of steps at which
+    /// bisection ended before the rules agreed.
     uncertain: Vec<f64>,
-    /// The integrals of the absolute values of the functions.
+    /// The integrals of the absolute values of the functions over the run so far.
     sizes: Vec<f64>,
     /// The functions whose integrals over an impulse are undefined, each with the time of the impulse.
     undefined: Vec<(usize, f64)>,
@@ -170,7 +172,7 @@ impl Part {
         }
         sums.iter_mut().for_each(|[_, difference, ..]| *difference = difference.abs());
         for (end, t) in [from, to].into_iter().enumerate() {
-            // At the ends of a step outputs may jump, and are not compared.
+            // The values at the ends of the whole step are not compared, since outputs may jump there.
             if t == step.0 || t == step.1 {
                 continue;
             }
@@ -236,7 +238,8 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: i
     let Integrals { values: before, uncertain, sizes, .. } = integrals;
     let most = (MOST_SUMS / before.len().max(1)).clamp(LEAST_PARTS, MOST_PARTS);
     let mut values = vec![0.0; before.len()];
-    // Within a short step the rounding errors of the times limit the accuracy of values that change over the step.
+    // In a step that is short relative to the time itself, rounding errors of the time limit the accuracy of the
+    // integrand.
     let agree = AGREE.max(f64::EPSILON * from.abs().max(to.abs()) / (to - from));
     let mut whole = Part::new((from, to), (from, to), &mut values, &mut of);
     let mut totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size, _])| before + size).collect();
@@ -244,7 +247,8 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: i
     let mut open = BinaryHeap::from([whole]);
     let mut done = Vec::new();
     while let Some(mut part) = open.pop() {
-        // Features found since the part was weighed may have enlarged the totals.
+        // The permitted error is relative to the integrals of the absolute values, `totals`, which other parts may
+        // have enlarged since the error of this part was computed.
         part.weigh(&totals, agree);
         if part.excess > 1.0 && part.can_be_halved() && done.len() + open.len() + 2 <= most {
             let middle = part.middle();
@@ -266,7 +270,8 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: i
         for (k, [sum, difference, size, hidden]) in sums.iter().enumerate() {
             before[k] += sum;
             sizes[k] += size;
-            // Next to a singularity, no bound on the integrand exists; its size stands for the bound.
+            // Next to a singularity the variation of the integrand has no bound; in a part too short to be halved,
+            // the integral of its absolute value is taken as the bound.
             let hidden = if hidden.is_finite() || !is_least { *hidden } else { *size };
             uncertain[k] += if *excess > 1.0 { difference + hidden } else { 0.0 };
         }
@@ -293,7 +298,7 @@ mod tests {
     #[test]
     fn kinks_are_resolved_and_what_is_not_is_counted() {
         let (found, uncertain) = integral(10.0, |t| (30.0 * t).sin().abs());
-        // 95 arches with an integral of 2/30 each, and a part of an arch.
+        // The integral of `|sin 30 t|` up to 10: 95 half periods with 2/30 each, and a part of another half period.
         let exact = (95.0 * 2.0 + 1.0 - (300.0 - 95.0 * std::f64::consts::PI).cos()) / 30.0;
         assert!((found - exact).abs() < 1e-9 * exact && uncertain < 1e-6, "{found:?} for {exact}, {uncertain:e}");
         let (_, uncertain) = integral(1.0, |t| (1e6 * t).sin());

@@ -29,45 +29,45 @@ pub struct Reducers {
 /// The computation of one number or text that is collected from a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reduction {
-    /// A functional of an expression over time.
+    /// A functional (such as the mean) of an expression over the run.
     Value {
-        /// The index of the expression in the program.
+        /// The index of the expression in the program of all expressions.
         at: usize,
-        /// The functional that reduces the expression to a number.
+        /// The functional that reduces the expression over the run to a number.
         over: Over,
     },
     /// A sensitivity at the end of the run, by its index in [`Sensitivities::names`](super::Sensitivities::names).
     Derivative(usize),
-    /// The number of selected events.
+    /// The number of events of the run that match a selection.
     Count(Selected),
-    /// The time of the first selected event.
+    /// The time of the first event of the run that matches a selection.
     First(Selected),
-    /// The time of the last selected event.
+    /// The time of the last event of the run that matches a selection.
     Last(Selected),
-    /// The sequence of modes, as a text.
+    /// The mode word: the sequence of modes of the run, as a text.
     ModeWord,
 }
 
 /// A functional that reduces an expression over a run to a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
-    /// The value at the end of the run.
+    /// The value of the expression at the end of the run.
     Final,
-    /// The value at the start of the run.
+    /// The value of the expression at the start of the run.
     Initial,
-    /// The minimum over time.
+    /// The minimum of the expression over the run.
     Min,
-    /// The maximum over time.
+    /// The maximum of the expression over the run.
     Max,
-    /// The maximum minus the minimum.
+    /// The maximum of the expression over the run minus its minimum.
     Ripple,
-    /// The mean over time.
+    /// The mean of the expression over the time of the run.
     Mean,
-    /// The root mean square over time.
+    /// The root mean square of the expression over the time of the run.
     Rms,
-    /// The integral over time.
+    /// The integral of the expression over the time of the run.
     Integral,
-    /// The value at a given time.
+    /// The value of the expression at a given time.
     At(f64),
 }
 
@@ -134,7 +134,7 @@ impl Selected {
     }
 }
 
-/// The state of all reductions during a run.
+/// The state of all reductions (collected numbers and texts) during a run.
 pub(super) struct Reducing<'a> {
     of: &'a Reducers,
     place: EvaluationBuffer,
@@ -142,13 +142,14 @@ pub(super) struct Reducing<'a> {
     end: f64,
     at_start: Vec<f64>,
     at_end: Vec<f64>,
-    /// For each reduction, the value at its requested time, if the run has reached that time.
+    /// For each reduction to the value at a given time, this value, if the run has reached that time.
     at_times: Vec<Option<f64>>,
     /// The integrands, as indices into the outputs of the problem followed by the values of the expressions; and
     /// whether to square them.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
-    /// The indices of the values whose extremes are needed.
+    /// The functions whose extremes are needed, as indices into the outputs of the problem followed by the values of
+    /// the expressions.
     extremes: Vec<usize>,
     found: Extremes,
     word: Option<Word>,
@@ -230,8 +231,8 @@ impl<'a> Reducing<'a> {
         Some((self.column(self.extremes[extreme], is_one)?, by, t))
     }
 
-    /// Returns the name of the first column that reduces the value with index `place` by a functional that satisfies
-    /// `is_one`.
+    /// Returns the name of the first collected column that reduces a given expression by a functional that satisfies
+    /// `is_one`; `place` is the index of the expression after all outputs of the problem.
     fn column(&self, place: usize, is_one: impl Fn(Over) -> bool) -> Option<&str> {
         let outputs = self.place.outputs.len();
         let is_one = |reduction: &Reduction| matches!(*reduction, Reduction::Value { at, over } if outputs + at == place && is_one(over));
@@ -351,7 +352,7 @@ fn told(event: &Event) -> String {
 #[derive(Debug, Default)]
 struct Word {
     text: String,
-    /// The last letter, and the number of its repetitions.
+    /// The last letter of the mode word, and the number of its repetitions.
     last: String,
     times: u64,
     /// Hash of the letters after the text has reached its largest length.

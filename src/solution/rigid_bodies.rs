@@ -29,7 +29,7 @@ const TWO_DIGITS: f64 = 1e-2;
 /// its speed.
 const ROUNDING_OF_BODIES: f64 = 1e-12;
 
-/// How the steps of rigid bodies treat impacts.
+/// How the steps of rigid bodies treat impacts: located in time, or passed over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Impacts {
     /// Whether impacts are located in time; otherwise steps pass over them (time stepping).
@@ -327,7 +327,7 @@ impl<'a> RigidBodyRun<'a> {
     /// Converts an event of the last step to named bodies.
     fn event(&self, (kind, pair, t): &NewEvent) -> Event {
         let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
-        // The event is the stop of a joint between a body and the world.
+        // The event belongs to the stop of a joint between a body and the world.
         let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
         Event { t: t.unwrap_or(self.t), kind: *kind, of }
     }
@@ -336,8 +336,8 @@ impl<'a> RigidBodyRun<'a> {
     fn kinks(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let (h, gravity) = (self.t - self.before, self.scene.gravity);
         let fall = h * gravity.norm();
-        // An impulse that contacts transmit throughout the step is no larger than that of the forces, and has no
-        // error of timing; the rest of the velocity change is due to impacts.
+        // The impulse of contacts that are closed throughout the step is at most that of the forces, and has no error
+        // of timing; any further change of the velocity is due to impacts.
         let beyond = |change: Vector3<f64>, least: f64| {
             change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
         };
@@ -389,7 +389,7 @@ impl<'a> RigidBodyRun<'a> {
         Some((arc.at(passed, &self.scene.gravity), [0, 1].map(|k| all[k] - done[k])))
     }
 
-    /// Returns the times at which an arc of the last step begins and ends.
+    /// Returns the times at which a smooth arc of the last step, between two located impacts, begins and ends.
     fn ends_of(&self, arc: &Arc) -> [f64; 2] {
         arc.times.map(|passed| self.before + passed)
     }
@@ -449,8 +449,8 @@ impl TimeStepped for RigidBodyRun<'_> {
         use Kind::{Continuous, Jumping, OfStep, Residual};
         let of_body = |_| [[Continuous; 7].as_slice(), &[Jumping; 6]].concat();
         let mut kinds: Vec<Kind> = self.starts.iter().flat_map(of_body).collect();
-        // The kinds of kinetic and potential energy, friction losses, impact losses, number of contacts, penetration
-        // and impulses.
+        // Behaviour in time of kinetic and potential energy, friction losses, impact losses, number of contacts,
+        // penetration and impulses.
         kinds.extend([Jumping, Continuous, Jumping, Jumping, Jumping, Residual, OfStep]);
         kinds.extend(self.coordinates.iter().map(|is_coordinate| if *is_coordinate { Continuous } else { Jumping }));
         kinds
@@ -487,8 +487,8 @@ impl TimeStepped for RigidBodyRun<'_> {
             energy += 0.5 * motion.mass * fall * fall;
             weight += motion.mass * self.scene.gravity.norm();
         }
-        // Scales of kinetic and potential energy, friction losses, impact losses, number of contacts, penetration and
-        // impulses.
+        // Least scales of the errors of kinetic and potential energy, friction losses, impact losses, number of
+        // contacts, penetration and impulses.
         let known = KNOWN_ENERGY * self.energy.size();
         let [lost, weighed] = [energy.max(known), (weight * h * fall).max(known)];
         let of_scene = [lost, weighed, lost, lost, 1.0, 0.0, weight];

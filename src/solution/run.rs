@@ -398,7 +398,7 @@ fn limit(
 struct Recorder<'a> {
     plan: &'a Plan,
     trajectory: Trajectory,
-    /// The index of the next output time to record.
+    /// The index of the next output time at which values are to be recorded.
     next: usize,
     /// The outputs of the problem, then the user's definitions and integrals, then sensitivities.
     y: Vec<f64>,
@@ -414,7 +414,7 @@ struct Recorder<'a> {
     broken: Option<(usize, f64)>,
 }
 
-/// The recorded events of a step.
+/// The events of one step that have been recorded in the answer.
 struct Recorded<'r> {
     events: &'r [Event],
     /// Whether the method itself has reported an event in the step.

@@ -50,7 +50,7 @@ const OWN: f64 = 100.0;
 /// Largest number of output times before the end at which derivatives are compared: an error that lasts for a
 /// hundredth of the run is then detected.
 const MOST_COMPARED: usize = 100;
-/// The scale of a parameter whose value is zero.
+/// The size of a parameter whose value is zero, by which its change in a finite difference is scaled.
 const MOVED_ALONE: f64 = 1.0;
 /// The fractional part of the golden ratio, whose multiples modulo 1 are distinct and evenly distributed.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -77,7 +77,7 @@ pub struct Sensitivities {
 /// A quantity with respect to which a run is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// A parameter, by its index.
+    /// A parameter, given by its index.
     Parameter(usize),
     /// The initial value of a state, by the index of the state.
     Initial(usize),
@@ -244,15 +244,15 @@ fn along(tangents: &Tangents, radau: &mut Radau<'_>, (states, by): (usize, usize
     (x, slopes)
 }
 
-/// Returns the failure of a run from whose time `time` on there are no derivatives.
+/// Returns the failure of a run whose states have no derivatives from the time `time` on.
 pub(super) fn failure(why: &str, time: f64, state: &[f64]) -> Failure {
     let message =
         format!("there are no derivatives from t = {time:?} on: {why}; without `sensitivities` the run itself goes on");
     Failure { code: "no_derivative".into(), message, time, state: state.to_vec() }
 }
 
-/// Returns the directions of differentiation that belong to parameters and initial values, with the problems shifted
-/// along them.
+/// Returns the directions of differentiation that belong to parameters and initial values. Each direction of a
+/// parameter comes with two problems, at a slightly larger and a slightly smaller value, for central differences.
 pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let shifted = by.iter().map(|by| match *by {
         By::Initial(_) => Ok(None),
@@ -262,8 +262,8 @@ pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, Stri
     Ok(Directions { shifted, ..unshifted(model, by)? })
 }
 
-/// Returns the directions of differentiation that belong to parameters and initial values, without the problems
-/// shifted along them.
+/// Returns the directions of differentiation that belong to parameters and initial values, without problems at
+/// changed parameter values.
 fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, count) = (structure.states, by.len());
@@ -302,18 +302,18 @@ fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     Ok(Directions { initial, rows, mass, bounds, shifted })
 }
 
-/// Returns the scale of a parameter with this value.
+/// Returns the size of a parameter with this value, by which its change in a finite difference is scaled.
 fn size_of(value: f64) -> f64 {
     if value == 0.0 { MOVED_ALONE } else { value.abs() }
 }
 
-/// Returns the problem with one parameter slightly above and below its value, for central differences.
+/// Returns two problems, with one parameter slightly above and slightly below its value, for central differences.
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     shifted_by(model, CENTRAL_DIFFERENCE * size_of(values[parameter]), |k| if k == parameter { 1.0 } else { 0.0 })
 }
 
-/// Returns the problem with its parameters above and below their values; parameter `k` changes by `by * speed(k)`.
+/// Returns two problems, in which each parameter `k` is increased and decreased by `by * speed(k)`.
 fn shifted_by(model: &DviModel, by: f64, speed: impl Fn(usize) -> f64) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let at = |by: f64| {
@@ -373,16 +373,17 @@ fn tighter(settings: &Settings) -> Settings {
     Settings { rtol: part * settings.rtol, atol, ..settings.clone() }
 }
 
-/// The parameters and initial values of a run that is compared with the derivatives.
+/// The parameter values and initial values of one of the runs whose differences are compared with the derivatives.
 struct Moved<'m> {
     parameters: &'m [f64],
-    /// The states whose initial value is moved by itself, with that value.
+    /// The states with respect to whose initial values derivatives are requested, with their initial values in this
+    /// run.
     states: &'m [(usize, f64)],
     plan: &'m Plan,
 }
 
 impl Moved<'_> {
-    /// Returns the initial values, given the values `follow` that follow from the parameters.
+    /// Returns the initial values of the run; `follow` are those that the model computes from the parameters.
     fn initial(&self, follow: &[f64]) -> Vec<f64> {
         let mut initial = follow.to_vec();
         self.states.iter().for_each(|&(state, value)| initial[state] = value);
@@ -540,7 +541,8 @@ fn compare(
     };
     let is_between: Vec<bool> = compared.iter().map(|at| is_between_events(&events, at.t)).collect();
     let mut worst: Option<(f64, f64, Checked)> = None;
-    // The largest effect of each parameter and initial value alone on the results, in units of what runs can resolve.
+    // For each parameter and initial value, the largest effect of its change alone on the compared outputs, in units
+    // of the accuracy of the runs.
     let mut shown = vec![0.0_f64; asked.by.len()];
     for (k, &of) in asked.of.iter().enumerate() {
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
@@ -558,7 +560,8 @@ fn compare(
             if !is_end && is_between[i] {
                 continue;
             }
-            // Before the end, the errors are relative to the largest value so far.
+            // At the end of the run the errors are relative to the value there, before it to the largest value at all
+            // compared times.
             let size = if is_end { here.abs() } else { largest };
             let atol = tighter.atol.get(of).copied().unwrap_or(0.0);
             let known = tighter.rtol * size + atol + resolution + f64::EPSILON * largest;

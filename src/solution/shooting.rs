@@ -24,7 +24,7 @@ const RANK: f64 = 1e-8;
 /// period: far less than the duration of a switch, and far more than rounding errors of time.
 const BEFORE_END: f64 = 1e-9;
 
-/// The reason why a run that was made without derivatives has none.
+/// The reason given for a missing monodromy matrix if the run was made without derivatives.
 const NOT_ASKED: &str = "derivatives were not asked for";
 
 /// A Newton correction of a periodic orbit: changes of the initial state and of the period.
@@ -36,7 +36,7 @@ pub(super) struct Shot {
     pub from: Vec<f64>,
     pub period: f64,
     pub to: Vec<f64>,
-    /// The rates of the states at the end.
+    /// The rates of the states at the end of the run.
     pub slope: Vec<f64>,
     /// The monodromy matrix: the derivative of the end state with respect to the start, or the reason why it does not
     /// exist.
@@ -46,7 +46,7 @@ pub(super) struct Shot {
     pub by_parameters: DMatrix<f64>,
     /// The error tolerances of the states, absolute plus relative.
     pub scale: Vec<f64>,
-    /// The switches and contact events in the period.
+    /// The switches and contact events of the run over one period.
     pub passages: Passages,
 }
 

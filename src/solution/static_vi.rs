@@ -93,7 +93,7 @@ impl Stepper for Point<'_> {
     fn finish(&mut self, _diagnostics: &mut Diagnostics) {}
 }
 
-/// Returns the diagnostics known before the solve.
+/// Returns the diagnostics of a static problem that are known before the solve.
 pub fn describe_static(model: &StaticModel) -> Diagnostics {
     let mut diagnostics =
         Diagnostics { method: "josephy_newton", built: vec!["variational inequality"], ..Diagnostics::default() };
@@ -172,7 +172,7 @@ fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Fou
     });
 }
 
-/// A static problem with its solvers.
+/// A static variational inequality with its solvers.
 struct Search<'a> {
     model: &'a StaticModel,
     problem: Inequality,
@@ -207,9 +207,10 @@ impl Search<'_> {
         self.model.equations.variable_names.get(i).map_or("?", String::as_str)
     }
 
-    /// Returns a row of `G` whose zero does not determine the point, if there is one: the residual and its rounding
-    /// error, divided by the largest derivative, displace a variable far, and the residual keeps its sign and size
-    /// over that distance. Such rows occur if a search ends near a zero at infinity.
+    /// Returns a row `G_i` of `G` whose equation `G_i = 0` does not determine the point, if there is one. Its
+    /// residual and rounding error, divided by the largest derivative, correspond to a large displacement of a
+    /// variable, and the residual keeps its sign and size over this displacement. Such rows occur if a search ends
+    /// near a zero at infinity.
     fn undetermined(&mut self, z: &[f64], at: &At) -> Option<usize> {
         let structure = self.model.equations.structure();
         let (set, pattern) = (&structure.set, &structure.pattern);
@@ -235,7 +236,7 @@ impl Search<'_> {
                 let mut moved = z.to_vec();
                 moved[j] += by;
                 self.problem.evaluate(&moved, &mut g);
-                // A residual that is not finite is not known to keep its size.
+                // If the residual at the displaced point is not finite, nothing is known about its size there.
                 !(g[row].abs() <= GROWN * off(row) && g[row] * at.g[row] >= 0.0)
             };
             !beside.into_iter().any(&mut grows)
@@ -414,7 +415,7 @@ impl Search<'_> {
         (Status::Failed, "vi_unsolved", message)
     }
 
-    /// Returns a proof of infeasibility, if there is one.
+    /// Returns a proof that the static problem has no solution, if there is one.
     fn impossible(&mut self, at: &At, found: Found) -> Option<String> {
         let structure = self.model.equations.structure();
         let set = &structure.set;

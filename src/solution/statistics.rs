@@ -38,7 +38,8 @@ pub(super) struct Statistics {
 }
 
 impl Statistics {
-    /// Creates the statistics of the fields `places` of a problem with `outputs` outputs.
+    /// Creates the statistics of a problem with `outputs` outputs; `places` are the indices of the fields into the
+    /// outputs followed by the definitions.
     pub fn new(places: Vec<usize>, outputs: usize, of: &Observables) -> Self {
         let (integrals, extremes) = (Integrals::new(2 * places.len()), Extremes::new(places.len()));
         Self {

@@ -145,7 +145,8 @@ pub fn find_steady_state(
     let scale = settings.tolerances(0, &start);
     let moved = x.iter().zip(&start).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let moved = moved.fold(0.0, f64::max);
-    // Errors of the steps, each of the size of the tolerance, may add up to this number of tolerances.
+    // The permitted distance, in units of the tolerances, is the number of steps, whose errors add up: each is of the
+    // size of the tolerance.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, moved, allowed, || {
         format!("a run from the steady state departs from it by {moved:.1e} times the tolerance until t = {end:?}")
@@ -284,7 +285,8 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
         values
     };
     let here = at(&y);
-    // The errors of the right-hand sides that follow from the tolerances of the unknowns.
+    // The error of each right-hand side that follows from the tolerances of the unknowns: the sum of its changes as
+    // one unknown after the other changes by its tolerance.
     let mut errors = vec![0.0; rows];
     for (j, unit) in units.iter().enumerate() {
         let kept = y[j];
@@ -315,16 +317,16 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
 /// The direction in which the equations determine a steady state least: the singular vector of the smallest singular
 /// value.
 struct Weakest {
-    /// The singular vector, of length 1, in units of the tolerances.
+    /// The singular vector of the smallest singular value, of length 1, in units of the tolerances.
     direction: Vec<f64>,
-    /// The Newton correction in this direction, in units of the tolerances; `None` if the equations are singular in
-    /// it.
+    /// The Newton correction in the least determined direction, in units of the tolerances; `None` if the equations
+    /// are singular in this direction.
     corrected: Option<f64>,
 }
 
 impl Weakest {
-    /// Returns the uncertainty of the states and variables along this direction: the Newton correction plus the
-    /// tolerance.
+    /// Returns the uncertainty of the states and variables in this least determined direction: the Newton correction
+    /// plus the tolerance.
     fn uncertainty(&self, units: &[f64]) -> Option<Vec<f64>> {
         let largest = self.direction.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         let size = self.corrected.unwrap_or(0.0) + largest.recip();
@@ -428,7 +430,8 @@ impl Search<'_> {
             let scale = self.settings.tolerances(0, next);
             let changes = next.iter().zip(&x).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
             let residual = changes.fold(0.0, f64::max);
-            // The length of an implicit step is its size times the rates at its end.
+            // The change of the states in an implicit Euler step is the step size times the rates at its end, so that
+            // the rates are the change divided by the step size.
             let before = std::mem::replace(&mut speed, residual / h);
             let growth = if before > 0.0 && residual > 1.0 { (speed / before).ln() / h } else { 0.0 };
             let is_last = is_reached && residual <= 1.0;

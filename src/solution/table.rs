@@ -95,7 +95,7 @@ pub struct Words {
     known: FxHashMap<String, u32>,
 }
 
-/// The reason why tables are not parts of one sweep.
+/// The reason why two tables are not parts of one sweep and cannot be merged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unmergeable(pub String);
 
@@ -170,7 +170,7 @@ impl Values {
         }
     }
 
-    /// Whether the column has no rows.
+    /// Whether the column of a table has no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -273,7 +273,7 @@ impl Values {
         true
     }
 
-    /// Returns the values in the given rows.
+    /// Returns the values of the column in the given rows.
     pub fn part(&self, rows: Range<usize>) -> Self {
         match self {
             Self::Numbers(values) => Self::Numbers(values.get(rows).unwrap_or_default().to_vec()),

@@ -15,9 +15,10 @@ pub(super) struct Touches {
     monitors: Monitors,
     /// The largest absolute value of each state so far.
     largest: Vec<f64>,
-    /// The uncertainty of each state by the tolerances.
+    /// The uncertainty of each state that the tolerances leave.
     uncertain: Vec<f64>,
-    /// The time of the last crossing of each monitor, and the interval in which it last rested at zero.
+    /// For each monitor, the time at which it last crossed zero (`crossed`), and the interval of time in which it
+    /// last rested at zero (`rested`).
     crossed: Vec<f64>,
     rested: Vec<[f64; 2]>,
     /// The time at which each monitor last entered the band around zero.
@@ -26,8 +27,8 @@ pub(super) struct Touches {
     pub found: Option<(usize, f64)>,
 }
 
-/// Least fraction of its stay in the band around zero for which a resting monitor is exactly zero: it enters and
-/// leaves the band quickly.
+/// A monitor counts as resting at zero, and not as touching it, if it is exactly zero for at least this fraction of
+/// the time that it spends in the band around zero.
 const RESTING: f64 = 0.5;
 
 impl Touches {

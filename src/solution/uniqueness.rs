@@ -33,7 +33,8 @@ pub(super) struct LipschitzWatch<'p> {
 }
 
 impl<'p> LipschitzWatch<'p> {
-    /// Creates the watch at `(t, y)`; returns `None` if the certificate does not depend on Lipschitz continuity.
+    /// Begins the detection at the time `t` and the unknowns `y`; returns `None` if the certificate of uniqueness
+    /// does not depend on Lipschitz continuity.
     pub(super) fn new(
         model: &'p DviModel,
         analysis: &Analysis,
@@ -45,7 +46,7 @@ impl<'p> LipschitzWatch<'p> {
         Some(Self { model, irregularities, rtol, atol, last: (t, y.to_vec()), ranges, met: None })
     }
 
-    /// Examines the equations over a step that ends at `(t, y)`.
+    /// Examines the equations over the step that ends at the time `t` with the unknowns `y`.
     pub(super) fn observe(&mut self, t: f64, y: &[f64]) {
         if self.met.is_some() {
             return;
@@ -77,26 +78,30 @@ const MOST_AT_EVERY_STEP: usize = 40;
 /// Detects faces on which a certificate of uniqueness no longer holds, and faces on which other solutions are proven:
 /// where an attractive sliding surface becomes repulsive, a solution may leave it at any time.
 pub(super) struct FaceWatch {
-    /// Whether a certificate may be lost, and whether other solutions may be proven.
+    /// Whether the certificate of uniqueness at the start may be lost on another active face.
     may_lose: bool,
+    /// Whether other solutions may be proven on an active face.
     may_prove: bool,
     at_every_step: bool,
     /// The relative tolerance of the states; zero at steps of a given size.
     rtol: f64,
     /// The time and the analysis of the face on which the certificate was lost.
     lost: Option<(f64, Analysis)>,
-    /// The first time at which other solutions are proven, with the determinant that proves them and the least of a face
-    /// whose solution is the only one.
+    /// The first time at which the existence of other solutions is proven, with the determinant of the active face,
+    /// and the least determinant that a face with a unique solution may have (a negative determinant proves other
+    /// solutions).
     others: Option<(f64, [f64; 2])>,
 }
 
 impl FaceWatch {
-    /// Creates the watch at the start; returns `None` if no certificate can be lost, and none is missing.
+    /// Begins the detection at the start of a run; returns `None` if the certificate of uniqueness cannot be lost, or
+    /// if there is none and the existence of other solutions cannot be proven either.
     pub(super) fn new(structure: &Structure, analysis: &Analysis, rtol: f64) -> Option<Self> {
         let is_certified = analysis.uniqueness.is_certified();
         let may_lose = is_certified && !structure.constant_jacobian;
         let is_small = structure.unknowns() <= MOST_AT_EVERY_STEP;
-        // Without a certificate the matrices of a face may have either sign, also where they are constant.
+        // Without a certificate the determinant of an active face may be negative, which proves other solutions, even
+        // if the Jacobian is constant.
         let is_constant = is_certified && structure.constant_jacobian;
         let may_prove = !is_constant && is_small && (0..structure.variables).any(|k| structure.is_bounded(k));
         (structure.variables > 0 && (may_lose || may_prove)).then_some(Self {

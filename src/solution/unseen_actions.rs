@@ -7,7 +7,8 @@ use models::rigid_bodies::{Action, Motion, MultibodySystem, OF_BODY, OUTPUTS, st
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
 
-/// The variations of one force on a body, and the displacement of the body that follows.
+/// The variations of one force on a body between the times at which steps evaluate it, and the resulting displacement
+/// of the body.
 pub(super) struct UnseenAction {
     program: Tape,
     boxes: IntervalWorkspace,
@@ -27,7 +28,7 @@ pub(super) struct UnseenAction {
     unknown: [[f64; 2]; 2],
 }
 
-/// Force and torque of an action as functions of the states of the bodies on which it depends.
+/// The force and the torque of an action on a body, as functions of the states of the bodies on which they depend.
 struct ActionOfStates<'s> {
     program: &'s mut Tape,
     boxes: &'s mut IntervalWorkspace,
@@ -48,7 +49,7 @@ impl OfStates for ActionOfStates<'_> {
 }
 
 impl UnseenAction {
-    /// Prepares the estimates for all actions on moving bodies of a scene.
+    /// Prepares the estimates for all forces and torques (actions) on moving bodies of a scene.
     pub fn all(scene: &MultibodySystem) -> Vec<Self> {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let new = |action: &Action| {
@@ -75,8 +76,8 @@ impl UnseenAction {
         scene.actions.iter().filter_map(new).collect()
     }
 
-    /// Adds a step, at whose end the body has the given motion. Velocity components that contacts hold fixed (`held`)
-    /// forget the changes by unseen forces.
+    /// Adds a step, at whose end the body has the given motion. The changes by missed forces of velocity components
+    /// that contacts hold fixed (`held`) are set to zero.
     pub fn step(
         &mut self,
         [from, to]: [f64; 2],
@@ -97,7 +98,7 @@ impl UnseenAction {
         }
         let mut on_way = OnWay::new(&mut of_states, [from, to], [before, inputs]);
         if of_way.integrate(6, [from, to], &mut on_way) {
-            // A step uses the forces at its midpoint.
+            // A step uses the forces at its midpoint in time.
             let mut used = [0.0; 6];
             on_way.at(from + 0.5 * h, &mut used);
             let part = |k: usize| Vector3::from_fn(|i, _| of_way.integrals[3 * k + i][0] - h * used[3 * k + i]);

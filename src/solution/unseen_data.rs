@@ -20,14 +20,14 @@ const AGREE: f64 = 1e-4;
 
 /// Functions of time alone, with all other arguments fixed at one end of a step, or along the path of a step.
 pub(super) trait InTime {
-    /// Writes the values at the time `t`.
+    /// Writes the values of the functions at the time `t`.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// Writes enclosures of the values over the time interval `t`.
+    /// Writes enclosures of the values of the functions over the time interval `t`.
     fn enclose(&mut self, t: Interval, out: &mut [Interval]);
 }
 
-/// Functions of time and states.
+/// Functions of time and of several states, such as forces.
 pub(super) trait OfStates {
     /// Writes the values at the time `t` and the given states.
     fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]);
@@ -52,7 +52,7 @@ pub(super) struct StraightWay<'s> {
 }
 
 impl StraightWay<'_> {
-    /// Returns state `k` at the time `t`.
+    /// Returns state `k` on the path of the step at the time `t`.
     pub fn at(&self, k: usize, t: f64) -> f64 {
         let [from, to] = self.states.map(|state| state[k]);
         from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
@@ -138,7 +138,7 @@ impl UnseenData {
         integrals.clear();
         integrals.resize(count, [0.0; 2]);
         of.enclose(Interval::new(step[0], step[1]), ranges);
-        // A function that varies by less than the tolerance of the quadrature rules hides nothing.
+        // If a function varies by less than the tolerance of the quadrature rules, samples miss nothing significant.
         let mut may_hide = false;
         for (range, largest) in ranges.iter().zip(largest.iter_mut()) {
             if !range.is_empty() {

@@ -7,7 +7,8 @@ use nalgebra::{DMatrix, DVector};
 use numerics::Interval;
 use problem::{Constraints, Mechanical};
 
-/// The displacements of coordinates and velocities by variations of forces and friction that the steps do not see.
+/// The displacements of coordinates and velocities by variations of forces and friction coefficients between the
+/// times at which steps evaluate them.
 #[derive(Default)]
 pub(super) struct UnseenForces {
     in_time: UnseenData,
@@ -61,15 +62,16 @@ impl OfStates for FrictionOfPlace<'_> {
     }
 }
 
-/// The generalised impulses of one step that the step does not see: their sum, and bounds on its error.
+/// The sum of the generalised impulses that one step misses, since forces and friction vary between the times at
+/// which it evaluates them; and bounds on the error of this sum.
 struct Impulses {
     sum: DVector<f64>,
     unknown: Vec<DVector<f64>>,
 }
 
 impl UnseenForces {
-    /// Adds the last step, and returns the largest possible displacements of coordinates and velocities at its end;
-    /// `None` if there are none.
+    /// Adds the impulses that the last step misses, and returns the largest possible displacements of coordinates and
+    /// velocities at its end by those of all steps so far; `None` if there are none.
     pub fn step(&mut self, stepper: &mut TimeStepping<'_>, problem: &mut dyn Mechanical) -> Option<[Vec<f64>; 2]> {
         let structure = problem.structure();
         let n = structure.coordinates;

@@ -10,7 +10,8 @@ use numerics::Interval;
 /// The change of a body's position and orientation, or of its velocity and angular velocity.
 type Change = (Vector3<f64>, Vector3<f64>);
 
-/// The displacements of the bodies by variations of friction coefficients that the steps do not see.
+/// The displacements of the bodies by variations of friction coefficients between the times at which steps evaluate
+/// them.
 pub(super) struct UnseenFriction {
     coefficients: Vec<(Coefficient, IntervalWorkspace, UnseenData)>,
     /// The displacements of each moving body (index 0), and bounds on their errors in the direction of the friction

@@ -24,7 +24,7 @@ pub(super) struct UnseenGaps {
     rows: Option<Constraints>,
 }
 
-/// The gaps along the straight path of a step.
+/// The gaps of all contacts along the straight path of a step through the coordinates.
 struct GapsOnWay<'s> {
     problem: &'s mut dyn Mechanical,
     way: StraightWay<'s>,

@@ -1,6 +1,6 @@
 //! Bodies with a prescribed motion that goes further within a step than its ends show: a paddle whose period equals
-//! the step size, or a rotor that turns by half a turn. Steps do not see the swept volume, where nearby bodies may be
-//! struck.
+//! the step size, or a rotor that turns by half a turn. Steps evaluate contacts at single times only, and miss bodies
+//! that would be struck in the swept volume.
 
 use super::unseen_data::{InTime, UnseenData};
 use expression::{IntervalWorkspace, Tape};
@@ -9,16 +9,17 @@ use nalgebra::Vector3;
 use numerics::Interval;
 use std::f64::consts::PI;
 
-/// Largest distance that a body may cover unseen in a step, relative to its largest mean speed times the step size.
-/// Motion with six steps per period reaches a quarter, which the comparison with steps twice as long shows.
+/// Largest distance that a body may cover within a step beyond what its positions at the ends of the step show,
+/// relative to its largest mean speed times the step size. Motion with six steps per period reaches a quarter, which
+/// the comparison with steps twice as long shows.
 const MOST_UNSEEN: f64 = 0.25;
 
 /// Largest velocity that an impact transfers from a surface to a body, relative to the speed of the surface: twice
 /// for an elastic impact.
 const OF_SURFACE: f64 = 2.0;
 
-/// The bodies with a prescribed motion, and the possible displacements of other bodies by motion that the steps do
-/// not see.
+/// The bodies with a prescribed motion, and the possible displacements of other bodies by motion between the ends of
+/// steps.
 pub(super) struct UnseenMotion {
     program: Tape,
     boxes: IntervalWorkspace,
@@ -114,7 +115,8 @@ impl UnseenMotion {
         let Self { program, boxes, data, values, ranges, given, displaced } = self;
         let count = 6 * given.len();
         let mut magnitudes = Magnitudes { program, boxes, values, ranges, given };
-        // Integrals of constant speeds are not computed by quadrature.
+        // `integrate` returns false if no speed varies significantly: the integrals are then the speeds times the
+        // step size.
         if !data.integrate(count, [from, to], &mut magnitudes) {
             let mut constant = vec![0.0; count];
             magnitudes.at(from, &mut constant);

@@ -38,7 +38,8 @@ pub enum CheckCode {
     FitDistance,
     /// Change of the states or of the energy when an accumulation of events (Zeno) was stepped over.
     AccumulationPassed,
-    /// How far the determinant of an active face is below the least one of a face whose solution is the only one.
+    /// How far the determinant of an active face is below the least determinant that a face with a unique solution
+    /// may have.
     OtherSolutions,
     /// Number of members of a sweep that are not trusted.
     UntrustedMembers,

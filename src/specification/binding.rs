@@ -1,4 +1,5 @@
-//! Binding of new parameter values to a lowered problem, without reading, differentiating or compiling anything again.
+//! Binding of new parameter values to a compiled problem, without reading, differentiating or compiling anything
+//! again.
 
 use super::checked::Specification;
 use super::error::{Errors, SpecificationError};

@@ -29,7 +29,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A specification that has passed every check, lowered and ready to be solved any number of times.
+/// A specification that has passed every check, translated to a model that can be solved any number of times.
 #[derive(Clone, Debug)]
 pub struct Specification {
     label: Option<String>,
@@ -53,7 +53,7 @@ pub struct Specification {
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
-    /// Warnings of parts of a robot description that were left out.
+    /// Warnings about parts of a robot description that were left out.
     remarks: Vec<Warning>,
     /// Digest of the text of the document; `None` once other parameter values have been bound.
     digest: Option<Digest>,
@@ -288,7 +288,8 @@ impl Specification {
         specification
     }
 
-    /// Reads and checks the tree of a document, with the given values for its named numbers.
+    /// Reads and checks the tree of a document in which the numbers named in `values` (parameters, initial values and
+    /// other numbers that a sweep may vary) have been given new values.
     pub(super) fn from_tree(
         tree: Json,
         values: &[(String, f64)],
@@ -297,7 +298,8 @@ impl Specification {
         Draft::of_tree(tree, values)?.check(control)
     }
 
-    /// Returns this specification with another model of the same names, bound to the given parameter values.
+    /// Returns this specification with its model replaced by one with equal names of states and outputs; definitions,
+    /// integrals and collected values are bound to the given parameter values.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
         let mut bound = Self { model, analysis, digest: None, ..self.clone() };
         bound.observables.bind(parameters);
@@ -329,8 +331,9 @@ impl Specification {
         }
     }
 
-    /// Returns this specification without its study, with interpolants of the fields ([`solution::Dense`]) kept where
-    /// the method has them. Step sizes are those of a run with output times inside the steps.
+    /// Returns this specification without its study. Its solution keeps interpolants of the fields
+    /// ([`solution::Dense`]), if the method has any. The run chooses its step sizes as a run with output times inside
+    /// the steps does.
     #[must_use]
     pub fn keeping_interpolants(&self) -> Self {
         Self { keeps_interpolants: true, study: None, ..self.clone() }
@@ -387,7 +390,7 @@ impl Specification {
         self.problem
     }
 
-    /// The lowered problem, with names and initial values.
+    /// The problem as a model: its equations, names and initial values.
     pub fn model(&self) -> &dyn Model {
         &*self.model
     }
@@ -427,7 +430,7 @@ impl Specification {
         &self.output_fields
     }
 
-    /// Definitions, integrals and user-defined events.
+    /// The user-defined quantities of the problem: definitions, integrals and events.
     pub fn observables(&self) -> &Observables {
         &self.observables
     }
@@ -447,12 +450,12 @@ impl Specification {
         self.global_error
     }
 
-    /// The requested study.
+    /// The requested study of error against run time.
     pub fn study(&self) -> Option<&StudyPlan> {
         self.study.as_ref()
     }
 
-    /// The requested sweep.
+    /// The requested parameter sweep.
     pub fn sweep(&self) -> Option<&SweepPlan> {
         self.sweep.as_ref()
     }
@@ -476,7 +479,7 @@ fn remark_on_robot(remark: &str) -> Warning {
     Warning { code: "robot", message: remark.to_owned() }
 }
 
-/// Lowers the problem to a model; errors are appended to `errors`.
+/// Translates the problem from the user's notation to a model; errors are appended to `errors`.
 fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc<dyn Model>> {
     let place = Pointer::Root.key("problem");
     let problem = problem.written();

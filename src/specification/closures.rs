@@ -16,8 +16,8 @@ impl Specification {
     /// variables, set, time, method and output stay. The bounds of the set must be constant.
     ///
     /// # Errors
-    /// A problem that is not a `dvi`, or whose bounds vary; equations that are not finite at the start, not affine in the variables, or
-    /// of an index that the method does not solve.
+    /// A problem that is not a `dvi`, or whose bounds vary; equations that are not finite at the start, not affine in
+    /// the variables, or of an index that the method does not solve.
     pub fn with_equations(
         &self,
         rows: Arc<RowFunction>,

@@ -90,7 +90,8 @@ pub fn continued(
                 value.set("initial", last(coordinate)?);
                 value.set("velocity", last(&velocity_name(coordinate))?);
             }
-            // A gap or joint may be violated by as much as the tolerance.
+            // At the end of a run, a gap or joint may be violated by as much as the tolerance; resolve the violation
+            // at the new start instead of refusing it.
             problem.set("interpenetration", Json::Text("resolve".to_owned()));
         }
         "rigid_bodies" => of_bodies(problem, last)?,
@@ -148,8 +149,8 @@ fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinua
     Ok(())
 }
 
-/// Whether a joint, spring or motion refers to the initial configuration of the bodies otherwise than by points and
-/// axes of the world.
+/// Whether a joint, spring or motion depends on the initial configuration of the bodies, and not only on points and
+/// axes given in the world.
 fn is_placed_at_its_start(problem: &mut Json) -> bool {
     let has_springs = matches!(problem.member("springs"), Some(Json::List(springs)) if !springs.is_empty());
     let mut moves_by_itself = false;

@@ -104,7 +104,7 @@ impl<'de> Deserializer<'de> for &'de Json {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
         match self {
-            // A list in quotes is a mistake, not a list of one string.
+            // A list that the user has put in quotes is a mistake, and not a list of one string.
             Json::Text(text) if text.trim_start().starts_with('[') => self.deserialize_any(visitor),
             Json::Number(_) | Json::Text(_) | Json::Object(_) => visitor.visit_seq(SeqDeserializer::new(once(self))),
             _ => self.deserialize_any(visitor),

@@ -32,7 +32,8 @@ impl Draft {
         read(text).map(Self)
     }
 
-    /// Reads the tree of a document, with the given values for its named numbers.
+    /// Reads the tree of a document, in which the numbers named in `values` (parameters, initial values and other
+    /// numbers that a sweep may vary) get new values.
     pub(super) fn of_tree(tree: Json, values: &[(String, f64)]) -> Result<Self, Vec<SpecificationError>> {
         read_tree(tree, values, OF_TREE).map(Self)
     }

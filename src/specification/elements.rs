@@ -63,7 +63,8 @@ impl Elements {
         }
     }
 
-    /// Checks the number of elements in each direction of `what`, at least `fewest`, and reports errors at `place`.
+    /// Checks that each direction of `what`, a body or a domain, has at least `fewest` elements, and reports errors
+    /// at the pointer `place`.
     pub(super) fn counts(
         &self,
         dimension: usize,

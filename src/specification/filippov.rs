@@ -135,7 +135,8 @@ impl Written for FilippovProblem {
             (Some(i), None) => place.key("regions").index(i).key("indicator").to_string(),
         };
         let mut warnings = self.warnings(&regions, &state_names, &lowering);
-        // A derivative that does not exist is reported with its pointer when the equations are built.
+        // A derivative that does not exist is reported with the JSON pointer of its expression when the equations are
+        // built.
         let mut departures = lowering.start.and_then(|t| Departures::new(&mut lowering.graph, &regions, t).ok());
         let ways = departures.as_mut().map_or(0, |departures| departures.from(&initial).len());
         if ways > 1 {

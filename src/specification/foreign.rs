@@ -334,7 +334,8 @@ pub(super) fn synonym(name: &str, valid: &[&'static str]) -> Option<&'static str
     spelt.or_else(|| meant.find_map(|ours| valid.iter().copied().find(|key| *key == ours)))
 }
 
-/// Whether a key belongs to most problem types, and so one level deeper than the user has written it.
+/// Whether a key is one of those common to most problem types, whose place is inside the problem type, one level
+/// deeper than the user has written it.
 pub(super) fn is_of_a_type(name: &str) -> bool {
     PLACES[5].1.contains(&name)
 }

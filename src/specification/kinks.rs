@@ -1,5 +1,6 @@
-//! Warnings about kinks of a rate in a state. Such kinks are allowed, but switches are located by the active face of
-//! the set `K`, which a kink does not change. Written as a set, the same law has located switches.
+//! Warnings about kinks of a rate in a state. Such kinks are allowed, but the steps only locate changes of the active
+//! face of the set `K`, and a kink does not change that face. If the same law is written with a variable in `K`, its
+//! switches are located.
 
 use expression::{Graph, Kink, Node};
 use models::{Equations, KinkAdvice};

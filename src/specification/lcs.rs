@@ -199,7 +199,8 @@ fn names(
     (1..=count).map(|i| format!("{letter}{i}")).collect()
 }
 
-/// Lowers a forcing vector, a function of `t` alone; zero if it is absent.
+/// Reads the expressions of a forcing vector, which may only depend on `t`, as graph nodes; zeros if the vector is
+/// absent.
 fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
     let zero = lowering.graph.constant(0.0);
     let given = given.unwrap_or_default();

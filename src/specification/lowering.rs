@@ -1,4 +1,5 @@
-//! The context shared by all problem types while they are lowered: names, expressions, and the errors found so far.
+//! The context in which a problem of any type is lowered, that is, translated from the user's notation to expression
+//! graphs and a model: names, expressions, and the errors found so far.
 //!
 //! Inputs are numbered `t = 0`, states `1..=n`, variables `n+1..=n+m`. An expression that cannot be read is reported
 //! and yields `None`; the caller substitutes a harmless value and continues, so that the rest of the document is
@@ -34,7 +35,7 @@ pub(super) struct Start<'c> {
     pub varied: &'c [String],
 }
 
-/// The named quantities of a problem other than its unknowns.
+/// The named quantities of a problem besides its states and variables.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Named<'a> {
     pub parameters: &'a Ordered<Expression>,
@@ -43,7 +44,8 @@ pub(super) struct Named<'a> {
     pub integrals: &'a Ordered<Expression>,
 }
 
-/// The state while one problem is lowered: expression graph, names in scope, and errors found so far.
+/// The state while one problem is lowered (translated to graph nodes and a model): expression graph, names in scope,
+/// and errors found so far.
 #[derive(Debug)]
 pub(super) struct Lowering<'c> {
     pub graph: Graph,
@@ -76,14 +78,14 @@ const JUMP: &str = "jump_of_unknown";
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
-    /// Begins to lower a problem: binds the names of `t`, the tables and the parameters, with the parameters as
-    /// constants.
+    /// Begins to lower a problem: binds `t` and the names of its tables and parameters. The parameters are constants
+    /// of the graph, which cannot be bound to other values.
     pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, false)
     }
 
-    /// Begins to lower a problem: binds the names of `t`, the tables and the parameters, with the parameters as
-    /// inputs.
+    /// Begins to lower a problem: binds `t` and the names of its tables and parameters. The parameters are inputs of
+    /// the graph, which can be bound to other values.
     pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, true)
     }
@@ -212,7 +214,8 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Whether all names and functions of an expression are known. Other errors are reported when it is lowered.
+    /// Whether all names and functions of an expression are known. Other errors are reported when the expression is
+    /// parsed to a graph node.
     pub(super) fn is_readable(&mut self, expression: &Expression) -> bool {
         let Expression::Text(text) = expression else { return true };
         let unknown = |code: &str| matches!(code, "unknown_name" | "unknown_function");
@@ -248,7 +251,7 @@ impl<'c> Lowering<'c> {
         definitions.names().filter_map(|name| nodes.get(name).copied()).collect()
     }
 
-    /// Lowers an expression in all bound names; returns zero if it is faulty.
+    /// Parses an expression, in which all bound names may occur, to a graph node; a faulty expression becomes zero.
     pub(super) fn node_or_zero(&mut self, expression: &Expression, place: &Pointer<'_>) -> Node {
         self.node(expression, place).unwrap_or_else(|| self.graph.constant(0.0))
     }
@@ -284,7 +287,7 @@ impl<'c> Lowering<'c> {
         self.errors.push(SpecificationError::new(pointer, code, detail).expected(expected));
     }
 
-    /// Lowers an expression in `t`, the parameters, the states and the variables.
+    /// Parses an expression in `t`, the parameters, the states and the variables to a graph node.
     pub(super) fn node(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Node> {
         match expression {
             Expression::Number(value) => Some(self.graph.constant(*value)),
@@ -292,7 +295,8 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Lowers an expression in all bound names and in `further` names, unless these are bound already.
+    /// Parses an expression to a graph node. All bound names may occur in it, and the names `further`, each of which
+    /// yields to a bound name equal to it.
     pub(super) fn node_with(
         &mut self,
         further: &[(&str, Node)],
@@ -309,8 +313,8 @@ impl<'c> Lowering<'c> {
         lowered
     }
 
-    /// Lowers a finite expression in the parameters alone, and fixes its value: parameters that it depends on cannot be
-    /// bound anew.
+    /// Evaluates an expression in the parameters alone, which must be finite, and fixes its value: parameters that it
+    /// depends on cannot be bound to other values.
     pub(super) fn constant(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<f64> {
         let Constant { value, node } = self.parametric(expression, place)?;
         if let Some(node) = node {
@@ -319,7 +323,8 @@ impl<'c> Lowering<'c> {
         Some(value)
     }
 
-    /// Lowers a finite expression in the parameters alone.
+    /// Evaluates an expression in the parameters alone, which must be finite; it stays a function of the parameters
+    /// that can be bound to other values.
     pub(super) fn parametric(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Constant> {
         let (value, node) = match expression {
             Expression::Number(value) => (Some(*value), None),
@@ -340,7 +345,7 @@ impl<'c> Lowering<'c> {
         finite.map(|value| Constant { value, node })
     }
 
-    /// Lowers an initial value; returns the value, zero if it is faulty, and its graph node.
+    /// Reads an initial value; returns the value (zero for a faulty expression) and its graph node.
     pub(super) fn initial(&mut self, given: &Expression, place: &Pointer<'_>) -> (f64, Node) {
         let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
         let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
@@ -357,7 +362,7 @@ impl<'c> Lowering<'c> {
         Constant { value, node: Some(self.graph.add(a, b)) }
     }
 
-    /// Fixes the values of all parameters, so that none can be bound anew.
+    /// Fixes the values of all parameters, so that no parameter can be bound to another value.
     pub(super) fn keep_values(&mut self) {
         for (index, &(_, value)) in self.inputs.iter().enumerate() {
             let node = self.graph.parameter(index, value);

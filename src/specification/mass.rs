@@ -6,8 +6,8 @@ use super::pointer::Pointer;
 use expression::Node;
 use problem::Mass;
 
-/// Lowers the mass matrix of a problem with `n` states, with the nodes of entries that depend on parameters. An
-/// identity written out in numbers becomes `Mass::Identity`.
+/// Reads the mass matrix of a problem with `n` states. Returns it with row, column and graph node of each entry that
+/// depends on parameters. An identity written out in numbers becomes `Mass::Identity`.
 pub(super) fn lower(
     mass: Option<&Matrix>,
     n: usize,
@@ -16,7 +16,8 @@ pub(super) fn lower(
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };
     let Entries { mut values, mut terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
-    // Zero entries are dropped even if they depend on parameters, since they decide which rows are algebraic.
+    // Drop zero entries, even those that depend on parameters: the zero rows of the matrix decide which equations are
+    // algebraic.
     values.retain(|entry| entry.2 != 0.0);
     terms.retain(|&(.., node)| !lowering.graph.vanishes(node));
     let is_identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);

@@ -9,13 +9,13 @@ use radau::MOST_STAGES;
 /// Measured memory of a run with one unknown, in bytes: all kinds of lists, the diagnostics and the verdict.
 const OF_A_RUN: usize = 6 << 10;
 
-/// Number of steps assumed for a trajectory without output times, and for the sweep back of adjoint mode; the number
-/// of steps of a long run is only known during the run.
+/// Number of steps assumed for a trajectory without output times, and for the backward integration of the adjoint
+/// equations; the number of steps of a long run is only known during the run.
 const FEW_STEPS: usize = 100;
 
 /// Number of columns in the table of a sweep other than swept and collected values.
 const OWN_COLUMNS: usize = 8;
-/// Bytes per value in the table of a sweep; the summary is made of the same values.
+/// Bytes per value in the table of a sweep; the summary of the table is computed from these values.
 const OF_A_VALUE: usize = 8;
 /// Measured memory of a sweep of few members, in bytes: the compiled problem twice, the plan and the summary.
 const OF_A_SWEEP: usize = 32 << 10;
@@ -40,7 +40,7 @@ impl Specification {
         sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
-    /// Number of runs kept at once: sensitivities add a second set of equations.
+    /// Number of runs in memory at once; the sensitivity equations count as one more run.
     fn parts(&self) -> usize {
         self.model().runs(self) + usize::from(self.directions() > 0)
     }

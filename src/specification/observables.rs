@@ -55,7 +55,8 @@ pub(super) struct Request<'a> {
 const JUMPS: [&str; 6] = ["sign", "heaviside", "floor", "round", "mod", "previous"];
 
 impl Request<'_> {
-    /// Compiles the expressions over the given outputs; `are_inputs` says whether the model's parameters are inputs.
+    /// Compiles the expressions, which refer to the given outputs by name; `are_inputs` says whether the parameters
+    /// are inputs of the graph, so that they can be bound to other values.
     pub fn lower(
         &self,
         outputs: &[&str],
@@ -80,7 +81,8 @@ impl Request<'_> {
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);
-        // The reach of a definition is its largest input: outputs are inputs 1, 2, ..., and input 0 is the time.
+        // For each definition, the largest index of the graph inputs that it depends on: input 0 is the time, inputs
+        // 1, 2, ... are the outputs of the problem, states first.
         let reach = nodes.iter().map(|&node| lowering.graph.inputs(node).into_iter().max().unwrap_or(0)).collect();
         let of_integrals = place.key("integrals");
         for (name, integrand) in integrals.iter() {
@@ -94,7 +96,8 @@ impl Request<'_> {
             nodes.push(lowering.node_or_zero(&stop.when, &place.key("when")));
             monitors.push(stop.monitored(&place, &mut lowering.errors));
         }
-        // Integrals have no value for integrands and monitors, which are evaluated before them.
+        // Reserve the names of integrals only now: integrands and monitors cannot refer to integrals, which have no
+        // value yet when integrands and monitors are evaluated.
         integrals.iter().for_each(|(name, _)| lowering.keep_name(name, &of_integrals.key(name)));
         if let Some(view) = self.view {
             view.check(&mut lowering);
@@ -112,7 +115,7 @@ impl Request<'_> {
     }
 
     /// Compiles the objective of adjoint mode as the only definition or integral. Errors in the definitions that it
-    /// uses are reported where the definitions are lowered.
+    /// uses are reported elsewhere, where the definitions are compiled.
     pub fn lower_objective(
         &self,
         objective: &Objective,

@@ -114,13 +114,13 @@ impl Output {
     }
 }
 
-/// All columns available in a trajectory.
+/// The columns that a trajectory may have, from which the user selects those to keep.
 pub(super) struct Columns<'a> {
     /// Names of the outputs of the problem.
     pub outputs: &'a [&'a str],
     /// Range of the outputs that are kept by default.
     pub default: Range<usize>,
-    /// User-defined columns; integrals are kept by default.
+    /// User-defined columns (definitions and integrals), of which integrals are kept by default.
     pub observables: &'a Observables,
     /// Names of the sensitivities, which are kept by default.
     pub derivatives: &'a [String],

@@ -17,9 +17,10 @@ pub(super) fn in_order<'a>(
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
     for (i, (name, expression)) in entries.iter().enumerate() {
-        // The value of an entry that is an expression is not known before the order is.
+        // An entry that is an expression has no value yet: its value is known only once the entries have been
+        // ordered.
         let node = graph.parameter(i, if let Expression::Number(value) = expression { *value } else { f64::NAN });
-        // A name that cannot be bound is reported when its value is lowered.
+        // A name that cannot be bound is reported later, when the value of the entry is read.
         let _ = scope.bind(name, node);
     }
     for (i, name) in known.names().enumerate() {

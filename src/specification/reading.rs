@@ -52,7 +52,8 @@ pub(super) fn tree(text: &[u8]) -> Result<Json, Vec<SpecificationError>> {
     parse(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text)).map_err(|error| vec![error])
 }
 
-/// Deserialises a tree whose text has `bytes` bytes, with the given values for its named numbers.
+/// Deserialises a tree whose text has `bytes` bytes. The numbers named in `values` (parameters, initial values and
+/// other numbers that a sweep may vary) get new values.
 ///
 /// # Errors
 /// The structural errors, if no repair makes the document readable.
@@ -69,7 +70,8 @@ pub(super) fn read_tree(
     rename_until(&mut json, &mut errors);
     let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
     let source = is_swept.then(|| Arc::new(json.clone()));
-    // The sizes of vectors are set before vectors are expanded, the initial values of their elements afterwards.
+    // Set the given values in two passes: sizes of vectors before the vectors are expanded, and initial values of
+    // their elements afterwards.
     let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
     let robot = robot::write_out(&mut json, &mut errors);
     let mut vectors = vectors::write_out(&mut json, &mut errors);

@@ -17,7 +17,7 @@ struct Repair {
     pointer: String,
     /// Number of replacement values tried; the last one is in place.
     tried: usize,
-    /// Whether the replacement is zero or null, which changes a single value only.
+    /// Whether the replacement is zero or null, so that the repair changes one value, and no list or object.
     plain: bool,
 }
 
@@ -179,7 +179,8 @@ impl Repairs {
         }
         let Some(value) = json.at_mut(&path) else { return false };
         let repair = self.record(path, true);
-        // Numbers and texts also count as lists of one element, a length that the user has not given.
+        // Do not replace a list by a number or a text, which would count as a list of one element: later checks would
+        // report that length, which is not the user's.
         let stand_ins: Vec<&Json> = match is_list {
             true => stand_ins.iter().filter(|stand_in| !matches!(stand_in, Json::Number(_) | Json::Text(_))).collect(),
             false => stand_ins.iter().collect(),

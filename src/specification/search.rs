@@ -84,7 +84,7 @@ pub struct SteadyStateRequest {
 /// What is computed in place of a run over the horizon.
 #[derive(Clone, Debug)]
 pub enum Search {
-    /// A periodic orbit, with a program that computes the period if it depends on parameters.
+    /// A periodic orbit, with the compiled expression of the period if the period depends on parameters.
     Periodic(Periodic, Option<Tape>),
     /// A steady state in place of a run.
     SteadyState,
@@ -158,7 +158,7 @@ impl<'a> Request<'a> {
         };
         let mut lowering = Lowering::new(start, named, problem);
         let period = lowering.constant(expression, place);
-        // Errors in the problem itself are reported where it is lowered.
+        // Errors in the problem itself are reported when the problem is translated to its model.
         let mut found = lowering.errors;
         found.retain(|pointer| pointer.starts_with("/periodic"));
         errors.append(found);

@@ -168,7 +168,8 @@ impl SensitivitiesRequest {
 }
 
 impl SensitivitiesRequest {
-    /// Refuses keys of one mode in the other, and problems without adjoint mode.
+    /// Refuses keys of the forward mode in adjoint mode and keys of the adjoint mode in forward mode, and problems
+    /// without adjoint mode.
     fn check_mode(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<()> {
         let refused = match (self.mode, &self.objective, &self.of) {
             (SensitivityMode::Forward, Some(_), _) => Some((

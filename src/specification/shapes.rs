@@ -200,7 +200,8 @@ fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
     };
     let entry = |(name, value): &(String, Json)| match (key, value) {
         _ if is_kind(name) => format!("{{{}: {value}}}", quoted(name)),
-        // The value under a component's name holds its kind; if not, show the form with a resistor.
+        // Expect an object such as `{"resistor": {..}}` under the name of a component; for any other value, show the
+        // form of a resistor as an example.
         ("components", Json::Object(own)) => match own.as_slice() {
             [(kind, inner @ Json::Object(_))] => format!("{{{}: {}}}", quoted(kind), named(name, inner)),
             _ => format!("{{\"resistor\": {}}}", named(name, value)),

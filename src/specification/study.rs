@@ -168,7 +168,7 @@ fn check_exact(
     place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Exact {
-    // Errors in the parameters are reported where the problem is lowered.
+    // Errors in the parameters are reported when the problem is translated to its model.
     let control = Control::new();
     let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[], varied: &[] }, named, problem);
     lowering.errors = Errors::default();

@@ -9,7 +9,7 @@ use super::sensitivities::SensitivitiesRequest;
 use super::wording::abridged;
 use models::Unbindable;
 
-/// Relative change of a parameter that shows whether the parameter decides the structure of a problem.
+/// Relative change of a parameter in the test whether the parameter decides the structure of a problem.
 const SHIFT: f64 = 1e-6;
 
 /// Returns the names of parameters and initial values that sensitivities, a fit or a continuation vary.

@@ -29,7 +29,7 @@ pub struct View {
 }
 
 impl View {
-    /// Reports errors in the view, in the scope in which monitors are compiled.
+    /// Reports errors in the view. Its expressions may use the names that monitors (event functions) may use.
     pub(super) fn check(&self, lowering: &mut Lowering<'_>) {
         let place = Pointer::Root.key("view");
         for (key, count) in [("points", self.points.len()), ("segments", self.segments.len())] {

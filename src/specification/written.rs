@@ -5,7 +5,8 @@ use super::model::Model;
 use super::pointer::Pointer;
 use std::sync::Arc;
 
-/// A problem after lowering, with its model, which is meaningful only if there are no errors.
+/// A problem translated from the user's notation: the context with its names, expressions and errors, and its model,
+/// which is meaningful only if there are no errors.
 pub(super) type Lowered<'c> = (Lowering<'c>, Option<Arc<dyn Model>>);
 
 /// A problem as the user writes it.
@@ -30,6 +31,7 @@ pub(super) trait Written {
         false
     }
 
-    /// Lowers the problem to a model, as far as possible.
+    /// Translates the problem from the user's notation to a model, as far as possible; errors are collected in the
+    /// context.
     fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c>;
 }

@@ -15,10 +15,10 @@ use serde_json::json;
 use solution::Status;
 use specification::Specification;
 
-/// Coefficients of the cubic damping and of the rotation.
+/// Coefficients `k` of the cubic damping and `w` of the rotation in the test problem.
 const DAMPING: f64 = 2.0;
 const ROTATION: f64 = 10.0;
-/// Step sizes, small and large relative to both time scales.
+/// Step sizes, from small to large relative to the time scales of damping and rotation.
 const STEPS: [f64; 4] = [1e-3, 1e-2, 0.1, 1.0];
 /// Number of steps of a run.
 const COUNT: f64 = 50.0;
@@ -45,7 +45,7 @@ pub struct Contraction {
     pub failures: usize,
 }
 
-/// Measures the contraction for all numbers of stages at all step sizes.
+/// Measures the growth of the distance between pairs of solutions, for all numbers of stages at all step sizes.
 pub fn contractions() -> Vec<Contraction> {
     let at = |stages: usize| STEPS.iter().map(move |&step| contraction(stages, step));
     STAGES.into_iter().flat_map(at).collect()
@@ -90,7 +90,8 @@ mod tests {
     fn no_step_brings_two_solutions_apart() {
         for found in contractions() {
             assert!(found.growth < 1e-12, "{found:?}");
-            // Far from the solution, Newton's method may fail at a stage of a large step, which is fixed.
+            // Far from the solution, Newton's method may fail at a stage of a large step, and a fixed step cannot be
+            // reduced.
             assert!(found.failures == 0 || found.step == 1.0, "{found:?}");
         }
     }

@@ -124,8 +124,8 @@ fn columns(trajectory: &Trajectory) -> Vec<Vec<f64>> {
     trajectory.fields.iter().map(|field| field.values.clone()).collect()
 }
 
-/// Repeats a solve until the number of repeats is reached or it takes long. Returns the first solution, and a run with
-/// the median time.
+/// Solves `repeats` times, or once if the first solve fails or takes longer than `LONG` seconds. Returns the first
+/// solution, and its run with the median of the times.
 fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun) {
     let first = solve();
     let mut times = vec![first.diagnostics.wall_seconds];

@@ -19,9 +19,9 @@ use std::f64::consts::PI;
 
 /// Numbers of Radau IIA stages whose stability functions are measured.
 pub const STAGES: [usize; 5] = [1, 2, 3, 5, 7];
-/// Directions of the rays, in degrees from the positive real axis.
+/// Directions of the rays of the left half plane, in degrees from the positive real axis.
 const RAYS: [u32; 7] = [90, 105, 120, 135, 150, 165, 180];
-/// Numbers of half decades of the modulus of `z`, from `10^-2` to `10^8`.
+/// Values of `2 log10 |z|` at the points of a ray, so that `|z|` runs from `10^-2` to `10^8` in half decades.
 const HALF_DECADES: std::ops::RangeInclusive<i32> = -4..=16;
 
 /// The measured stability function along a ray in the left half plane, for one number of stages.

@@ -23,7 +23,7 @@ pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &
             Solution { study: Some(study), ..solution }
         }
     };
-    // The table of a sweep has its own provenance, common to its parts.
+    // A sweep needs no provenance here: its table has one, which is equal for all parts of the sweep.
     if solution.table.is_none() {
         solution.provenance = Some(specification.provenance());
     }

@@ -43,11 +43,13 @@ const WARM_PASSES: usize = 2;
 /// Largest number of steps on a coarser grid, which only gives a guess.
 const COARSE_PASSES: usize = 8;
 
-/// Largest number of successive problems that do not start from the last active set after such a start failed.
+/// Largest number of successive problems that start from coarser grids because a start from the active set of the
+/// previous problem has failed.
 const LONGEST_PAUSE: u32 = 15;
 
-/// A component `w_i` below this fraction of its terms counts as zero: the 4e-16 of one rounding, summed over a
-/// system.
+/// Relative zero tolerance of `w_i`: a component is treated as zero if it is below this fraction of the sum of the
+/// magnitudes of its terms, `|A| |z| + |q|`. It lies far above the rounding error of a single operation, since errors
+/// add up over a system.
 const ROUNDING: f64 = 1e-13;
 
 /// The activity of a variable: inside its interval, or at its lower or upper bound.
@@ -102,8 +104,8 @@ pub struct ActiveSet {
     coarser: Vec<Coarse>,
     line_search: Option<LineSearch>,
     started: bool,
-    /// Number of coming problems that do not start from the last active set (`pause`), and the number that the next
-    /// failure adds.
+    /// Number of coming problems that do not start from the active set of the previous problem (`pause`), and the
+    /// length of the last such pause (`next_pause`), which the next failure doubles.
     pause: u32,
     next_pause: u32,
 }
@@ -205,7 +207,7 @@ impl ActiveSet {
     }
 }
 
-/// The matrix of one grid with its current active set.
+/// The matrix of one grid with the current active set of its variables.
 struct Level {
     operator: Operator,
     face: Vec<Face>,
@@ -223,7 +225,7 @@ impl Level {
         Self { operator, face, w: vec![0.0; n], terms: vec![0.0; n], seen: Vec::with_capacity(PASSES) }
     }
 
-    /// Sets the active set to that of a point `z`.
+    /// Sets the active set to that of a point `z`: variables at or beyond a bound are active.
     fn guess(&mut self, set: &ConvexSet, z: &[f64]) {
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
             *face = resting_place(z, set.lower[i], set.upper[i]);
@@ -246,8 +248,8 @@ impl Level {
         signature
     }
 
-    /// Iterates until the active set does not change. Returns false if an active set recurs, a system is singular, or
-    /// `most` steps do not suffice.
+    /// Takes steps of the active set method until the active set does not change. Returns false if an active set
+    /// recurs, a system is singular, or `most` steps do not suffice.
     fn iterate(
         &mut self,
         q: &[f64],
@@ -281,7 +283,7 @@ impl Level {
         false
     }
 
-    /// Solves for `z` with the current active set. Returns false if the system is singular.
+    /// Solves the linear system of the current active set for `z`. Returns false if the system is singular.
     fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> bool {
         for (i, ((z, &face), &q)) in z.iter_mut().zip(&self.face).zip(q).enumerate() {
             *z = match face {
@@ -310,8 +312,9 @@ impl Level {
         changes
     }
 
-    /// Returns whether `z` solves the problem, judged by the residual with rows divided by the diagonal, relative to
-    /// its largest terms; and the residual without division, NaN if a value is not finite.
+    /// Returns whether `z` solves the problem, and the natural-map residual of `z`, which is NaN if a value is not
+    /// finite. The first is judged by the residual with rows divided by the diagonal, relative to the largest terms
+    /// of these rows.
     fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (bool, f64) {
         self.operator.apply(q, z, &mut self.w, &mut self.terms);
         let (mut residual, mut scaled, mut magnitude) = (0.0_f64, 0.0_f64, 0.0_f64);

@@ -85,7 +85,7 @@ impl SolverKind {
     }
 }
 
-/// The automatic choice: solvers used so far, with the attempts at the last problem.
+/// The solver that chooses among the others: those used so far, with the attempts at the last problem.
 pub struct Auto {
     size: usize,
     /// Solvers in the order of their first use.
@@ -153,8 +153,8 @@ fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
     has_the_signs && entries <= SPARSE * m
 }
 
-/// Whether the second report is more informative than the first. A ray is more informative than an iteration limit:
-/// it may prove that no solution exists.
+/// Whether the second solver's report is more informative than the first's. A ray of Lemke's method is more
+/// informative than an iteration limit: it may prove that no solution exists.
 fn says_more(first: &Report, second: &Report) -> bool {
     second.outcome == Outcome::Solved
         || second.outcome == Outcome::Ray
@@ -162,7 +162,7 @@ fn says_more(first: &Report, second: &Report) -> bool {
 }
 
 impl ViSolver for Auto {
-    /// Returns the name of the solver of the last result; `auto` before the first problem.
+    /// Returns the name of the solver whose result was returned last; `auto` before the first problem.
     fn name(&self) -> &'static str {
         self.last.name()
     }

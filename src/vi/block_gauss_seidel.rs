@@ -25,7 +25,7 @@ const SWEEPS: usize = 4_000;
 /// Number of sweeps between two evaluations of the residual.
 const STRIDE: usize = 5;
 
-/// Convergence is fast if the sweeps between two evaluations of the residual lower it to this fraction.
+/// Convergence is fast if the sweeps between two evaluations of the residual lower the residual to this fraction.
 const FAST: f64 = 0.1;
 
 /// Growth of the relaxation factor `omega` while the residual falls, its largest value, and the factor that lowers
@@ -53,7 +53,7 @@ struct Local {
     members: Vec<usize>,
     set: ConvexSet,
     matrix: DMatrix<f64>,
-    /// The factor `a` if the matrix of the block is `a I`.
+    /// The factor `a` if the matrix of the block, `A_BB`, is the multiple `a I` of the identity.
     isotropic: Option<f64>,
     q: Vec<f64>,
     z: Vec<f64>,
@@ -89,7 +89,7 @@ impl ViSolver for BlockGaussSeidel {
         let mut sweeps = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // Continue with a solved problem as long as sweeps converge fast.
+        // Continue after the tolerance is reached as long as sweeps converge fast.
         while sweeps < SWEEPS && best.componentwise > EXACT && (converging || !best.is_solved()) {
             if control.poll().is_some() {
                 failure = Outcome::Interrupted;

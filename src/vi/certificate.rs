@@ -15,20 +15,23 @@ use problem::ConvexSet;
 
 /// Rank tolerance: singular values or eigenvalues of a matrix of size `m` are zero below `ZERO m` times the largest.
 const ZERO: f64 = 1e-11;
-/// A component is at a bound, and its `G` is zero, to within this fraction of the size of their terms: degenerate
-/// solutions of nonlinear problems are accurate to half of the digits only.
+/// Relative tolerance for activity: a component is at a bound, or its `G` is zero, to within this fraction of the
+/// size of its terms. Degenerate solutions of nonlinear problems are accurate to half of the digits only.
 const REST: f64 = 1e-7;
-/// A component whose distance to a bound is below this fraction of its size is at the bound.
+/// Rounding tolerance for activity: a component is at a bound if its distance to the bound is below this fraction of
+/// its size.
 const ROUNDING: f64 = 1e-14;
-/// Sweeps of the scaling of a symmetric matrix: each takes the square root of the imbalance.
+/// Number of sweeps that scale a symmetric matrix until the largest entry of each row is one: each sweep takes the
+/// square root of the imbalance.
 const SWEEPS: usize = 8;
-/// Largest number of components in `b`: all principal minors are computed.
+/// Largest number of degenerate variables (at a bound with `G = 0`) for which the P-matrix property is tested, by all
+/// principal minors.
 const MOST_UNDECIDED: usize = 12;
 /// Largest number of variables for which certificates are computed, from singular values and vectors of dense
 /// matrices.
 pub const MOST_VARIABLES: usize = 400;
 
-/// The reason why nothing is certified if `J_aa` is singular.
+/// The reason why nothing is certified if the Jacobian with respect to the inactive variables is singular.
 pub const SINGULAR: &str = "the derivative with respect to the inactive variables is singular";
 
 /// A certificate of a solution.
@@ -39,14 +42,15 @@ pub enum Certificate {
     Unique(f64),
     /// The solution is unique: it is isolated, and the matrix of an affine `G` is positive semidefinite.
     UniqueOfConvex,
-    /// The solution is isolated. Holds the least singular value of `J_aa`, and the numbers of variables in `a` and in
-    /// `b`.
+    /// The solution is isolated. Holds the least singular value of the Jacobian `J_aa` with respect to the inactive
+    /// variables, the number of inactive variables, and the number of variables at a bound with `G = 0`.
     Isolated(f64, usize, usize),
-    /// The solution is one of a continuum, along this direction.
+    /// The solution is one of a continuum along the direction held.
     Continuum(Vec<f64>),
-    /// Nothing is certified, as `J_aa` is singular: if other solutions exist nearby, they lie along this direction.
+    /// Nothing is certified, as the Jacobian with respect to the inactive variables is singular: if other solutions
+    /// exist nearby, they lie along the direction held.
     Singular(Vec<f64>),
-    /// Nothing is certified, for this reason.
+    /// Nothing is certified, for the reason held.
     Nothing(&'static str),
 }
 
@@ -182,10 +186,10 @@ mod tests {
         assert_eq!(of(&[1.0, 0.0, 0.0, 0.0], true, &[1.0, 0.0], &[0.0, 2.0]), Certificate::UniqueOfConvex);
         // The non-monotone `w = (z2 - 1, z1 - 1)` has the solution (1, 1), and no other near it.
         assert!(matches!(of(&[0.0, 1.0, 1.0, 0.0], true, &[1.0, 1.0], &[0.0; 2]), Certificate::Isolated(_, 2, 0)));
-        // The solutions are the line z1 + z2 = 2.
+        // The singular problem with `w1 = w2 = z1 + z2 - 2` has the line z1 + z2 = 2 of solutions.
         let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
         assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
-        // Entries that are small only in their units do not count as zero.
+        // Entries of a regular matrix that are small only in their units do not count as zero.
         let small = of(&[1e-9, 2.0, -1.0, 1e-9], true, &[3.0, 2.0], &[0.0; 2]);
         assert!(matches!(small, Certificate::Isolated(_, 2, 0)), "{small:?}");
         let small = of(&[-1e-9, 0.0, 0.0, 1e9], true, &[3.0, 2.0], &[0.0; 2]);
@@ -193,7 +197,7 @@ mod tests {
         // A variable at its bound with `G = 0` is not certified; with `G > 0` at all bounds the solution is isolated.
         assert!(matches!(of(&[0.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
         assert_eq!(of(&[1.0, 2.0, 2.0, 1.0], false, &[0.0; 2], &[3.0; 2]), Certificate::Isolated(f64::INFINITY, 0, 0));
-        // `w = -z` at `z = 0`: the matrix is no P-matrix, so that nothing is certified.
+        // For `w = -z` at `z = 0` the matrix is no P-matrix, so that nothing is certified.
         assert!(matches!(of(&[-1.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
     }
 }

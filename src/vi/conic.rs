@@ -83,8 +83,8 @@ impl ViSolver for Conic {
         solver.solve();
         let iterations = solver.solution.iterations as usize;
         let failure = match solver.solution.status {
-            // The program of a symmetric problem is unbounded below; that of any other problem has no complementary
-            // pair.
+            // If the program is infeasible or unbounded, the variational inequality has no solution: for a symmetric
+            // `A` its program is unbounded below, for any other `A` there is no complementary pair.
             SolverStatus::DualInfeasible | SolverStatus::PrimalInfeasible => Outcome::Ray,
             SolverStatus::NumericalError => Outcome::Breakdown,
             _ => Outcome::Limit,
@@ -186,7 +186,7 @@ fn write_objective(vi: &AffineVi<'_>, is_symmetric: bool, values: &mut [f64]) {
     }
 }
 
-/// Whether two sets differ in the numbers `b` of their form `B z + s = b` only.
+/// Whether two sets with constraints of the form `B z + s = b` differ in the right-hand sides `b` only.
 fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
     let kind =
         |set: &ConvexSet, i: usize| (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i]);

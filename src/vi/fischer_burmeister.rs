@@ -13,9 +13,9 @@
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Psi {
     pub value: f64,
-    /// The derivative of `psi` by `z`.
+    /// The derivative of `psi` by the variable `z`.
     pub by_z: f64,
-    /// The derivative of `psi` by `w`.
+    /// The derivative of `psi` by the value `w` of the inequality.
     pub by_w: f64,
 }
 
@@ -49,7 +49,7 @@ fn phi(a: f64, b: f64) -> (f64, f64, f64) {
     (value, slope(a, b, r), slope(b, a, r))
 }
 
-/// Returns `1 - a / r` without cancellation.
+/// Returns `1 - a / r` for `r = sqrt(a^2 + b^2)`, the derivative of `phi` by `a`, without cancellation.
 fn slope(a: f64, b: f64, r: f64) -> f64 {
     if a > 0.0 { (b / r) * (b / (r + a)) } else { 1.0 - a / r }
 }

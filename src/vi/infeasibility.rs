@@ -38,13 +38,14 @@ mod tests {
     #[test]
     fn a_push_that_only_presses_harder_is_named() {
         let orthant = ConvexSet::nonnegative(2);
-        // w2 = -z1 - z2 - 1 is negative for every z; with a positive entry in the row it need not be.
+        // For z >= 0, w2 = -z1 - z2 - 1 is always negative, which proves infeasibility; with a positive entry in the
+        // row it is no proof.
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &orthant), Some(1));
         assert_eq!(found(&[1.0, 0.0, 1e-9, -1.0], &[1.0, -1.0], &orthant), None);
-        // A variable with an upper bound may be at that bound.
+        // If the variable has an upper bound, a negative w is no proof: the variable may be at that bound.
         let boxed = ConvexSet::intervals(vec![0.0; 2], vec![f64::INFINITY, 3.0]);
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &boxed), None);
-        // A row with w > 0 for every z, and a variable without a lower bound.
+        // A row with w > 0 for every z proves infeasibility if the variable has no lower bound.
         let below = ConvexSet::intervals(vec![f64::NEG_INFINITY], vec![0.0]);
         assert_eq!(found(&[-1.0], &[2.0], &below), Some(0));
         assert_eq!(found(&[1.0], &[2.0], &below), None);

@@ -25,7 +25,7 @@ const ARMIJO: f64 = 1e-4;
 /// The iteration ends once the mean product of distances and multipliers is below this fraction of its largest value:
 /// any further progress is rounding.
 const LEAST: f64 = 1e-26;
-/// The diagonal that is added to a singular system, relative to its scaled rows.
+/// The regularising term added to the diagonal of a singular system, relative to its scaled rows.
 const REGULAR: f64 = 1e-12;
 
 /// The interior-point method for problems of one sparsity pattern.
@@ -257,8 +257,8 @@ impl InteriorPoint {
         reach
     }
 
-    /// Returns the merit function after a step of this length: the norm of the residuals of the equations plus the
-    /// sum of all products of distances and multipliers.
+    /// Returns the merit function after a step of the given length: the norm of the residuals of the equations plus
+    /// the sum of all products of distances and multipliers.
     fn merit(&self, set: &ConvexSet, (z, f): (&[f64], &[f64]), length: f64) -> f64 {
         let (mut squares, mut products) = (0.0, 0.0);
         for i in (0..z.len()).filter(|&i| set.lower[i] < set.upper[i]) {

@@ -16,21 +16,22 @@ use super::{AffineVi, Attempt, Outcome, Report, Terms, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Largest number of affine problems. For an exponential function full Newton steps have length one, and 709 of them
-/// lead back from the overflow threshold.
+/// Largest number of Newton steps, each of which solves one affine problem. For an exponential function full Newton
+/// steps have length one, and 709 of them lead back from the overflow threshold.
 const ITERATIONS: usize = 1000;
 
-/// A full step must lower the natural map to this fraction of the least value so far.
+/// A full Newton step must lower the norm of the natural map to this fraction of the least value so far.
 const DECREASE: f64 = 0.9;
 
 /// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 30;
 
-/// A residual that no step lowers is rounding if it is below this fraction of `|z|` and `|F|`.
+/// If no step lowers the residual, the residual is ascribed to rounding if it is below this fraction of the larger of
+/// `|z|` and `|F|`.
 const ROUNDING: f64 = 1e-11;
 
-/// A full step below this fraction of `|z|` is rounding, and the iteration ends.
+/// A full Newton step shorter than this fraction of `|z|` is rounding, and the iteration ends.
 const STILL: f64 = 1e-15;
 
 /// A nonlinear variational inequality, `<F(z), x - z> >= 0` for all `x` in `K`.
@@ -87,7 +88,7 @@ impl JosephyNewton {
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
-        // For blocks, residuals are measured relative to the terms of `F`, which follow from its derivative.
+        // For blocks, residuals are relative to the terms of `F`, whose sizes are computed from the Jacobian.
         let has_blocks = vi.set().has_blocks();
         let mut least = f64::INFINITY;
         for iterations in 0..ITERATIONS {
@@ -178,8 +179,8 @@ impl JosephyNewton {
         self.search(vi, z, merit)
     }
 
-    /// Makes Armijo's line search on the D-gap function along the direction; returns false if no step lowers it
-    /// enough.
+    /// Makes Armijo's line search on the D-gap function along the search direction; returns false if no step lowers
+    /// the function enough.
     fn search(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], merit: f64) -> bool {
         let slope: f64 = self.gradient.iter().zip(&self.direction).map(|(g, d)| g * d).sum();
         if slope.is_nan() || slope >= 0.0 {

@@ -25,10 +25,10 @@ use problem::Control;
 use ratio::Perturbation;
 use tableau::Tableau;
 
-/// Pivot limit of a path, large enough for Murty's exponential problems of a dozen variables.
+/// Pivot limit of one path, large enough for Murty's exponential problems of a dozen variables.
 const PIVOTS: usize = 10_000;
 
-/// Additional pivots allowed for each variable; paths of practical problems have one to three.
+/// Additional pivots allowed for each variable; paths of practical problems take one to three pivots for each.
 const PIVOTS_PER_VARIABLE: usize = 50;
 
 /// Largest number of fresh tableaus in one solve: for the guessed active set, for a start without a guess, and twice
@@ -46,7 +46,7 @@ enum Face {
     Upper,
 }
 
-/// The reason why a path ended.
+/// The reason why the path of complementary pivoting ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ending {
     Complementary,
@@ -62,11 +62,11 @@ pub struct Lemke {
     equilibration: Equilibration,
     tableau: Tableau,
     perturbation: Perturbation,
-    /// The bounds of the scaled intervals.
+    /// The bounds of the intervals of the equilibrated problem.
     lower: Vec<f64>,
     upper: Vec<f64>,
     face: Vec<Face>,
-    /// The values of the nonbasic `z`.
+    /// The values of the nonbasic components of `z`, by index.
     resting: Vec<f64>,
     free_rows: Vec<usize>,
     free_columns: Vec<usize>,
@@ -186,7 +186,7 @@ impl Lemke {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY
     }
 
-    /// Sets the active set to that of a point `z`.
+    /// Sets the guessed active set to that of a point `z`.
     fn guess(&mut self, z: &[f64]) {
         for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
             let z = z[i] * c;
@@ -201,7 +201,7 @@ impl Lemke {
         self.list_inside();
     }
 
-    /// Sets the active set to that of the current basis.
+    /// Sets the guessed active set to that of the current basis: a basic component of `z` is inside its interval.
     fn adopt_faces(&mut self) {
         for i in 0..self.tableau.m {
             self.face[i] = if self.tableau.row_of(i).is_some() {

@@ -47,18 +47,19 @@ pub use worst::{Terms, Worst};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};
 
-/// A point is a solution if its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
-/// cancel in `w`: below 1e-10 of the larger of the two terms.
+/// Relative tolerance: a point is a solution if its residual is below this fraction of the largest component of `|q|
+/// + |A| |z|`. Where the two terms of `w = A z + q` cancel, their sum is at most twice the larger one, so that the
+/// residual is below 1e-10 of that term.
 const TOLERANCE: f64 = 5e-11;
 
-/// A residual below this fraction of its terms is rounding.
+/// A residual below this fraction of the terms that it is computed from is rounding.
 const EXACT: f64 = 1e-14;
 
 /// Number of pivots or steps between two polls of [`Control`], so that reading the clock costs nothing in microsecond
 /// solves.
 const STEPS_BETWEEN_POLLS: usize = 16;
 
-/// Polls `control` once in `STEPS_BETWEEN_POLLS` steps; returns whether it asks to stop.
+/// Polls `control` once in `STEPS_BETWEEN_POLLS` steps; returns whether `control` asks to stop.
 fn is_interrupted(control: &Control, step: usize) -> bool {
     step % STEPS_BETWEEN_POLLS == STEPS_BETWEEN_POLLS - 1 && control.poll().is_some()
 }
@@ -85,7 +86,7 @@ struct Accuracy {
     magnitude: f64,
     /// The largest residual of a component, relative to the component's own terms.
     componentwise: f64,
-    /// The largest relative residual of a block; see [`residual`].
+    /// The largest relative residual of a block of variables, as defined in [`residual`].
     blockwise: f64,
 }
 
@@ -98,7 +99,7 @@ impl Accuracy {
         blockwise: f64::NAN,
     };
 
-    /// Returns the larger of the relative residual over the intervals and that of the worst block.
+    /// Returns the larger of the relative residual of the components in intervals and that of the worst block.
     fn relative(&self) -> f64 {
         if self.intervals == 0.0 { self.blockwise } else { self.blockwise.max(self.intervals / self.magnitude) }
     }
@@ -112,9 +113,9 @@ impl Accuracy {
         self.componentwise < other.componentwise
     }
 
-    /// Whether the point is better than another: by the residual if neither is a solution, where all rows count
-    /// equally; among solutions by the worst row, which the residual does not show if the terms of that row are
-    /// small. Returns false if the residual is NaN.
+    /// Whether the point is better than another. If neither is a solution, the residuals are compared, in which all
+    /// rows count equally. If both are solutions, the worst componentwise residuals are compared, since the plain
+    /// residual does not show an inaccurate row with small terms. Returns false if the residual is NaN.
     fn improves_on(&self, other: &Self) -> bool {
         match (self.is_solved(), other.is_solved()) {
             (true, true) => self.is_closer_than(other),
@@ -236,7 +237,7 @@ impl Outcome {
     }
 }
 
-/// The result of a solver of variational inequalities.
+/// The result of a solver of variational inequalities, without the point `z`.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
     /// The outcome of the solve.
@@ -248,10 +249,10 @@ pub struct Report {
 }
 
 impl Report {
-    /// The report of a problem with values that are not finite, or with empty intervals.
+    /// The report on a problem with values that are not finite, or with empty intervals.
     const BREAKDOWN: Self = Self { outcome: Outcome::Breakdown, residual: f64::NAN, iterations: 0 };
 
-    /// The report of a problem that does not suit the method.
+    /// The report on a problem whose set or matrix does not suit the method.
     const UNSUITABLE: Self = Self { outcome: Outcome::Unsuitable, residual: f64::NAN, iterations: 0 };
 }
 

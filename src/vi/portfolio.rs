@@ -15,12 +15,13 @@ use problem::{Control, ConvexSet, Workspace};
 
 /// Largest number of variables for which pivoting comes first: its tableau fits into the cache.
 const PIVOTS_AT_MOST: usize = 300;
-/// Largest number of times that the terms to which a residual is relative are evaluated anew: at the start they are
-/// larger than at a solution.
+/// Largest number of times that a solved problem is rescaled by the terms of `F` at its solution and solved again: at
+/// the start the terms, to which residuals are relative, are larger than at a solution.
 const ROUNDS: usize = 4;
 /// Largest number of variables for which dense matrices are used.
 const DENSE_AT_MOST: usize = 1000;
-/// Number of starts tried beside the given one (`STARTS`), and for many variables (`FEW_STARTS`).
+/// Number of starting points tried in addition to the given one (`STARTS`), and the same for many variables
+/// (`FEW_STARTS`).
 const STARTS: usize = 12;
 const FEW_STARTS: usize = 2;
 
@@ -39,7 +40,7 @@ pub struct Found {
     pub ray: bool,
 }
 
-/// A problem presented with its dense Jacobian.
+/// A nonlinear variational inequality with a sparse Jacobian, presented with a dense one.
 struct Dense<'a>(&'a mut dyn SparseVi, Vec<f64>);
 
 impl NonlinearVi for Dense<'_> {
@@ -125,8 +126,8 @@ impl Portfolio {
         found
     }
 
-    /// Solves from one start. If the terms of `F` differ widely in size at the solution, continues from the solution
-    /// in units in which they do not.
+    /// Solves from one start. If the terms of `F` differ widely in size at the solution, scales rows and variables so
+    /// that they do not, and continues from the solution in these units.
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let mut found = self.as_given(vi, tolerance, z, control);
         for _ in 0..ROUNDS {
@@ -143,7 +144,7 @@ impl Portfolio {
             }
             let next = match self.m {
                 ..=PIVOTS_AT_MOST => self.as_given(&mut scaled, tolerance, &mut point, control),
-                // Near the solution Newton's method is all that is needed.
+                // Near the solution no other method than Newton's is needed.
                 _ => {
                     let report = self.newton(&mut scaled, tolerance, &mut point, false, control);
                     Found { report, iterations: report.iterations, ..found }
@@ -162,7 +163,7 @@ impl Portfolio {
         found
     }
 
-    /// Solves from one start, in the units of the problem.
+    /// Solves from one start, without rescaling the problem.
     fn as_given(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let only_dense = vi.set().has_blocks() || self.kind != SolverKind::Auto;
         let order: &[Method] = match (only_dense, self.m) {
@@ -271,7 +272,7 @@ impl Portfolio {
             }
         }
         let reached = worst(vi, z);
-        // `is_near` is also false if `F` is not finite.
+        // The comparison is false also if `F` is not finite.
         let is_near = reached.relative() <= tolerance;
         if report.outcome == Outcome::Solved && !is_near {
             report.outcome = Outcome::Limit;
@@ -323,7 +324,7 @@ fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Co
     Report { outcome, residual: reached.largest, ..report }
 }
 
-/// Returns the worst residual of a point.
+/// Returns the component with the largest relative residual at a point.
 fn worst(vi: &mut dyn SparseVi, z: &[f64]) -> Worst {
     let (f, _, terms) = evaluated(vi, z);
     Worst::of(vi.set(), (z, &f), &terms)
@@ -335,12 +336,12 @@ fn largest_of(z: &[f64]) -> f64 {
     if largest > 0.0 { largest } else { 1.0 }
 }
 
-/// Computes start number `number`, counted from one: around the start `first`, at growing distances in units of
-/// `size`, with components spread by multiples of the golden ratio.
+/// Computes the starting point with the given number, counted from one: its distance from the start `first` grows
+/// with the number, in units of `size`, and its components are spread by multiples of the golden ratio.
 pub fn start(number: usize, (first, size): (&[f64], f64), set: &ConvexSet, z: &mut [f64]) {
     /// The golden ratio less one.
     const RATIO: f64 = 0.618_033_988_749_894_8;
-    // Distances for the numbers 1, 2, 3, ..: 0, 1, 1, 1, 10, 10, 10, 100, ..
+    // Distances of the starting points 1, 2, 3, .., in units of `size`: 0, 1, 1, 1, 10, 10, 10, 100, ..
     let reach = if number == 1 { 0.0 } else { size * 10.0_f64.powi(((number - 2) / 3) as i32) };
     let free = number > 1 && number.is_multiple_of(2);
     for (i, (z, first)) in z.iter_mut().zip(first).enumerate() {

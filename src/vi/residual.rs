@@ -14,7 +14,8 @@
 use super::{Accuracy, AffineVi};
 use problem::{ConvexSet, Workspace};
 
-/// A point below this fraction of the size that the data imply counts as zero.
+/// Relative zero tolerance of a point `z`: a point smaller than this fraction of the size that the data imply, `terms
+/// / slope`, counts as zero.
 const NOTHING: f64 = 1e-13;
 
 /// Returns the relative residual of a point `z` with `w` in one block. `terms` bounds the terms of `w` in the block,

@@ -18,7 +18,7 @@ use problem::ConvexSet;
 /// the tolerance.
 const BALANCED: f64 = 64.0;
 
-/// The sizes of the terms of `F` at a point.
+/// The sizes of the terms of each row of `F` at a point, and the entries of the Jacobian at that point.
 pub(super) struct Sizes {
     rows: Vec<f64>,
     derivatives: Vec<f64>,
@@ -30,7 +30,7 @@ impl Sizes {
         Self { rows: terms.sizes, derivatives }
     }
 
-    /// Whether no row's terms are much smaller than at another point.
+    /// Whether no row has terms that are much smaller than the terms of the row at another point.
     pub fn keep(&self, others: &Self) -> bool {
         self.rows.iter().zip(&others.rows).all(|(size, other)| *size >= other / BALANCED)
     }

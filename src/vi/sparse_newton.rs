@@ -19,30 +19,31 @@ use problem::{Control, ConvexSet};
 /// Largest number of Newton steps; practical problems take ten to sixty.
 const ITERATIONS: usize = 500;
 
-/// Convergence is fast if a step lowers the residual to this fraction.
+/// Convergence is fast if a Newton step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
-/// A natural-map step must lower the norm of `psi` to this fraction.
+/// A Newton step of the natural map is accepted if it lowers the norm of the Fischer-Burmeister function `psi` to
+/// this fraction.
 const NATURAL_DECREASE: f64 = 0.9;
 
-/// A direction counts as one of descent if the slope of `1/2 |psi|^2` along it is at most `-DESCENT |psi|^2`; along
-/// an exact Newton direction the slope is `-|psi|^2`.
+/// Condition on a direction of descent, with the Fischer-Burmeister function `psi`: the slope of `1/2 |psi|^2` along
+/// the direction is at most `-DESCENT |psi|^2`; along an exact Newton direction the slope is `-|psi|^2`.
 const DESCENT: f64 = 1e-4;
 
 /// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// The proximal terms, as fractions of `|psi|`, tried in turn until a step lowers `|psi|` to the fraction
-/// `SUFFICIENT_DECREASE`.
+/// Weights of the proximal term in Newton steps of the Fischer-Burmeister function `psi`, relative to `|psi|`. They
+/// are tried in turn until a step lowers `|psi|` to the fraction `SUFFICIENT_DECREASE`.
 const PROXIMAL: [f64; 4] = [0.0, 1e-6, 1e-3, 1e-1];
 const SUFFICIENT_DECREASE: f64 = 0.9;
 
-/// The proximal terms of natural-map steps, tried in turn: none, or so small a term that regular systems keep their
-/// accuracy.
+/// Weights of the proximal term in Newton steps of the natural map, tried in turn: zero, or so small that regular
+/// systems keep their accuracy.
 const REGULARISED: [f64; 2] = [0.0, 1e-9];
 
-/// A residual below this fraction of its terms is rounding.
+/// A residual below this fraction of the terms that it is computed from is rounding.
 const EXACT: f64 = 1e-15;
 
 /// The semismooth Newton method for problems of one sparsity pattern.
@@ -136,13 +137,13 @@ impl SparseNewton {
         Report { outcome, residual: fit.largest, iterations: ITERATIONS }
     }
 
-    /// Returns the worst residual of the iterate.
+    /// Returns the component of the iterate with the largest relative residual.
     fn fit(&self, set: &ConvexSet, z: &[f64]) -> Worst {
         self.jacobian.worst(set, (z, &self.f))
     }
 
-    /// Evaluates `F'`, the row scales, and `psi` with its derivatives at the iterate; returns false if a number is
-    /// not finite.
+    /// Evaluates the Jacobian `F'`, the row scales, and the Fischer-Burmeister function `psi` with its derivatives at
+    /// the iterate; returns false if a number is not finite.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
         if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
@@ -157,7 +158,8 @@ impl SparseNewton {
         true
     }
 
-    /// Computes the Newton step of the natural map into the trial point. Returns false if its system is singular.
+    /// Computes the Newton step of the natural map from the iterate, and writes its end point to `trial`. Returns
+    /// false if the linear system of the step is singular.
     fn natural_step(&mut self, vi: &mut dyn SparseVi, z: &[f64], proximal: f64, control: &Control) -> bool {
         let set = vi.set();
         let mut is_inside = vec![false; z.len()];
@@ -181,7 +183,7 @@ impl SparseNewton {
         is_solved
     }
 
-    /// Returns the norm `|psi|` at the trial point, where `F` has been evaluated.
+    /// Returns the norm of the Fischer-Burmeister function `psi` at the trial point, where `F` has been evaluated.
     fn norm_at_trial(&self, vi: &dyn SparseVi) -> f64 {
         let set = vi.set();
         let values = (0..self.trial.len())
@@ -189,8 +191,8 @@ impl SparseNewton {
         values.map(|value| value * value).sum::<f64>().sqrt()
     }
 
-    /// Makes a step of Armijo's line search along a Newton direction of `psi`, or along the steepest descent. Returns
-    /// false if none lowers `|psi|`.
+    /// Makes a step of Armijo's line search along a Newton direction of the Fischer-Burmeister function `psi`, or
+    /// along the steepest descent of `1/2 |psi|^2`. Returns false if no step lowers `|psi|`.
     fn descend(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], norm: f64, control: &Control) -> bool {
         let weighted: Vec<f64> =
             self.psi.iter().zip(&self.by_w).zip(&self.scale).map(|((psi, by_w), s)| psi * by_w * s).collect();
@@ -228,8 +230,8 @@ impl SparseNewton {
         reached < norm
     }
 
-    /// Makes Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point found if its norm is
-    /// below `record`, and returns the smaller of the two norms.
+    /// Makes Armijo's line search from the iterate, at which the Fischer-Burmeister function `psi` has the given
+    /// norm. Keeps the point found if its norm is below `record`, and returns the smaller of the two norms.
     fn search(&mut self, vi: &mut dyn SparseVi, z: &[f64], norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {

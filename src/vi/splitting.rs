@@ -30,7 +30,7 @@ impl Splitting {
         Some(Self { inverse, y, x: vec![0.0; m], work: Workspace::default() })
     }
 
-    /// Makes `times` iterations and writes the last point, which lies in `K`, to `z`.
+    /// Makes `times` iterations, and writes the projected point `P_K(2 x - y)` of the last one to `z`.
     pub fn iterate(&mut self, vi: &AffineVi<'_>, scale: &[f64], times: usize, z: &mut [f64]) {
         for _ in 0..times {
             self.x.fill(0.0);

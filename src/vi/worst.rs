@@ -11,7 +11,7 @@
 use super::residual::of_block;
 use problem::{ConvexSet, Workspace};
 
-/// The sizes to which the residuals at a point are relative.
+/// The sizes of the terms of each row at a point, to which residuals are relative.
 #[derive(Clone, Debug)]
 pub struct Terms {
     /// The size of the terms of each row, `|G| + |J| |z|`.

@@ -64,8 +64,8 @@ fn run(bencher: Bencher, rows: usize, columns: usize) {
     let mut turn = 0;
     let (mut most, mut sum, mut solves) = (0, 0, 0);
     bencher.bench_local(|| {
-        // Obstacles are taken forwards and then backwards, so that every step starts from the solution of a
-        // neighbouring one.
+        // The obstacles of successive times are taken forwards and then backwards, so that every step starts from the
+        // solution at a neighbouring time.
         turn = (turn + 1) % (2 * steps.len());
         set.lower.copy_from_slice(&steps[turn.min(2 * steps.len() - 1 - turn)]);
         q.iter_mut().zip(&u).for_each(|(q, u)| *q = -u);

@@ -76,7 +76,8 @@ fn main() {
     let mut readers: Vec<_> = readers.into_iter().map(|reader| (reader, vec![0; 4096])).collect();
     while begun.elapsed() < Duration::from_secs(20) {
         for (reader, piece) in &mut readers {
-            // Reads a few bytes now and then, since the service disconnects a client that reads nothing.
+            // Each slow reader reads a few bytes now and then, since the service disconnects a client that reads
+            // nothing.
             let _ = reader.read(piece);
         }
         most = most.max(server.resident_kib());

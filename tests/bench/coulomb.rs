@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 /// Number of problems that a benchmark solves in turn, so that the branch predictor cannot learn a single one.
 const PROBLEMS: usize = 64;
 
-/// Change of `q` from one problem to the next, as between time steps.
+/// Relative change of `q` from one problem to the next, which imitates successive time steps.
 const CHANGE: f64 = 0.01;
 
 fn main() {
@@ -28,7 +28,7 @@ fn number(state: &mut u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
 }
 
-/// Returns a free velocity that closes the contact, with sticking or slipping friction.
+/// Returns a free velocity that closes a contact; at the solution the contact sticks or slips.
 fn closing(state: &mut u64) -> Vector3<f64> {
     Vector3::new(-1.0 - number(state).abs(), 2.0 * number(state), 2.0 * number(state))
 }

@@ -62,13 +62,14 @@ fn settings(n: usize) -> Settings {
     }
 }
 
-/// Returns initial values that are two sine waves, of which the fast one decays at once.
+/// Returns initial values composed of two sine waves, the faster of which decays at once.
 fn start(n: usize) -> Vec<f64> {
     let x = |i: usize| (i + 1) as f64 / (n + 1) as f64;
     (0..n).map(|i| (PI * x(i)).sin() + (20.0 * PI * x(i)).sin()).collect()
 }
 
-/// Integrates to the end; returns the work counters, and the number of real solves for the error estimate.
+/// Integrates the chain to the end time; returns the work counters, and the number of solves with the real matrix for
+/// the error estimate.
 fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     let control = Control::new();
     let mut radau = Radau::new(problem, settings(x.len()), 0.0, x, END, &control).expect("a start");
@@ -83,7 +84,7 @@ fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     (radau.work(), radau.counts.accepted + radau.counts.rejected(RejectionCause::Error))
 }
 
-/// Returns the real and the complex iteration matrix of a step of size 1e-3.
+/// Returns the real and the complex iteration matrix of Radau IIA for a step of size 1e-3.
 fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
     let tableau = Tableau::of(3);
     let (gamma, pair) = (tableau.gamma.expect("three stages") * 1e3, tableau.pairs[0] * 1e3);
@@ -97,7 +98,7 @@ fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
     (real.expect("places inside"), complex.expect("places inside"))
 }
 
-/// Performs the factorisations and solves of a run with these counters, and nothing else.
+/// Performs as many factorisations and solves as a run with the given work counters, and nothing else.
 fn factor_and_solve(
     (real, complex): &(SparseMatrix, SparseMatrix<Complex<f64>>),
     (work, estimates): (Work, u64),

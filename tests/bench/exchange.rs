@@ -74,7 +74,7 @@ fn headers(token: &str, more: &str) -> String {
 }
 
 fn measure(name: &str, server: &Server, tokens: &[String], jobs: usize) {
-    // An idempotency key makes the job go through the queue.
+    // A job with an idempotency key is not solved inline, but goes through the queue.
     let wait = |k: usize| {
         let begun = Instant::now();
         let key = format!("idempotency-key: w{k}\r\ncache-control: no-cache\r\n");
@@ -117,8 +117,8 @@ fn waiting(server: &Server, token: &str) -> u64 {
     figure("dvi_jobs_waiting ") + figure("dvi_jobs_running ")
 }
 
-/// Measures the share of each client. The first client has posted ten times as many jobs as the others, and before
-/// them. The workers, which are faster than one client posts, start only when all jobs are posted.
+/// Measures the share of the workers that each client gets. The first client has posted ten times as many jobs as the
+/// others, and before them. The workers, which are faster than one client posts, start only when all jobs are posted.
 fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> Vec<Worker>) {
     (0..10 * jobs).for_each(|_| post(server, &tokens[0]));
     thread::scope(|scope| {
@@ -146,8 +146,8 @@ fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> V
     while waiting(server, &tokens[0]) > 0 {
         thread::sleep(Duration::from_millis(20));
     }
-    // The jobs are counted while all clients have waiting jobs: from the start of the last client to the end of the
-    // first.
+    // Only jobs that ended while all clients had waiting jobs are counted: after a first job of every client but the
+    // first has ended, and before one of these clients has no job left.
     let times: Vec<Vec<String>> = tokens
         .iter()
         .map(|token| done(token).iter().map(|job| job["finished"].as_str().unwrap().to_owned()).collect())
@@ -162,14 +162,15 @@ fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> V
     println!("over NATS: jobs of each client that ended while all had some: {counts:?}");
 }
 
-/// Measures workers that sleep for a second in each solve, with ten jobs per worker.
+/// Measures the throughput of `workers` workers whose solves only sleep for a second each, with ten jobs per worker.
 fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
     const SLEEP: Duration = Duration::from_secs(1);
     let nats = NatsServer::start(folder);
     let url = nats.url();
     let server = Server::start(near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
     let solver: Solver = Arc::new(|specification, control| {
-        // Small jobs are first solved inline with a short deadline, which must fail so that they count as long ones.
+        // The service first tries to solve small jobs inline, with a short deadline. The attempt must fail, so that
+        // the jobs are sent to the workers.
         if control.deadline().is_some_and(|deadline| deadline < Instant::now() + SLEEP / 2) {
             return dvi::solve(specification, &Control::with_deadline(Instant::now()));
         }
@@ -203,7 +204,7 @@ fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
             thread::sleep(Duration::from_millis(20));
         }
     };
-    // One job per worker, to wait until all workers have started.
+    // Post one job per worker first, to wait until all workers have started.
     post_all(workers);
     wait_for_all();
     let jobs = 10 * workers;

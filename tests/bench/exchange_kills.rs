@@ -50,8 +50,9 @@ struct Client {
     jobs: Vec<(usize, String)>,
 }
 
-/// Returns the specification of job `k`, a decay with a rate of its own. Every fourth job has so much output that a
-/// worker claims it before it solves it; the others are solved without a claim.
+/// Returns the specification of job `k`, a decay with a rate of its own. The output of every fourth job is so long
+/// that a worker reserves (claims) the job on the exchange before it solves it; the others are solved without a
+/// claim.
 fn document(k: usize) -> String {
     let output = if k.is_multiple_of(4) { r#","output":{"times":{"count":300}}"# } else { "" };
     format!(
@@ -101,7 +102,7 @@ fn main() {
             }
             workers[random.usize(..WORKERS)] = Worker::start(&url, &[]);
             worker_kills += 1;
-            // At first only workers are killed.
+            // During the first part of the time only workers are killed.
             if started.elapsed() > most / 20 && random.usize(..8) == 0 {
                 let server = random.usize(..servers);
                 nats[server].kill();
@@ -109,7 +110,7 @@ fn main() {
                 nats[server].restart();
                 server_kills += 1;
                 if servers > 1 {
-                    // A server that has not caught up counts as one that is down.
+                    // A server that has not yet caught up with the cluster counts as one that is down.
                     thread::sleep(CAUGHT_UP);
                 }
             }
@@ -133,8 +134,8 @@ fn client(folder: &Folder, k: usize) -> Client {
     Client { authorization: format!("authorization: Bearer {token}\r\n"), jobs: Vec::new() }
 }
 
-/// Posts the jobs with these numbers, every fourth for each client: all jobs of one client, and then those of the
-/// next, so that a queue that does not alternate between clients would show.
+/// Posts the jobs with the given numbers, every fourth for each client: first all jobs of one client, then those of
+/// the next. A queue that does not alternate between clients would thus show.
 fn post_all(address: &str, clients: &mut [Client], numbers: Range<usize>) {
     for (first, client) in clients.iter_mut().enumerate() {
         let authorization = &client.authorization;

@@ -67,10 +67,10 @@ impl System {
     }
 }
 
-/// A right-hand side with its name.
+/// A right-hand side, as text, with its name.
 type Named = (&'static str, fn() -> System);
 
-/// Right-hand sides that are evaluated at all stages of a step.
+/// Right-hand sides for the benchmark in which all stages of a step are evaluated.
 const PROGRAMS: [Named; 7] = [
     ("van der Pol", System::van_der_pol),
     ("friction belt", || System::new(&[("c", 0.1)], &["y2", "-c*y2 - y1 - y3", "-(y2 - 0.5)"])),
@@ -81,7 +81,7 @@ const PROGRAMS: [Named; 7] = [
     ("chain of 1000", || System::chain(1000, "%*(1 - %^2)")),
 ];
 
-/// Returns the names of all combinations of a right-hand side and a number of stages.
+/// Returns the names of all benchmarks: all combinations of a right-hand side and a number of stages.
 fn at_stages() -> impl Iterator<Item = String> {
     let programs = PROGRAMS.iter();
     programs.flat_map(|(name, _)| [3, 5, 7].map(|stages| format!("{name}, {stages} stages")))

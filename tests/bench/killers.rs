@@ -62,7 +62,7 @@ fn main() {
     }
 }
 
-/// Measurements of a request that is sent by several clients.
+/// Measurements of one request that is sent by several clients at the same time.
 struct Met {
     time: Duration,
     slowest: Duration,

@@ -1,9 +1,10 @@
-//! The time gained by parts that a problem does not need and that are not built (`diagnostics.left_out`): each system
-//! is solved as it is, and with an inert stand-in that forces the part in. `cargo bench --bench left_out`.
+//! The time gained by leaving parts of the solver out that a problem does not need, such as friction or the
+//! variational inequality (`diagnostics.left_out`). Each system is solved as it is, and with an inert addition to the
+//! specification that forces the solver to include the part. `cargo bench --bench left_out`.
 //!
-//! The stand-ins change nothing: a variable that stays at zero, a mass of two with twice the rates, friction and
-//! restitution of 1e-12, a term of 1e-300, an obstacle far below. The two runs take turns, and the last column is the
-//! difference of their final values.
+//! The additions do not change the solution: a variable that stays at zero, a mass of two with twice the rates,
+//! friction and restitution of 1e-12, a term of 1e-300, an obstacle far below. The two runs take turns, and the last
+//! column is the difference of their final values.
 //!
 //! | forced in                                                             | times the run without |
 //! |-----------------------------------------------------------------------|-----------------------|
@@ -51,7 +52,8 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// Returns, for each part, its name, the system without it, and the system with the part forced in.
+/// Returns, for each optional part of the solver, the name of the part, a system that does not need it, and that
+/// system with an inert addition that forces the part in.
 fn scenes() -> [(&'static str, Value, Value); 9] {
     let van_der_pol = |factor: u32| {
         json!({"states": {"x": {"initial": 2, "rate": format!("{factor}*y")},

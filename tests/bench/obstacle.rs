@@ -40,7 +40,8 @@ fn main() {
     }
 }
 
-/// Solves `steps` steps; returns the seconds, the number of active sets tried and the largest residual.
+/// Solves an obstacle problem over `steps` steps; returns the seconds, the number of active sets tried and the
+/// largest residual.
 fn run(dimension: usize, elements: u64, steps: u32) -> (f64, f64, f64) {
     let solution = dvi::solve(&specification(dimension, elements, steps), &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
@@ -48,7 +49,7 @@ fn run(dimension: usize, elements: u64, steps: u32) -> (f64, f64, f64) {
     (solution.diagnostics.wall_seconds, vi.pivots as f64, vi.largest_residual)
 }
 
-/// Returns the longest time from a cancellation to the end of the run, in seconds.
+/// Returns the longest time in seconds from the cancellation of a run to the end of the run.
 fn latency(dimension: usize, elements: u64) -> f64 {
     let specification = specification(dimension, elements, 1000);
     let moments = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0];

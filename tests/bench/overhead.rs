@@ -127,7 +127,7 @@ fn main() {
             assert!(!report.contains("Non-2xx"), "{report}");
             let requests: f64 = requests.and_then(|count| count.parse().ok()).expect("a count of requests");
             let p50 = after("50%").unwrap_or("?");
-            // Waits for stored jobs to end, so that the rate counts completed jobs.
+            // Wait until all stored jobs have ended, so that the rate counts completed jobs.
             runtime.block_on(async {
                 jobs.jobs().idle().await;
                 jobs.jobs().flush().await;
@@ -137,7 +137,7 @@ fn main() {
             println!("{connections:>12} {name:>8} {p50:>10} {rate:>12.0} {cpu:>16.1}");
         }
     }
-    // If the folder cannot be removed, it stays in the temporary folder.
+    // If the data folder cannot be removed, it is left among the temporary files.
     let _ = std::fs::remove_dir_all(folder);
     runtime.shutdown_background();
 }
@@ -152,10 +152,11 @@ fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     path
 }
 
-/// Returns the time of a disk flush of `group` jobs, and the resulting number of jobs per second.
+/// Returns the seconds that a disk flush of `group` jobs takes, and the number of jobs per second that such flushes
+/// permit.
 fn flushes(folder: &Path, group: usize) -> (f64, f64) {
     let mut file = std::fs::File::create(folder.join("flushes")).expect("a file");
-    // As many bytes as the rows and specifications of the jobs take.
+    // About as many bytes as the database rows and specifications of the jobs take.
     let bytes = vec![7; group * 1024];
     let (start, mut count) = (Instant::now(), 0_u32);
     while start.elapsed().as_secs() < u64::from(SECONDS) {
@@ -201,7 +202,7 @@ fn start_echo(runtime: &Runtime) -> SocketAddr {
     let router = Router::new().route("/solve", post(async |body: Bytes| body));
     runtime.spawn(async move {
         while let Ok((stream, _)) = listener.accept().await {
-            // A failure of this setting would show when the connection is used.
+            // If this setting failed, it would show when the connection is used.
             let _ = stream.set_nodelay(true);
             let router = router.clone();
             let service = service_fn(move |request: hyper::Request<Incoming>| router.clone().call(request));

@@ -76,7 +76,7 @@ fn main() {
     assert!(solved >= results + acceptances, "an accepted job was not solved");
     assert_ended(&address);
     stop(server);
-    // If the folder cannot be removed, it stays in the temporary folder.
+    // If the data folder cannot be removed, it is left among the temporary files.
     let _ = std::fs::remove_dir_all(folder);
 }
 

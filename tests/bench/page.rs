@@ -34,8 +34,8 @@ const DRAGGED: [&str; 10] = [
     "memory_abel",
 ];
 
-/// A script for the page that times the answers to a slider; an answer belongs to the newest value at the time of its
-/// request.
+/// A script for the page that times the responses to changes of a slider. Each response belongs to the slider value
+/// that was newest when its request was sent.
 const WATCH: &str = r#"(() => {
     const watch = (window.watch = { newest: 0, answers: [], drawing: null });
     const { fetch } = window;
@@ -69,8 +69,8 @@ const WATCH: &str = r#"(() => {
     };
 })()"#;
 
-/// A script that drags the first slider for two seconds; returns, for each value, the milliseconds until it was drawn
-/// and seen.
+/// A script that drags the first slider for two seconds; returns, for each slider value, the milliseconds until a
+/// picture that is at least as new was drawn and seen.
 const DRAG: &str = r#"(async () => {
     const { watch } = window;
     const slider = document.querySelector('.knob input[type=range]');
@@ -134,7 +134,7 @@ fn main() {
     }
 }
 
-/// Returns the answers to a drag of the first slider of an example, and the CPU time per answer in milliseconds.
+/// Returns the result of the script [`DRAG`] for an example, and the CPU time per response in milliseconds.
 fn dragged(page: &Page, example: &str) -> (Value, f64) {
     page.call("Page.navigate", json!({"url": "about:blank"}));
     page.go(&format!("/#example={example}"));
@@ -156,7 +156,7 @@ fn row(name: &str, drawn: Vec<f64>, seen: Vec<f64>, rest: &str) {
     println!("{name:<22}{a:>10.1}{b:>8.1}{c:>10.1}{d:>8.1}{rest}");
 }
 
-/// Returns the median and the 99th percentile.
+/// Returns the median and the 99th percentile of the times.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     [50, 99].map(|percent| values[(values.len() * percent / 100).min(values.len() - 1)])

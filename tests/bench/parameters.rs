@@ -66,7 +66,7 @@ fn seconds<T>(run: impl FnOnce() -> T) -> f64 {
     seconds
 }
 
-/// Returns the time of a thousand evaluations of rows and Jacobian.
+/// Returns the seconds that a thousand evaluations of the model's equations and their Jacobian take.
 fn evaluations(specification: &Specification) -> f64 {
     let model = specification.model().dvi().expect("a problem");
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -128,7 +128,7 @@ fn folded(document: Value) -> Value {
     document
 }
 
-/// Returns the problems, each with its name and the parameter that varies.
+/// Returns the benchmark problems, each with its name and the parameter that is varied.
 fn problems() -> [(&'static str, Value, &'static str); 3] {
     let parameters = json!({"R": 1000, "C": 1e-6, "L": 0.01, "v0": 10});
     let time = json!({"end": 0.005});

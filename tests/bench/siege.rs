@@ -19,7 +19,7 @@ const CLIENTS: usize = 8;
 /// Specification of the friction belt from the examples.
 const BELT: &str = include_str!("../../api/examples/friction_belt.json");
 
-/// Time during which the belt is solved without other load.
+/// Time during which the friction belt is solved without other load.
 const QUIET: Duration = Duration::from_secs(10);
 
 /// Returns short requests that ask for much work (memory, time, nodes, contact pairs, nesting depth, long results),
@@ -119,7 +119,7 @@ struct Belts {
     failed: usize,
 }
 
-/// Number of slowest solves whose timing is printed.
+/// Number of slowest solves whose timing header is printed.
 const SLOWEST: usize = 20;
 
 impl Belts {

@@ -14,7 +14,8 @@ use dvi::problem::Control;
 use heap::{H, RADIUS, SETTINGS};
 use std::time::Instant;
 
-/// Bounds for a step: the time in milliseconds, the deepest penetration in radii, and the residual.
+/// Upper bounds for each step: the time in milliseconds, the deepest penetration in radii, and the residual of the
+/// contact law.
 const BARS: [f64; 3] = [30.0, 1e-4, 1e-6];
 
 fn main() {

@@ -20,11 +20,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 const DVI: &str = env!("CARGO_BIN_EXE_dvi");
-/// Number of members of the loops that start a process or send a request for each.
+/// Number of sweep members in those comparisons that start a process or send a request for each member.
 const LOOPED: usize = 200;
-/// Number of repetitions of fast measurements; the least time is printed, as other programs use the machine, too.
+/// Number of repetitions of fast measurements. The least time is printed, since other programs also use the machine.
 const TURNS: usize = 5;
-/// Interval at which the memory of a process is read, whose peak the system records.
+/// Interval between two readings of the peak memory of a process, which the system records.
 const LOOK: Duration = Duration::from_millis(20);
 
 fn main() {
@@ -181,7 +181,7 @@ fn read(document: &Value) -> Specification {
     Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}"))
 }
 
-/// Performs the steps of Radau IIA for a member, and nothing else.
+/// Performs the steps of Radau IIA for a member of the sweep, and nothing else.
 fn steps_of(member: &Specification) {
     let (model, time, control) = (member.model().dvi().expect("a problem"), member.time(), Control::new());
     let mut problem = model.problem();
@@ -192,7 +192,7 @@ fn steps_of(member: &Specification) {
     }
 }
 
-/// Runs a member with the checks and measurements of a solve.
+/// Solves a member of the sweep with all checks and measurements of a normal solve.
 fn run_of(member: &Specification) -> Solution {
     let mut plan = member.plan();
     (plan.times, plan.fields) = (Some(vec![plan.end]), Vec::new());
@@ -214,7 +214,7 @@ fn serve(data: &std::path::Path) -> (Child, String) {
     let mut server = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
         .arg(data)
-        // The log lines of requests are switched off: they would fill a pipe that is not read.
+        // The log lines of requests are switched off: they would fill the pipe of the process, which is not read.
         .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
         .stderr(Stdio::piped())
         .spawn()
@@ -228,12 +228,12 @@ fn serve(data: &std::path::Path) -> (Child, String) {
             break address.to_owned();
         }
     };
-    // The rest of the log is read and discarded, so that the pipe does not fill.
+    // The rest of the log is read and discarded, so that the pipe of the process does not fill.
     thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
     (server, address)
 }
 
-/// Returns the time of requests, one after the other on one connection.
+/// Returns the seconds that requests take, sent one after the other on one connection.
 fn posts(belt: &Value, folder: &std::path::Path) -> f64 {
     let (mut server, address) = serve(&folder.join("data"));
     let mut connection = TcpStream::connect(&address).expect("a connection");

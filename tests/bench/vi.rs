@@ -52,7 +52,7 @@ fn contact(m: usize, state: &mut u64) -> Problem {
     Problem { matrix: &j * j.transpose(), q: (j * v).as_slice().to_vec(), set: ConvexSet::nonnegative(m) }
 }
 
-/// Solves problems in turn, starting from zero or, if `warm`, from their solutions.
+/// Solves the given problems in turn, starting from zero or, if `warm`, from their solutions.
 fn run(bencher: Bencher, mut solver: impl ViSolver, family: fn(usize, &mut u64) -> Problem, m: usize, warm: bool) {
     let mut state = 1;
     let problems: Vec<_> = (0..PROBLEMS).map(|_| family(m, &mut state)).collect();

@@ -24,7 +24,7 @@ struct Case {
     specification: Value,
     /// Ratio of the tolerance `atol` to `rtol`.
     atol_factor: f64,
-    /// Names of states, their exact final values, and the smallest scale by which each error is divided.
+    /// For each state: its name, its exact final value, and a lower bound on the scale by which its error is divided.
     end: Vec<(String, f64, f64)>,
 }
 
@@ -69,7 +69,7 @@ fn with_switches() -> Vec<Case> {
     systems.into_iter().map(case).collect()
 }
 
-/// Solves a problem with this method, and returns the error and the run time.
+/// Solves a problem with the given method settings, and returns the error and the run time.
 fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     let mut document = case.specification.clone();
     document["method"] = method;
@@ -96,8 +96,8 @@ fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     }
 }
 
-/// Returns the time at which an error is reached, by log-log interpolation between the two runs around it; the least
-/// if several pairs of runs do.
+/// Returns the run time at which a method reaches the given error, by log-log interpolation between two runs whose
+/// errors enclose it; the least such time if there are several pairs of runs.
 fn time_at(points: &[Point], target: f64) -> Option<f64> {
     let crossing = |pair: &[Point]| {
         let ((e0, t0), (e1, t1)) = (pair[0], pair[1]);

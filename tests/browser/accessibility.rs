@@ -9,7 +9,7 @@ const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/exa
 
 /// Returns the accessibility rules that the page violates, each with the violating elements.
 fn broken(page: &Page) -> Value {
-    // The security policy of the page blocks foreign scripts, but the debugger may run them.
+    // The content security policy of the page blocks foreign scripts, but the debugger may run them.
     page.value(&format!("window.axe ? null : (() => {{ {AXE}; }})()"));
     page.value(
         "axe.run(document, {resultTypes: ['violations']}).then(({violations}) => violations.map(({id, nodes}) => [id, nodes.map(({html}) => html.slice(0, 160))]))",

@@ -35,6 +35,7 @@ fn what_is_at_other_times_is_compared_over_the_times_of_both() {
         d([0, 1], [0, 0], [2, 3], [0, 0]),
         d([0, 1], [1, 1], [1], [4]),
     ])";
-    // At t = 1, the line through (0, 0) and (2, 2) is 1, and the line through (0.5, 0) and (1.5, 1) is 0.5.
+    // Third case: at t = 1, the line through (0, 0) and (2, 2) has the value 1, and the line through (0.5, 0) and
+    // (1.5, 1) has the value 0.5.
     assert_eq!(page.value(differences), json!([0, 4, 0.5, null, 3]));
 }

@@ -11,14 +11,15 @@ use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Timeout for anything on the page: the machine may be busy.
+/// Longest time in which anything that a test waits for must appear on the page; it is long, since the machine may be
+/// busy.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run \
     --disable-extensions --disable-background-networking --remote-debugging-pipe --user-data-dir="$1" \
     --window-size=1360,1000 about:blank 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#;
 
-/// The JavaScript expression of the editor's shadow root.
+/// A JavaScript expression for the shadow root of the editor.
 pub const EDITOR: &str = "document.getElementById('text').shadowRoot";
 
 pub struct Page {
@@ -128,7 +129,7 @@ impl Page {
         self.call("Input.dispatchKeyEvent", up);
     }
 
-    /// Presses Tab until the element has the focus.
+    /// Presses Tab until the element with this CSS selector has the focus.
     #[track_caller]
     pub fn tab_to(&self, selector: &str) {
         for _ in 0..250 {
@@ -175,7 +176,8 @@ impl Page {
         std::fs::write(path, from_base64(answer["data"].as_str().unwrap())).unwrap();
     }
 
-    /// Returns the failed scripts and the refusals of the security policy since the page was opened.
+    /// Returns the exceptions of scripts, and what the content security policy has blocked, since the page was
+    /// opened.
     pub fn complaints(&self) -> Vec<String> {
         self.wire.borrow().complaints.clone()
     }

@@ -15,11 +15,11 @@ fn drag(page: &Page, name: &str, value: f64) {
     ));
 }
 
-/// Whether the result on the page belongs to the newest text: a result is marked as old only if the next one takes
-/// more than a moment.
+/// A JavaScript expression that is true if the result on the page belongs to the newest text in the editor: no result
+/// is marked as old or as being computed.
 const ANSWERED: &str = "document.getElementById('before').hidden && document.getElementById('result').getAttribute('aria-busy') !== 'true'";
 
-/// The text in the editor.
+/// A JavaScript expression for the text in the editor.
 const TEXT: &str = "[...document.getElementById('text').shadowRoot.querySelectorAll('.cm-line')].map((line) => line.textContent).join('\\n')";
 
 /// Returns the last value of the field that the page shows, read at the right edge of its first plot.
@@ -47,7 +47,8 @@ fn a_slider_writes_its_number_and_the_answer_follows() {
         let end = shown_end(&page);
         assert!((end - (-k).exp()).abs() < 1e-4, "x(1) = {end} where k is {k}");
     }
-    // The previous curve stays as a ghost, and no job is left behind.
+    // After a drag the plot still shows the previous curve, behind the new one, and neither the service nor the
+    // browser keeps a job of the drag.
     page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
     assert_eq!(page.value("localStorage.getItem('jobs')"), json!(null));
     page.picture("page_slider");
@@ -116,7 +117,7 @@ fn what_takes_long_is_not_run_by_itself_for_long() {
         "output":{"times":{"count":11}}}"#;
     page.replace_text(endless);
     page.wait("document.getElementById('before').textContent.includes('press Solve')");
-    // The service drops a job as soon as no client waits for it.
+    // The service removes an unfinished job as soon as no client waits for it.
     page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
     assert_eq!(page.complaints(), Vec::<String>::new());
 }

@@ -5,7 +5,8 @@ use serde_json::json;
 
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// Contrast of the page's text with its background (WCAG 2.2, "contrast ratio"), and the luminance of the background.
+/// A JavaScript expression for the contrast of the page's text with its background (WCAG 2.2, "contrast ratio"), and
+/// for the luminance of the background.
 const CONTRAST: &str = "(() => {
     const luminance = (colour) => {
         const [r, g, b] = colour.match(/[0-9.]+/g).map(Number).map((c) => c / 255)

@@ -3,7 +3,7 @@
 use crate::driver::Page;
 use serde_json::json;
 
-/// A digest of the pixels of the animation.
+/// A JavaScript expression for a digest of the pixels of the animation.
 const IMAGE: &str = "(() => {
     const text = document.querySelector('#stage canvas')?.toDataURL() ?? '';
     let digest = 0;

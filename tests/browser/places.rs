@@ -53,8 +53,8 @@ fn a_text_that_is_no_json_is_marked_where_it_breaks() {
 fn a_pointer_leads_to_the_line_of_its_key_or_element() {
     let page = Page::open("pointers", "/");
     let text = "{\n  \"a\": [\n    {\"x/y\": 1},\n    2\n  ],\n  \"b\": {\"~\": {\n    \"c\": \"q\\\"}\",\n    \"d\"";
-    // RFC 6901: ~0 stands for ~, and ~1 for /. A pointer to a missing member leads to the member around it; text
-    // after a syntax error is ignored.
+    // JSON Pointers (RFC 6901), in which ~0 stands for ~, and ~1 for /. A pointer to a missing member leads to the
+    // line of the object around it; the text after a syntax error is ignored.
     let pointers = ["", "/a", "/a/0/x~1y", "/a/1", "/b/~0/c", "/b/~0/d", "/b/~0/missing", "/missing"];
     let expression =
         format!("import('/page/places.js').then(({{linesOf}}) => linesOf({}, {}))", json!(text), json!(pointers));

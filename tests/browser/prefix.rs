@@ -5,8 +5,8 @@ use crate::server::Server;
 
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// The requested addresses and the link targets within the service that do not lie below the path prefix. Citations
-/// may link to other sites.
+/// A JavaScript expression for the requested addresses, and the link targets within the service, that do not lie
+/// below the path prefix. Citations may link to other sites.
 const OUTSIDE: &str = "(() => {
     const below = new URL('/lab/dvi/', location.href).href;
     const asked = performance.getEntriesByType('resource').map((entry) => entry.name);

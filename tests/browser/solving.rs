@@ -10,7 +10,7 @@ use std::path::PathBuf;
 const DECAY: &str = r#"{"label":"Decay","problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
 "output":{"times":{"count":101}}}"#;
 
-/// The number of pixels of the first plot that have the colour of its line.
+/// A JavaScript expression for the number of pixels of the first plot that have the colour of its line.
 const LINE: &str = "(() => {
     const canvas = document.querySelector('#plots canvas');
     const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
@@ -22,7 +22,7 @@ const LINE: &str = "(() => {
     return count;
 })()";
 
-/// The first plot as an encoded image.
+/// A JavaScript expression for the first plot as an encoded image.
 const IMAGE: &str = "document.querySelector('#plots canvas').toDataURL()";
 
 #[test]
@@ -60,7 +60,7 @@ fn the_cursor_reads_the_solution() {
     page.wait("document.getElementById('hover').innerText.startsWith('t = ')");
     let told: f64 = page.text("#plots figcaption .first").parse().unwrap();
     let time: f64 = page.text("#hover").strip_prefix("t = ").unwrap().parse().unwrap();
-    // The page shows the value at the nearest of 101 times.
+    // The page shows the value of the solution at the nearest of 101 output times, and not an interpolated one.
     assert!((told - (-time).exp()).abs() < 0.006, "x({time}) = {told}");
 }
 
@@ -100,7 +100,7 @@ fn the_result_is_saved_as_a_table() {
             .unwrap()
             .filter_map(Result::ok)
             .filter(|file| file.path().extension().is_some_and(|end| end == "csv"))
-            // The browser creates the file before it fills it.
+            // The browser creates the downloaded file before it writes the contents.
             .find(|file| file.metadata().is_ok_and(|file| file.len() > 0))
     };
     for _ in 0..500 {

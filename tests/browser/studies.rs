@@ -36,7 +36,7 @@ fn a_study_is_shown_as_a_picture_and_in_numbers() {
     assert_eq!(page.complaints(), Vec::<String>::new());
 }
 
-/// Texts that begin or end outside the picture.
+/// A JavaScript expression for the texts of a picture (SVG) that begin or end outside it.
 const OUTSIDE: &str = "(() => {
     const {width} = document.documentElement.viewBox.baseVal;
     return [...document.querySelectorAll('text')]

@@ -47,7 +47,8 @@ fn doubt() -> (Value, Value) {
     (verdict, checks)
 }
 
-/// The smallest contrast between the verdict's text and its background (WCAG 2.2).
+/// A JavaScript expression for the smallest contrast between the text of the verdict (whether the result is to be
+/// trusted) and its background (WCAG 2.2).
 const CONTRAST: &str = "(() => {
     const luminance = (colour) => {
         const [r, g, b] = colour.match(/[0-9.]+/g).map(Number).map((c) => c / 255)

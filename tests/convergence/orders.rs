@@ -81,8 +81,8 @@ fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) 
     y
 }
 
-/// The observed order, from the finest run and the second run before it in a ladder of runs, among those with an
-/// error above rounding.
+/// The observed order: from a sequence of runs with ever more steps, it takes the finest run with an error above
+/// rounding, and the second one before it.
 fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
     let ladder = (0..8).map(|k| (coarsest as f64 * 1.06_f64.powi(k)).round() as usize);
     let runs: Vec<(f64, f64)> = ladder

@@ -30,7 +30,8 @@ fn a_rectifier_switches_at_the_time_of_its_closed_form_and_implicit_euler_is_of_
         let power = run.change.expect("a power");
         assert!((power - 1.0).abs() < 0.2, "order {power} of implicit Euler");
     }
-    // The largest error over time is at least the error at the end, and the variables have an error as well.
+    // The reported error of the states over the whole run is at least that at its end, and an error of the
+    // complementarity variables is reported as well.
     for run in euler.runs.iter().filter_map(|run| run.errors.as_ref()) {
         assert!(run.states >= run.end && run.variables.is_some(), "{run:?}");
     }
@@ -62,8 +63,8 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert_eq!(asked["specification"]["problem"]["dvi"]["parameters"]["mu"], 0.5);
     let stop = chapter.reference.switches[0];
     assert!(times.iter().all(|t| (t - stop).abs() > 1e-3), "a time of comparison is at the jump of the friction");
-    // v falls linearly from 2 to rest; the returned values differ by 1/500 of the largest value among the compared
-    // times.
+    // The velocity v falls linearly from 2 to rest; the values that the peer returns differ from it by 1/500 of the
+    // largest value among the compared times.
     let rate = 2.0 / stop;
     let exact: Vec<f64> = times.iter().map(|t| f64::max(2.0 - rate * t, 0.0)).collect();
     let largest = exact.iter().copied().fold(0.0, f64::max);
@@ -75,7 +76,7 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert!(errors.variables.is_none(), "what was not returned has no error");
     assert_eq!((found.runs[0].seconds, found.runs[0].spread), (2e-3, (1e-3, 3e-3)));
     assert_eq!((found.runs[1].outcome, Chapter::lost(std::slice::from_ref(&found))), (Outcome::Failed, (1, 2)));
-    // Missing values give no error at all, rather than a small one.
+    // For values that a peer does not return, the report has no error at all, rather than a small one.
     let nothing: Vec<Option<f64>> = vec![None; times.len()];
     assert!(peer(&chapter, json!({"v": nothing}), json!(null)).runs[0].errors.as_ref().expect("errors").end.is_none());
 }

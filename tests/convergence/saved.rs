@@ -1,5 +1,5 @@
-//! A run that is reset to a saved point repeats the same steps to the last bit: through switches, with any number of
-//! stages, and although factors and derivatives are computed anew that an uninterrupted run would have reused.
+//! A run that is reset to a saved point repeats the same steps to the last bit: through switches, and with any number
+//! of stages. After the reset, factors and derivatives are computed anew that an uninterrupted run would have reused.
 
 use crate::systems::reference::example;
 use dvi::problem::Control;

@@ -38,7 +38,8 @@ fn switch_error(system: &System, solution: &Solution) -> f64 {
     system.switches.iter().map(nearest).fold(0.0, f64::max)
 }
 
-/// The observed order: the slope of -log(error) over log(steps), fitted by least squares to a ladder of runs.
+/// The observed order: the slope of -log(error) over log(steps), fitted by least squares to a sequence of runs with
+/// ever more steps.
 fn slope(ladder: &[(usize, f64)]) -> f64 {
     let points: Vec<(f64, f64)> = ladder.iter().map(|&(steps, error)| ((steps as f64).ln(), error.ln())).collect();
     let count = points.len() as f64;

@@ -48,7 +48,8 @@ def pinched():
     bodies = [{"name": "left", "box": size, "mass": 0.1, "at": [-reach, 0, height], "slides": True, "force": [grip, 0, 0]},
               {"name": "right", "box": size, "mass": 0.1, "at": [reach, 0, height], "slides": True, "force": [-grip, 0, 0]},
               {"name": "held", "capsule": [radius, 0.02], "mass": mass, "at": [0, 0, height]}]
-    # The contacts of the pads with the ground are never active.
+    # The pads slide along x, high above the ground, so that their contacts with it are
+    # never active.
     return {"gravity": DOWN, "friction": 0.7, "end": 5.0, "bodies": bodies, "held": "held",
             "gaps": [("left", "held", 0, reach), ("held", "right", 0, reach)]}
 

@@ -17,7 +17,8 @@ import time
 
 import numpy as np
 
-#: Emission coefficients: the exponential diode has the thermal voltage of 26 mV, a tenth, and a hundredth of it.
+#: Emission coefficients `N`, which scale the thermal voltage of 26 mV of the exponential diode by 1, 1/10 and
+#: 1/100.
 LADDER = (1.0, 0.1, 0.01)
 IDEAL = ".model DX D(IS=1e-12 N={n})"
 REAL = ".model DX D(IS=2.52n RS=0.568 N=1.752 CJO=4p M=0.4 TT=20n)"
@@ -91,8 +92,8 @@ def main(program):
             real = np.abs(np.interp(times, t, v) - threshold).max()
             shown = " ".join(f"{1e3 * difference:9.3f}" for difference in differences)
             print(f"{name:36} {shown}  {1e3 * real:9.1f}  {theirs:8.3f} {ours:7.3f}{'  doubted' if doubted else ''}")
-            # With a tenth of the emission coefficient, the difference falls to about a tenth, until it reaches the
-            # tolerances of ngspice.
+            # With a tenth of the emission coefficient, the difference from the ideal diode falls to about a tenth,
+            # until it reaches the tolerances of ngspice.
             ideal = differences[2] < 2e-3 * size and differences[0] / differences[1] > 5 and differences[1] > differences[2]
             if not (ideal and real < 0.1 * size):
                 failures.append(name)

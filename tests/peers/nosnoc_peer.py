@@ -39,8 +39,8 @@ def circle(casadi, p):
     return x, [math.exp(-1), 0.0], rates, 1 - x[0] ** 2 - x[1] ** 2, ["x", "y"]
 
 
-# For each system, the first column of the rates holds where the switching function is
-# positive.
+# For each system, the first column of its matrix of rates is the vector field where the
+# switching function is positive.
 SYSTEMS = {"friction_belt": belt, "sliding_mode": sliding, "switching_circle": circle}
 ELEMENTS = 2
 # Numbers of control intervals of the runs: each interval is a nonlinear program of its

@@ -17,7 +17,8 @@ solve <- function() radau(y0, times, func = "rates", jacfunc = "slopes", jactype
                           rtol = {rtol}, atol = atol, maxsteps = 1000000, verbose = FALSE, initfunc = NULL, nout = 0)
 found <- solve()
 if (nrow(found) < length(times) || any(!is.finite(found))) stop("it did not reach the end")
-# Repeats in one measurement: the call through R is part of the time, a fraction of a millisecond.
+# Measures the wall-clock time of each repeated solve within R: the time includes the call of the
+# compiled code from R, a fraction of a millisecond.
 seconds <- sapply(1:{repeats}, function(k) {{ start <- as.numeric(Sys.time()); solve(); as.numeric(Sys.time()) - start }})
 steps <- attr(found, "istate")[2]
 rows <- apply(found[-1, -1, drop = FALSE], 1, function(row) paste0("[", paste(sprintf("%.17g", row), collapse = ","), "]"))

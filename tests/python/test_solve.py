@@ -226,7 +226,8 @@ def test_other_threads_of_python_run_while_one_solves(endless):
         dvi.solve(endless)
     done.set()
     thread.join()
-    # If the solve held Python's lock, the thread would count a handful.
+    # If the solve held Python's global interpreter lock, the counting thread would
+    # reach only a handful.
     assert counted[0] > 50
 
 
@@ -256,8 +257,8 @@ class Counting:
 
 
 def test_asking_again_at_other_times_costs_no_solve(belt):
-    # Without the friction F, which jumps when the mass begins to stick: its values at
-    # other times would need a solve.
+    # The output omits the friction force F, which jumps when the mass begins to stick:
+    # its values at other times would need a new solve.
     belt["output"] = {"fields": ["x", "v"]}
     for dense, solves in ((True, 0), (False, 1)):
         r = dvi.solve(belt, dense=dense)
@@ -266,7 +267,8 @@ def test_asking_again_at_other_times_costs_no_solve(belt):
         found = r(times)
         assert (r(times[::-1])["x"][::-1] == found["x"]).all() and r(1.25)["v"] == r([1.25])["v"][0]
         assert counting.solves == solves
-        # The values agree with those of a run with these output times.
+        # The values at the requested times agree with those of a run that has them as
+        # output times.
         exact = dvi.solve({**belt, "output": {"times": times.tolist(), "fields": ["x", "v"]}})
         for name in r.names:
             scale = np.abs(exact[name]).max()

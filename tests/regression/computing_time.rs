@@ -15,7 +15,7 @@ const TICK: Duration = Duration::from_millis(20);
 /// Factor by which the wall-clock time of a run may exceed its computing time.
 const CLOCK: u32 = 60;
 
-/// How a run ended.
+/// How a run with a limited computing time has ended.
 pub enum Ended {
     Solved(Box<Solution>),
     Refused(Vec<SpecificationError>),
@@ -34,7 +34,8 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
     let (starts, started) = mpsc::channel();
     let (ends, ended) = mpsc::channel();
     thread::spawn(move || {
-        // The first message always has a receiver; the second has none if the run has been abandoned.
+        // Errors of sending are ignored: the first message, on the start, always has a receiver; the second, with the
+        // result, has none if the run has been abandoned.
         starts.send(fs::read_link("/proc/thread-self").ok()).ok();
         let outcome = match Specification::from_json(text.as_bytes()) {
             Ok(specification) => Ended::Solved(Box::new(dvi::solve(&specification, &thread))),

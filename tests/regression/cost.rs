@@ -21,7 +21,7 @@ const TABLE: &str = "tests/regression/cost.txt";
 const ACCEPT: &str = "if that is meant, write the table anew and commit it with the change that explains it:\n    \
                       UPDATE=1 cargo test --test regression cost";
 
-/// The names of the table's columns.
+/// The names of the columns of the cost table.
 const COLUMNS: [&str; 9] =
     ["accepted", "rejected", "newton", "rates", "jacobians", "factorisations", "vi_solves", "vi_pivots", "switches"];
 
@@ -65,8 +65,8 @@ fn problems() -> Vec<(String, String)> {
         specification["method"] = json!({"rtol": 1e-6, "atol": 1e-6 * factor});
         (format!("smooth {}", problem["name"].as_str().expect("a name")), specification.to_string())
     });
-    // The examples of these systems have outputs within steps and tolerances of their own; these runs have a single
-    // output at the end and default tolerances.
+    // The published examples of the systems in this list have output times within steps, and tolerances of their own;
+    // the runs for the cost table have a single output at the end and default tolerances.
     let switched = [
         ("diode_bridge", "diode_bridge"),
         ("diode_bridge_filter", "diode_bridge_filter"),
@@ -123,7 +123,7 @@ fn table(found: &BTreeMap<String, Counts>) -> String {
     text
 }
 
-/// Returns the processor on which a table was written, and the table's rows.
+/// Returns the processor on which a cost table was written, and the rows of the table by the names of problems.
 fn parse(text: &str) -> (String, BTreeMap<String, Counts>) {
     let processor = text.lines().next().and_then(|line| line.strip_prefix("processor: ")).expect("the processor");
     let rows = text.lines().skip(3).map(|line| {
@@ -135,7 +135,8 @@ fn parse(text: &str) -> (String, BTreeMap<String, Counts>) {
     (processor.to_owned(), rows.collect())
 }
 
-/// Returns the counts of two rows that differ by more than the fraction `allowed`, if any.
+/// Returns, as text, the counts of a run that differ from the expected ones by more than the fraction `allowed`, if
+/// any.
 fn differences(expected: &Counts, found: &Counts, allowed: f64) -> Option<String> {
     let cells = expected.iter().zip(found).zip(COLUMNS);
     let changed =

@@ -1,4 +1,4 @@
-//! Retrying failed jobs, and continuing jobs that have ended to a later end time.
+//! Tests of retrying failed jobs, and of continuing jobs that have reached their end to a later end time.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, halving, instant, one_worker};
 use crate::nats::on_both;
@@ -34,7 +34,7 @@ async fn solved(site: &Site, document: &Value) -> (String, Value) {
 
 #[tokio::test]
 async fn a_job_that_failed_is_tried_again_as_another() {
-    // The solver panics twice: in the inline solve and in the worker.
+    // The solver panics in its first two calls: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
     let solver: Solver = Arc::new(move |_, _| {
         assert!(calls.fetch_add(1, Relaxed) > 1, "on purpose");
@@ -167,8 +167,8 @@ async fn charge_and_flux_go_on_in_a_circuit() {
 
 #[tokio::test]
 async fn a_relay_goes_on_across_its_switches_and_along_them() {
-    // The solution reaches the switching surface at about t = 1.3: the first part ends before that time in one run,
-    // and while the solution slides in the other.
+    // The solution reaches the switching surface at about t = 1.3: in one run the first part ends before that time,
+    // in the other while the solution slides.
     let problem = json!({"filippov": {"states": {"x": {"initial": 1.2, "plus": "-1 + 0.2*y", "minus": "1 + 0.2*y"},
         "y": {"initial": 0.5, "plus": "cos(t) - 0.1*x", "minus": "cos(t) + 1"}}, "surface": "x"}});
     let method = json!({"rtol": 1e-9, "atol": 1e-10});
@@ -185,8 +185,8 @@ async fn a_relay_goes_on_across_its_switches_and_along_them() {
 
 #[tokio::test]
 async fn a_complementarity_system_goes_on_with_its_active_set() {
-    // A mass on a spring with a stiff one-sided spring at the origin: the first part ends in contact in one run, and
-    // without contact in the other.
+    // A mass on a spring with a stiff one-sided spring at the origin: in one run the first part ends with the
+    // one-sided spring in contact, in the other without contact.
     let problem = json!({"lcs": {"initial": ["0.2", "0"], "A": [[0, 1], [-1, -0.1]], "B": [[0], [1]], "C": [[1, 0]], "D": [[0.05]],
         "set": [{"box": {"of": ["z1"], "lower": 0}}]}});
     for end in [3.6, 6.0] {

@@ -17,8 +17,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::{env, io};
 use tokio::sync::Notify;
 
-/// Name of the environment variable with the pipe for reports of a worker process, since the test runner uses
-/// standard output.
+/// Name of the environment variable that holds the path of the pipe into which a worker process writes its reports;
+/// its standard output is used by the test runner.
 const REPORTS: &str = "DVI_TEST_REPORTS";
 
 /// Returns a launcher of worker processes that run this test program, each with a named pipe in `folder`.
@@ -42,7 +42,7 @@ fn launcher(folder: &Folder) -> Launcher {
     })
 }
 
-/// Recurses so deeply that the stack overflows, which the compiler cannot foresee.
+/// Recurses until the stack overflows, in a way that the compiler cannot detect.
 fn descend(depth: u64) -> u64 {
     if depth == u64::MAX { 0 } else { 1 + descend(black_box(depth + 1)) }
 }
@@ -74,7 +74,7 @@ fn labelled(label: &str) -> String {
 async fn a_job_that_overflows_its_stack_ends_alone() {
     let folder = Folder::new();
     let options = Options { workers: crate::harness::count(2), ..one_worker() };
-    // The solver of the front process fails on purpose, so that every job gets a worker.
+    // The solver of the front process gives up on purpose, so that every job is passed on to a worker.
     let nothing: Solver = Arc::new(|_, _| crate::harness::halving(dvi::solution::Status::Stopped));
     let service = Service::start(options, nothing, &launcher(&folder)).unwrap();
     let site = Site::of(service);

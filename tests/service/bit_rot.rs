@@ -64,7 +64,7 @@ fn no_flipped_bit_is_served_as_truth() {
             for (part, told) in PARTS.iter().zip(told) {
                 let answer = server.get(&format!("{path}{part}"));
                 match answer.status {
-                    // The status of a job names its damaged parts.
+                    // In the status of a job, the message names the damaged parts of the job.
                     200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
                     200 => {
                         assert_eq!(answer.body, *told, "round {round}: {path}{part} is wrong");
@@ -156,7 +156,7 @@ fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
     (paths, told)
 }
 
-/// Returns the damaged database files that rebuilds have kept.
+/// Returns the damaged database files, which each rebuild of a database keeps beside it.
 fn aside(folder: &Folder) -> Vec<PathBuf> {
     let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
     names.filter(|path| path.to_string_lossy().contains("jobs.redb.damaged-")).collect()
@@ -169,13 +169,13 @@ fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let spoiled = spoil(&folder, &paths, b"\"client\":", false);
-    // The first start rebuilds the database, and the second finds it intact.
+    // The first start after the corruption rebuilds the database, and the second start finds it intact.
     for start in 0..2 {
         let server = Server::start(&folder, &["--workers", "1"]);
         let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
         let whole =
             answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
-        // On each corrupted page, the rows on either side of the corrupted offset are lost.
+        // On each corrupted page, the rows on both sides of the corrupted offset are lost.
         let lost = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
         println!("{whole} of {} rows are shown, {lost} are lost, after {spoiled} pages were spoiled", paths.len());
         assert_eq!(whole + lost, paths.len(), "{answers:?}");
@@ -261,7 +261,7 @@ fn pages_that_lead_in_a_circle_end_no_service() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let database = folder.path().join("jobs.redb");
-    // Each branch page becomes its own child, in place of all its children.
+    // Replace the children of each branch page by the page itself.
     let mut circles = fs::read(&database).unwrap();
     let mut count = 0;
     for (number, page) in circles.chunks_mut(PAGE).enumerate().skip(1) {

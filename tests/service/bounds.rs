@@ -88,7 +88,7 @@ async fn a_solve_that_would_take_too_much_memory_is_refused_with_what_it_would_t
         |count: u32| DECAY.replace("}}}},", &format!("}}}}}}}},\"output\":{{\"times\":{{\"count\":{count}}}}},"));
     let refused = Call::solve(with_times(400_000)).header("idempotency-key", "k").send(&site).await;
     let problem = refused.problem(422, "too-much-memory");
-    // The estimate covers 400,000 times and as many values, of eight bytes each.
+    // The estimate covers 400,000 output times and as many values, of eight bytes each.
     let detail = problem["detail"].as_str().unwrap();
     assert!(detail.contains("6 MiB") && detail.contains("--memory-mib"), "{detail}");
     assert_eq!(site.get("/jobs").await.json()["jobs"], serde_json::json!([]));
@@ -195,14 +195,15 @@ async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
     }
 }
 
-/// Posts a short job for `client`, which the gate does not hold, and returns its path.
+/// Posts a short job for `client`, whose label exempts it from the gate that blocks solves, and returns its path.
 async fn short(site: &Site, client: u8) -> String {
     let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
     let call = Call::solve(document).client(client).header("prefer", "respond-async");
     call.send(site).await.header("location").to_owned()
 }
 
-/// Returns a solver that the gate holds, except for jobs with a label.
+/// Returns a solver that is blocked until `gate` lets it through, except for jobs with a label, which are solved at
+/// once.
 fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
@@ -223,7 +224,8 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
             site.runs(&held[held.len() - 1]).await;
         }
     }
-    // The other jobs have had a time slice each, have yielded their workers, and are still reported as accepted.
+    // Each of the other jobs has used its first time slice and has given up its worker; its status is still
+    // `accepted`.
     gate.cancelled(2).await;
     for path in &held[2..] {
         let state = site.get(path).await.json();
@@ -246,8 +248,9 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
     assert!(figures.text().contains("dvi_jobs_long 0\n"));
 }
 
-/// Returns a launcher of workers that need some time to read a document, and then solve it until they are cancelled:
-/// `early` counts the documents that are cancelled while they are read, `late` those cancelled later.
+/// Returns a launcher of workers that need some time to read a document, and then solve it until they are cancelled.
+/// `early` counts the documents that are cancelled while they are read, `late` those that are cancelled during their
+/// solve.
 fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> Launcher {
     let counts = (early.clone(), late.clone());
     Arc::new(move || {
@@ -265,7 +268,7 @@ fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> La
             let mut report = |report: &Report| frame::write(&mut output, report, b"[]");
             report(&Report::Ready { version: VERSION, confinement: Confinement::default() })?;
             while let Ok(order) = arrivals.recv() {
-                // A request to stop may arrive after the end of its task, and is ignored.
+                // A request to stop may arrive after the end of the task that it is for, and is ignored.
                 let Order::Solve { task, .. } = order else { continue };
                 report(&Report::Taken { task })?;
                 if arrivals.recv_timeout(READING).is_ok() {
@@ -323,7 +326,7 @@ async fn a_job_that_makes_room_is_seen_to_start_and_to_switch_once() {
     let words = told.text().split("\"status\":\"").skip(1).filter_map(|rest| rest.split('"').next());
     let states = ["accepted", "running", "successful"];
     let seen: Vec<_> = words.map(|word| states.iter().position(|state| *state == word)).collect();
-    // Polling may miss a state, but must not see one twice.
+    // Polling may miss a state of the job, but must not report one twice.
     assert!(seen.is_sorted() && seen.last() == Some(&Some(2)), "{}", told.text());
 }
 

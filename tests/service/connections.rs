@@ -112,7 +112,7 @@ async fn a_body_that_stalls_is_answered_with_a_timeout() {
 #[tokio::test]
 async fn a_client_that_reads_no_answer_before_it_has_sent_everything_gets_its_refusal() {
     let running = Running::start(Options { body_mib: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
-    // The body is larger than what the system buffers for a connection, at both ends.
+    // The body of the request is larger than what the operating system buffers for a connection at both ends.
     let body = " ".repeat(64 << 20);
     for (content_type, status) in [("application/json", "413"), ("text/plain", "415")] {
         let head = format!(
@@ -137,7 +137,7 @@ async fn a_client_that_asks_whether_to_send_is_refused_at_once() {
 
 #[tokio::test]
 async fn a_client_that_does_not_take_its_answer_is_cut_off() {
-    // The response is larger than what the system buffers for a connection, at both ends.
+    // The response is larger than what the operating system buffers for a connection at both ends.
     let values: Vec<f64> = (0..2_000_000).map(|k| f64::from(k) / 3.0).collect();
     let long: Solver = Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);
@@ -154,7 +154,7 @@ async fn a_client_that_does_not_take_its_answer_is_cut_off() {
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     let mut taken = Vec::new();
-    // Reading the rest of the response may end in an error.
+    // Reading the rest of the response may end in an error, since the service has closed the connection.
     let _ = slow.read_to_end(&mut taken).await;
     assert!(!String::from_utf8(taken).unwrap().ends_with('}'), "it was all on its way");
 }

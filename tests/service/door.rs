@@ -167,7 +167,7 @@ async fn tokens_that_cannot_be_read_are_the_fault_of_the_service() {
 fn a_token_belongs_to_whom_the_folder_belongs() {
     let folder = Folder::new();
     fs::create_dir_all(folder.path()).unwrap();
-    // Only root can change the owner of a folder; for other users, the owner is right anyway.
+    // Only root can change the owner of a folder; for other users, the owner of the token file is right anyway.
     let given = std::os::unix::fs::chown(folder.path(), Some(65_532), Some(65_532)).is_ok();
     if given {
         create(folder.path(), "anna", &[Scope::Read], None).unwrap();
@@ -176,7 +176,7 @@ fn a_token_belongs_to_whom_the_folder_belongs() {
     }
 }
 
-/// Runs the service as a process, and reads its access log.
+/// Runs the service as a separate process, and reads its access log.
 #[test]
 fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secrets() {
     let folder = Folder::new();

@@ -13,7 +13,7 @@ fn oscillator(end: u32) -> String {
     )
 }
 
-/// End time that no solve of these tests reaches.
+/// End time of a specification that no solve of these tests reaches.
 const ENDLESS: u32 = 100_000_000;
 
 #[test]
@@ -73,7 +73,8 @@ fn who_waits_when_the_service_stops_is_told_where_to_ask_later() {
             }
         }
     });
-    // A request with the same key finds the job of the synchronous request, whichever of the two comes first.
+    // An asynchronous request with the idempotency key finds the job of the synchronous request, whichever of the two
+    // comes first.
     let asynchronous = format!("{keyed}prefer: respond-async\r\n");
     let path = loop {
         let answer = server.send("POST", "/solve", &asynchronous, &oscillator(ENDLESS));
@@ -125,8 +126,8 @@ fn a_long_job_that_starts_again_after_a_kill_does_not_hold_up_the_others() {
     server.kill();
     let server = Server::start(&folder, &many);
     server.reaches(&suspects[0], &["running"]);
-    // The job is so long that it needs a worker; it is solved, within the 30 s of its wait, beside the jobs that were
-    // running at the kill.
+    // The job is too long for an inline solve and needs a worker. It is solved within the 30 s for which its client
+    // waits, beside the jobs that were running when the service was killed.
     let answer =
         server.send("POST", "/solve", "", &DECAY.replace("{\"end\":1}", "{\"end\":1},\"method\":{\"step\":1e-5}"));
     assert_eq!(answer.status, 200, "{}", answer.body);

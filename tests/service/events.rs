@@ -1,4 +1,4 @@
-//! Streams of server-sent events.
+//! Tests of the streams of server-sent events that report the progress of a job.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, count, instant, one_worker};
 use crate::nats::on_both;
@@ -43,7 +43,7 @@ fn stick(k: u32) -> Event {
     Event { t: f64::from(k), kind: EventKind::Stick, of: format!("foot {k}") }
 }
 
-/// Returns a solver that reports `n` stick events and is then held by the gate.
+/// Returns a solver that reports `n` stick events and is then blocked until `gate` lets it through.
 fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let solver = gate.solver();
     Arc::new(move |specification, control| {
@@ -52,7 +52,7 @@ fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     })
 }
 
-/// Lets one held solve finish after half a second, during which its event stream is polled.
+/// Lets one blocked solve finish after half a second; meanwhile its event stream is polled.
 async fn let_through_later(gate: Arc<Gate>) {
     tokio::time::sleep(Duration::from_millis(500)).await;
     gate.let_through(1);

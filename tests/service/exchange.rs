@@ -147,13 +147,13 @@ async fn a_worker_gives_back_at_once_what_comes_beside_its_job() {
         return;
     }
     let (options, gate) = (shared(), Gate::new());
-    // A lost worker would be noticed only after 300 s, longer than the test waits.
+    // With this setting the service would notice the loss of a worker only after 300 s, longer than the test waits.
     let nats = Nats { lost_seconds: NonZeroU64::new(300).unwrap(), ..options.nats.clone() };
     let options = Options { nats, ..options };
     let site = Site::gateway(options.clone(), gate.solver());
     let _workers = [0; 2].map(|_| worker(&options, gate.solver()));
     for round in 1..=20 {
-        // Both workers wait for jobs, and two jobs are posted at the same time.
+        // Both workers are free when two jobs are posted at the same time, so that one worker may receive both.
         let (one, two) = tokio::join!(site.accept(1), site.accept(2));
         gate.entered(2 * round).await;
         gate.let_through(2);
@@ -197,7 +197,8 @@ async fn a_job_is_told_to_one_of_many_workers() {
     for round in 0..=JOBS {
         let path = site.accept(1).await;
         comes_to(&site, &path, "successful").await;
-        // The first round is not counted, since workers that have just started try to take jobs of all clients.
+        // The pull requests of the first round are not counted, since workers that have just started try to take jobs
+        // of all clients.
         sleep(Duration::from_millis(if round == 0 { 500 } else { 10 })).await;
         pulls.get_or_insert_with(|| listen(&url, &format!("$JS.API.CONSUMER.MSG.NEXT.{name}_jobs.*"), ""));
     }
@@ -205,7 +206,7 @@ async fn a_job_is_told_to_one_of_many_workers() {
     write!(pulls.get_mut(), "PING\r\n").unwrap();
     let mut lines = pulls.lines().map(Result::unwrap).take_while(|line| !line.starts_with("PONG"));
     let count = lines.by_ref().filter(|line| line.starts_with("MSG ")).count();
-    // One pull request is needed for each job; a few more are in vain.
+    // Each job needs one pull request of a worker; a few more requests are in vain.
     assert!((JOBS..4 * JOBS).contains(&count), "{count} pulls");
 }
 
@@ -217,7 +218,7 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
     let options = shared();
     let (url, name) = (options.nats.servers[0].clone(), options.nats.name.clone());
     let site = Site::gateway(options.clone(), instant());
-    // The subscription takes announcements of jobs and ignores them, like a worker whose machine has just lost its
+    // The subscription receives announcements of jobs and ignores them, like a worker whose machine has just lost its
     // power.
     let lost = listen(&url, &format!("{name}.arrival.*"), "workers");
     let path = site.accept(1).await;
@@ -225,8 +226,8 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
         let texts = lost.lines().map(Result::unwrap).filter(|line| !line.starts_with("MSG ") && line != "PING");
         texts.take(4).collect::<Vec<String>>()
     });
-    // The job is announced before it is stored, unless storing is faster, then when it is stored, and repeatedly
-    // while it waits.
+    // The job is announced before it is stored (unless storing is faster), when it is stored, and repeatedly while it
+    // waits.
     let heard = heard.await.unwrap();
     assert!(matches!(heard[0].as_str(), "" | "there"), "{heard:?}");
     assert_eq!(heard[1..], ["there", "there", "there"]);
@@ -234,7 +235,7 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
     comes_to(&site, &path, "successful").await;
 }
 
-/// Returns a solver whose solutions have about 3 MiB.
+/// Returns a solver whose results have about 3 MiB.
 fn long() -> Solver {
     Arc::new(|_: &Specification, _: &Control| {
         let Solution { mut trajectory, .. } = halving(Status::Completed);

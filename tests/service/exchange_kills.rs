@@ -18,11 +18,12 @@ const WORKERS: usize = 2;
 /// Number of clients that post jobs concurrently.
 const POSTING: usize = 4;
 
-/// Least number of kills of workers, and the number of those between two kills of the server.
+/// Least number of kills of workers, and the number of kills of workers between two kills of the NATS server.
 const KILLS: usize = 12;
 const BETWEEN: usize = 6;
 
-/// Time limit for every `JOBS` jobs, longer than they take on a busy machine.
+/// Time limit for `JOBS` jobs, longer than these take on a busy machine; it grows in proportion to the number of
+/// jobs.
 const SETTLED: Duration = Duration::from_secs(240);
 
 fn gateway(url: &str) -> Server {
@@ -43,8 +44,9 @@ fn gateway(url: &str) -> Server {
     Server::of(&mut command).unwrap()
 }
 
-/// Returns the specification of job `k`, a decay with a rate of its own. Every fourth job has so much output that a
-/// worker claims it before it solves it; the others are solved without a claim.
+/// Returns the specification of job `k`, a decay with a rate of its own. The output of every fourth job is so long
+/// that a worker reserves (claims) the job on the exchange before it solves it; the others are solved without a
+/// claim.
 fn document(k: usize) -> String {
     let output = if k.is_multiple_of(4) { r#","output":{"times":{"count":1000}}"# } else { "" };
     format!(
@@ -123,11 +125,11 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
         posting.join().unwrap()
     });
     let posted = start.elapsed();
-    // Each job is requested from the gateway that did not admit it.
+    // The status of each job is requested from the gateway to which the job was not posted.
     let mut again = 0;
     for (k, path) in paths.iter().enumerate() {
         let gateway = &gateways[(k + 1) % 2];
-        // Requests are repeated, since the server may just have been killed.
+        // Requests are repeated until they succeed, since the NATS server may just have been killed.
         let found = |path: &str| -> Value {
             loop {
                 let answer = gateway.get(path);

@@ -29,7 +29,8 @@ fn gateway(url: &str) -> Server {
     Server::of(command.args(["--nats-lost-seconds", "2"])).unwrap()
 }
 
-/// Returns the subjects that the NATS server stores for chunks of sweeps, under the default name of the streams.
+/// Returns the subjects under which the NATS server stores data of chunks of sweeps, for the default name of the
+/// streams.
 fn left_behind(url: &str) -> Vec<String> {
     let kept = |stream: &str, subjects: &str| subjects_of(url, stream, subjects);
     [kept("KV_dvi_state", "$KV.dvi_state.part.>"), kept("KV_dvi_data", "$KV.dvi_data.rows.>")].concat()
@@ -46,7 +47,7 @@ fn subjects_of(url: &str, stream: &str, filter: &str) -> Vec<String> {
         "CONNECT {{\"verbose\":false}}\r\nSUB told 1\r\nPUB $JS.API.STREAM.INFO.{stream} told {length}\r\n{question}\r\n"
     )
     .unwrap();
-    // Skips the greeting of the server and the header of the message.
+    // Skip the greeting of the server and the header of the message.
     let mut lines = BufReader::new(connection).lines().map(Result::unwrap);
     let told = lines.find(|line| line.starts_with('{')).unwrap();
     let told: Value = serde_json::from_str(&told).unwrap();
@@ -68,7 +69,7 @@ fn kills_of_workers_that_share_a_sweep_change_no_byte_and_leave_nothing_behind()
     let mut workers = [0; 2].map(|_| Worker::start(&url, &[]));
     let path = server.accept(&document);
     let mut known = 0;
-    // Each worker is killed twice; one of the two divides the sweep into chunks.
+    // Each of the two workers is killed twice; one of them divides the sweep into chunks for both.
     for kill in 0..4 {
         known = server.rows(&path, known + 200);
         workers[kill % 2] = Worker::start(&url, &[]);
@@ -112,7 +113,7 @@ fn a_server_that_is_killed_while_workers_share_a_sweep_changes_no_byte() {
     assert_eq!(left_behind(&url), Vec::<String>::new());
 }
 
-/// Returns a solver that takes at least `time` for a chunk or a job, and the counter of its calls.
+/// Returns a solver that takes at least `time` for each chunk or job, and the counter of its calls.
 fn slow(time: Duration) -> (Solver, Arc<AtomicUsize>) {
     let calls = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&calls);
@@ -174,7 +175,7 @@ async fn a_shared_sweep_that_is_cancelled_keeps_its_rows() {
     let site = Site::gateway(options.clone(), Arc::clone(&solver));
     let _workers = [0; 2].map(|_| worker(&options, Arc::clone(&solver)));
     let path = post(&site, 1, &oscillators(100_000, 5)).await;
-    // So many members are done only after the first worker has begun to share the sweep.
+    // This number of members is only reached after the first worker has begun to share the sweep with the second.
     members_done(&site, &path, 1500).await;
     let cancelled = Call::post(&format!("{path}/cancel"), "").send(&site).await;
     assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
@@ -189,7 +190,7 @@ async fn a_shared_sweep_that_is_cancelled_keeps_its_rows() {
 
 #[tokio::test]
 async fn a_worker_that_divides_all_sweeps_that_it_may_gives_the_next_back_with_its_rows() {
-    /// Number of sweeps that one worker divides at the same time.
+    /// Number of sweeps that one worker divides into chunks at the same time.
     const MOST: usize = 64;
     if !is_installed() {
         return;
@@ -222,7 +223,7 @@ async fn a_worker_that_divides_all_sweeps_that_it_may_gives_the_next_back_with_i
     let ended = site.ended(&path).await;
     assert_eq!((&ended["status"], &ended["attempt"]), (&"successful".into(), &1.into()), "{ended}");
     assert!(site.get(&format!("{path}/results")).await.body == undisturbed(&document));
-    // Members that were solved before the sweep was given back are not solved again.
+    // Members that were solved before the worker returned the sweep to the queue are not solved again.
     let mut count = 0;
     while let Ok(members) = members.try_recv() {
         count += members.len();
@@ -262,7 +263,7 @@ async fn a_worker_that_stops_gives_a_sweep_back_with_its_rows() {
     assert!(calls.load(Relaxed) < 60, "{calls:?} chunks");
 }
 
-/// Returns two metrics: the number of jobs and chunks that wait, and the number of those that run.
+/// Returns two metrics of the service: the number of jobs and chunks that wait, and the number of those that run.
 async fn load(site: &Site) -> [u64; 2] {
     let metrics = site.get("/metrics").await;
     ["dvi_jobs_waiting ", "dvi_jobs_running "].map(|name| {
@@ -293,8 +294,8 @@ async fn chunks_count_as_jobs_that_wait_and_run() {
     let sites = [0; 2].map(|_| Site::gateway(options.clone(), Arc::clone(&solver)));
     let _worker = worker(&options, Arc::clone(&solver));
     let path = post(&sites[0], 1, &oscillators(100_000, 5)).await;
-    // The sweep counts as running, and so does the chunk of its only worker; chunks that more workers could take
-    // count as waiting.
+    // The sweep counts as running, and so does the chunk that its only worker solves. Chunks that further workers
+    // could take count as waiting.
     for site in &sites {
         comes_to(site, |[waiting, running]| waiting >= 2 && running == 2).await;
     }
@@ -316,7 +317,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
     let (solver, calls) = slow(Duration::from_millis(60));
     let site = Site::gateway(options.clone(), Arc::clone(&solver));
     let _workers = [0; 2].map(|_| worker(&options, Arc::clone(&solver)));
-    // Each row of the sweep has 1.6 MB.
+    // Each row of the sweep's table takes 1.6 MB.
     let document = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1},
         "output": {"times": {"count": 200000}, "fields": ["x"]},
         "sweep": {"over": {"k": {"linspace": [0.5, 2, 8]}}, "keep": "trajectories"}}"#;
@@ -325,7 +326,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
     assert_eq!(ended["status"], "successful", "{ended}");
     assert!(site.get(&format!("{path}/results")).await.body == undisturbed(document));
     assert!(calls.load(Relaxed) > 2, "{calls:?} chunks");
-    // The results are stored as a large object, too; the objects of the rows are removed.
+    // The results are stored as a large object, as the rows were; the objects of the rows are removed.
     let start = Instant::now();
     let objects = || subjects_of(&url, &format!("OBJ_{name}_objects"), &format!("$O.{name}_objects.C.>"));
     while objects().len() > 1 {
@@ -336,7 +337,7 @@ async fn rows_that_are_longer_than_a_message_go_the_same_way() {
 
 #[tokio::test]
 async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
-    // With this number of members, each of the first two chunks has two members.
+    // With this number of members in the sweep, each of the first two chunks has two members.
     const MEMBERS: usize = 16;
     const BAD: usize = 2;
     if !is_installed() {
@@ -355,9 +356,10 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
         }
     };
     let (first_chunk, other_job) = (wait_for(0), wait_for(1));
-    // The solver of the worker that divides the sweep; a job of another client keeps that worker busy.
+    // The solver of the worker that divides the sweep into chunks; the test keeps this worker busy with a job of
+    // another client.
     let divider: Solver = Arc::new(move |specification, control| {
-        // An inline solve, recognised by its short deadline, does not wait.
+        // An inline solve, recognised by its short deadline, is not blocked by the test.
         if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
             return halving(Status::Stopped);
         }
@@ -393,7 +395,7 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     let path = post(&site, 1, &document).await;
     has_begun.wait_for(|count| *count == 1).await.unwrap();
     let other = post(&site, 2, &DECAY.replacen('{', "{\"label\":\"keeps the place\",", 1)).await;
-    // Waits until the sweep is shared.
+    // Wait until the first worker has begun to share the sweep.
     tokio::time::sleep(Duration::from_millis(300)).await;
     may_end[0].store(true, Relaxed);
     has_begun.wait_for(|count| *count == 2).await.unwrap();
@@ -417,7 +419,8 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     };
     may_end[1].store(true, Relaxed);
     assert_eq!(ended["status"], "successful", "{ended}");
-    // A member fails after three workers were lost with it, since a single loss may be unrelated to the member.
+    // A member of the sweep fails after three workers were lost while they solved it, since a single loss may be
+    // unrelated to the member.
     let (first, last) = (lost.first().unwrap(), lost.last().unwrap());
     assert!(first.len() == 2 && *last == (BAD..BAD + 1), "{lost:?}");
     let json = site.get(&format!("{path}/results")).await.json();

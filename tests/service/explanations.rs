@@ -9,7 +9,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// Collects the sources of the program without tests, comments, the commands and the web page.
+/// Collects the source texts of the program. Tests, comments, the command-line commands and the web page are left
+/// out.
 fn sources(folder: &Path, found: &mut Vec<String>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -25,8 +26,8 @@ fn sources(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// Returns the expression at the beginning of `text`: up to an unmatched closing bracket or, unless it is the body of
-/// a function, to a comma or semicolon outside of brackets.
+/// Returns the expression at the beginning of `text`. It ends at an unmatched closing bracket or, unless it is the
+/// body of a function, at a comma or semicolon outside of brackets.
 fn expression(text: &str, is_body: bool) -> &str {
     let (mut depth, mut quoted, mut escaped) = (0, false, false);
     for (at, c) in text.char_indices() {
@@ -49,15 +50,15 @@ fn expression(text: &str, is_body: bool) -> &str {
     text
 }
 
-/// Returns the code at the beginning of `text`, which is a string literal of a single word.
+/// Returns the error code at the beginning of `text`, if `text` begins with a string literal of a single word.
 fn code(text: &str) -> Option<&str> {
     let (word, _) = text.trim_start().strip_prefix('"')?.split_once('"')?;
     let is_code = !word.is_empty() && word.bytes().all(|c| c.is_ascii_lowercase() || c == b'_');
     is_code.then_some(word)
 }
 
-/// Collects codes that are passed as arguments to functions that create errors: arguments that consist of a string
-/// literal.
+/// Collects error codes that are passed as arguments to functions that create errors: arguments that consist of a
+/// string literal.
 fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let mut rest = rest;
@@ -74,8 +75,8 @@ fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str
     }
 }
 
-/// Collects codes that are returned as values: at the beginning of an expression, or of a branch, match arm or pair
-/// in it.
+/// Collects error codes that are returned as values: string literals at the beginning of an expression, or of a
+/// branch, match arm or pair in it.
 fn as_values<'t>(text: &'t str, opener: &str, is_body: bool, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let value = expression(rest, is_body);
@@ -107,7 +108,7 @@ fn every_code_in_the_sources_has_a_page() {
     let mut texts = Vec::new();
     sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
     let codes = codes_of_sources(&texts);
-    // Known codes that the search must find, one for each way in which the sources write codes.
+    // Known error codes that the search must find, one for each way in which the sources write codes.
     for known in [
         "unknown_key",
         "wrong_arity",

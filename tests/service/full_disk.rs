@@ -10,14 +10,15 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time within which the service must have recovered.
+/// Time within which the service must work again after the disk has become usable.
 const HEALED: Duration = Duration::from_secs(10);
 
 /// Specification of a harmonic oscillator that runs until it is cancelled.
 const ENDLESS: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
     "time":{"end":100000000}}"#;
 
-/// Number of rounds with a full disk; the environment variable `DVI_FULL_DISKS` sets a larger one.
+/// Number of rounds, in each of which the disk is filled once; the environment variable `DVI_FULL_DISKS` sets a
+/// larger one.
 const ROUNDS: usize = 3;
 
 #[test]
@@ -42,7 +43,8 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         // Jobs that still fit into free pages of the database are accepted until a write fails.
         let late: Vec<_> = until_full(&server);
         server.send("POST", &format!("{blocker}/cancel"), "", "");
-        // Admitted jobs are solved, and their results are served from memory.
+        // Jobs that have been admitted are solved although the disk is full, and their results are served from
+        // memory.
         for path in waiting.iter().chain(&late) {
             server.reaches(path, &["successful"]);
             assert_eq!(server.get(&format!("{path}/results")).status, 200);
@@ -65,7 +67,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         let [first, second] = waiting;
         server.get(&old).problem(404, "no-such-job");
         kept.push((second.clone(), server.get(&format!("{second}/results")).body));
-        // Deleting the large jobs of earlier rounds makes room.
+        // Deleting the large jobs of this round makes room for the next one.
         kept.push((first.clone(), server.get(&format!("{first}/results")).body));
         for path in &late {
             assert_eq!(server.get(&format!("{path}/specification")).status, 200);
@@ -74,7 +76,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
     }
     println!("well again after {slowest:?} at most");
 
-    // A copy of the folder of a stopped process has the state that a crash would leave.
+    // A copy of the data folder of a suspended process has the state that a crash would leave.
     let copy = Folder::new();
     signal(&server, "STOP");
     copy_folder(&disk, copy.path());
@@ -96,7 +98,7 @@ fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     server.get("/readyz").problem(503, "unwritable");
     server.send("POST", "/solve", "prefer: respond-async\r\n", DECAY).problem(503, "unwritable");
     assert_eq!(server.send("POST", "/solve", "", DECAY).status, 200);
-    // A new folder of the same name is not accepted as the folder of the service.
+    // A new folder of this name is not accepted as the data folder of the service.
     fs::create_dir(folder.path()).unwrap();
     server.get("/readyz").problem(503, "unwritable");
     fs::remove_dir(folder.path()).unwrap();

@@ -74,7 +74,7 @@ async fn every_key_field_and_code_stands_in_the_guide() {
     for name in ["Solution", "Trajectory", "Diagnostics", "Verdict", "StatusInfo", "Event"] {
         properties(&description["components"]["schemas"][name], &mut keys);
     }
-    // In the guide, an alternative of the schema that has no name is written as `{"key": ..}`.
+    // In the guide, an unnamed alternative of the schema is written as `{"key": ..}`.
     let missing: Vec<&String> =
         keys.iter().filter(|key| !named(key) && !all.contains(&format!("\"{key}\": .."))).collect();
     assert!(missing.is_empty(), "{missing:?}");
@@ -96,7 +96,8 @@ fn properties(schema: &Value, into: &mut BTreeSet<String>) {
     }
 }
 
-/// Each type of problem, block, method and check is explained in the handwritten chapters themselves.
+/// Tests that each type of problem, block, method and check is explained in the handwritten chapters of the guide,
+/// not only in generated ones.
 #[test]
 fn what_is_written_most_is_explained_in_words() {
     let folder = fs::read_dir(Path::new(ROOT).join("api/guide")).unwrap();

@@ -50,7 +50,7 @@ pub fn count(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).unwrap()
 }
 
-/// A gate that holds every solve until the solve is let through or cancelled.
+/// A gate for tests: it blocks every solve until the test lets the solve through or the solve is cancelled.
 pub struct Gate {
     open: Mutex<usize>,
     opened: Condvar,
@@ -67,7 +67,7 @@ impl Gate {
     pub fn solver(self: &Arc<Self>) -> Solver {
         let gate = Arc::clone(self);
         Arc::new(move |_, control| {
-            // An inline solve, recognised by its short deadline, does not wait at the gate.
+            // An inline solve, recognised by its short deadline, is not blocked by the gate.
             if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
                 return halving(Status::Stopped);
             }
@@ -75,7 +75,7 @@ impl Gate {
             gate.entered.send_modify(|n| *n += 1);
             let mut open = gate.open.lock().unwrap();
             loop {
-                // Cancellation is checked first: a cancelled solve must not use the permission of another.
+                // Check for cancellation first: a cancelled solve must not use up the permission of another solve.
                 if let Some(stop) = control.poll() {
                     if stop == Stop::Cancelled {
                         gate.cancelled.send_modify(|n| *n += 1);
@@ -91,7 +91,7 @@ impl Gate {
         })
     }
 
-    /// Permits `n` solves to finish.
+    /// Permits `n` blocked solves to finish.
     pub fn let_through(&self, n: usize) {
         *self.open.lock().unwrap() += n;
         self.opened.notify_all();
@@ -113,8 +113,8 @@ impl Gate {
 /// Longest time for which a test waits for an event.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// Waits for `event`, and fails if it does not occur in time. A separate thread measures the time, since some tests
-/// pause the clock of their runtime.
+/// Waits for `event`, and fails the test if it does not occur within the time limit. A separate thread measures the
+/// time, since some tests pause the clock of their runtime.
 pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
     let ((done, is_done), (ring, late)) = (channel::<()>(), oneshot::channel());
     thread::spawn(move || {
@@ -132,7 +132,7 @@ pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
     }
 }
 
-/// A service with its router, and with a worker if it shares its jobs over NATS.
+/// A service under test with its HTTP router and, if it shares its jobs over NATS, a worker.
 pub struct Site {
     pub service: Service,
     pub router: Router,
@@ -150,13 +150,13 @@ impl Site {
         Self::of(service)
     }
 
-    /// Wraps a service without a worker over NATS.
+    /// Wraps a running service; no worker over NATS is started.
     pub fn of(service: Service) -> Self {
         let router = service.router();
         Self { service, router, _worker: None }
     }
 
-    /// Returns a gateway over NATS without a worker.
+    /// Returns a service under test that is a gateway over NATS, without a worker.
     pub fn gateway(options: Options, solver: Solver) -> Self {
         Self::of(nats::gateway(options, solver))
     }
@@ -285,7 +285,8 @@ impl Reply {
         std::str::from_utf8(&self.body).unwrap()
     }
 
-    /// Asserts that the response is the given problem, in the form of RFC 9457, and returns its members.
+    /// Asserts that the response is the problem (RFC 9457) with the given status and type, and returns the members of
+    /// the problem.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) -> Value {
         let problem = self.json();
@@ -300,14 +301,14 @@ impl Reply {
     }
 }
 
-/// A step of a scripted request body.
+/// A step of a scripted request body: data, an error, or waiting forever.
 pub enum Arrival {
     Piece(String),
     Broken,
     Never,
 }
 
-/// A request body of unknown length that performs its steps from the last to the first.
+/// A request body of unknown length that performs scripted steps, beginning with the last one in the list.
 pub struct Scripted(pub Vec<Arrival>);
 
 impl HttpBody for Scripted {

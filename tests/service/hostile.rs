@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::time::Duration;
 
-/// Returns the number of connections to open: as many as the test needs, or as the limit of open files permits.
+/// Returns the number of connections that the test opens: as many as it needs, or as the limit of open files permits.
 fn most_connections() -> usize {
     let limits = fs::read_to_string("/proc/self/limits").unwrap();
     let files = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap();
@@ -23,7 +23,7 @@ fn assert_well(server: &Server) {
     assert_eq!((answer.status, &answer.json()["status"]), (200, &"completed".into()), "{}", answer.body);
 }
 
-/// Sends bytes unchanged, and returns what the service sends until it closes the connection.
+/// Sends bytes to the service unchanged, and returns what the service sends until it closes the connection.
 fn exchange(server: &Server, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(server.address()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -81,7 +81,8 @@ fn a_client_that_closes_its_half_has_gone_and_its_solve_with_it() {
     while !server.get("/metrics").body.contains("dvi_jobs_running 1\n") {
         std::thread::sleep(Duration::from_millis(5));
     }
-    // The service cannot distinguish a half-closed connection from a closed one.
+    // The service cannot distinguish a connection that its client has closed for writing from one that is closed
+    // entirely.
     stream.shutdown(Shutdown::Write).unwrap();
     assert_eq!(read(&mut stream), "");
     assert_well(&server);

@@ -120,7 +120,7 @@ async fn a_deleted_job_is_stopped_and_forgotten() {
 
 #[tokio::test]
 async fn a_panic_fails_its_job_and_the_worker_lives_on() {
-    // The solver panics twice: in the inline solve and in the worker.
+    // The solver panics in its first two calls: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
     let solver = move |_: &Specification, _: &Control| {
         assert!(calls.fetch_add(1, Ordering::SeqCst) > 1, "on purpose");

@@ -19,7 +19,7 @@ fn cube(elements: u32) -> String {
     )
 }
 
-/// Specification of spheres at one place, so that each touches all others.
+/// Specification of spheres at one and the same place, so that each sphere touches all others.
 fn coincident(spheres: usize) -> String {
     let sphere = r#"{"shape":{"sphere":{"radius":1}},"density":1}"#;
     let bodies = vec![sphere; spheres].join(",");
@@ -61,7 +61,7 @@ fn few_words_that_declare_much_keep_nobody_waiting() {
         assert_eq!(checks, [200; 5]);
     });
     println!("the slowest answer took {slowest:?}; {} MiB at most", most >> 10);
-    // On a busy machine a response may take a second by itself.
+    // On a busy machine a response may take a second without any load on the service.
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
     assert!(most < 1 << 20, "{most} KiB");
 }
@@ -108,7 +108,7 @@ async fn a_check_takes_no_longer_than_a_job_may() {
 fn a_worker_is_free_soon_after_its_job_of_many_contacts_is_deleted() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
-    // The job fits into the memory limit of a job, and is far from its end when it is deleted.
+    // The job fits into the memory limit of a job, and is far from its end when the test deletes it.
     let path = server.accept(&coincident(120));
     server.reaches(&path, &["running"]);
     thread::sleep(Duration::from_millis(500));

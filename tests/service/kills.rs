@@ -19,23 +19,23 @@ const BETWEEN: u32 = 500;
 /// Time limit for a job, longer than the queueing and solving time of any job on a busy machine.
 const SETTLED: Duration = Duration::from_secs(300);
 
-/// What the client of a job knows about it.
+/// What the client that has posted a job knows about the job.
 #[derive(Default)]
 struct Posted {
     /// The path of the job, if the client received it.
     path: Option<String>,
-    /// Whether the deletion was confirmed; `None` if it was not requested.
+    /// Whether the service confirmed the deletion of the job; `None` if the deletion was not requested.
     deleted: Option<bool>,
 }
 
-/// Numbers of jobs by outcome.
+/// Numbers of jobs by their outcome after all kills.
 #[derive(Debug, Default)]
 struct Tally {
     successful: u32,
     deleted: u32,
     /// Number of jobs that failed because their worker was killed.
     killed: u32,
-    /// Number of jobs that were set aside since they were running at several kills.
+    /// Number of jobs that the service set aside as suspect, since they were running at several kills.
     poisoned: u32,
 }
 
@@ -64,7 +64,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
                 _ => server.child.kill().unwrap(),
             }
             if kill % 5 == 1 {
-                // If only a worker was killed, the clients continue for a moment.
+                // If only a worker was killed, the clients continue for a moment before they are stopped.
                 thread::sleep(Duration::from_millis(20));
             }
             stop.store(true, Relaxed);
@@ -78,7 +78,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
             job.deleted = Some(confirmed);
         }
         if kill % 5 != 1 {
-            // The killed process is reaped, as a service manager does before it restarts a service.
+            // Reap the killed process, as a service manager does before it restarts a service.
             server.child.wait().unwrap();
             if kill % 5 == 3 {
                 kill_a_start(&folder, Duration::from_micros(random.u64(..60_000)));
@@ -99,7 +99,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
     assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stdout));
 }
 
-/// Starts a service whose limits are so high that it removes no jobs.
+/// Starts a service whose limits on kept jobs are so high that it removes none.
 fn serve(folder: &Folder) -> Server {
     let many = "1000000";
     Server::start(folder, &["--workers", "2", "--kept-jobs", many, "--queue", many, "--client-share", many])
@@ -136,12 +136,13 @@ fn post(address: &str, k: u32) -> Option<Answer> {
     send(address, "POST", "/solve", &headers, &document)
 }
 
-/// Returns the decay rate of job `k`, by which its results are recognised.
+/// Returns the decay rate of job `k`, by which the results of the job are recognised.
 fn rate(k: u32) -> f64 {
     1.0 + f64::from(k % 1000) / 1000.0
 }
 
-/// Deletes jobs until stopped; returns the jobs whose deletion was requested, and whether it was confirmed.
+/// Deletes the given jobs until stopped; returns the jobs whose deletion was requested, each with whether the service
+/// confirmed it.
 fn delete_until(stop: &AtomicBool, address: &str, victims: Vec<String>) -> Vec<(String, bool)> {
     let unstopped = victims.into_iter().take_while(|_| !stop.load(Relaxed));
     let delete = |path: String| {
@@ -164,7 +165,8 @@ fn kill_worker(server: &Server, random: &mut fastrand::Rng) {
     }
 }
 
-/// Starts the service and kills it after the time `life`: before, during or after the recovery of its jobs.
+/// Starts the service and kills it after the time `life`: before, during or after the recovery of the jobs in its
+/// folder.
 fn kill_a_start(folder: &Folder, life: Duration) {
     let mut start = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--workers", "2", "--data"])
@@ -177,7 +179,7 @@ fn kill_a_start(folder: &Folder, life: Duration) {
     start.wait().unwrap();
 }
 
-/// Checks every known job, and removes all of them from `jobs`.
+/// Checks the outcome of every known job, and removes all of them from `jobs`.
 fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
     let (mut numbers, start) = (HashMap::new(), Instant::now());
     for (k, job) in jobs.drain() {
@@ -187,8 +189,8 @@ fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
                 assert!(status == 404 || (status == 200 && !confirmed), "job {k} was deleted, and is {status}");
                 tally.deleted += u32::from(status == 404);
             }
-            // A job that was being admitted at the kill may exist or not; posted again with its key, it exists
-            // exactly once.
+            // A job that was being admitted when the service was killed may exist or not. If it is posted again with
+            // its key, it exists exactly once.
             Posted { path, .. } => {
                 let again = accepted(&post(&server.address, k).expect("an answer"));
                 assert!(path.is_none_or(|path| path == again), "job {k} is {again} now");

@@ -1,11 +1,11 @@
-//! The metrics of the service.
+//! Tests of the metrics of the service.
 
 use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
 use crate::process::{Folder, Server};
 use dvi::solution::{Failure, Status, ViCounts};
 use std::sync::Arc;
 
-/// Returns the value on the only line of the metrics that begins with `name`.
+/// Returns the value on the only line of the metrics that begins with `name`, as a number.
 #[track_caller]
 fn value(text: &str, name: &str) -> f64 {
     let lines: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix(name)?.strip_prefix(' ')).collect();
@@ -165,7 +165,8 @@ fn durable_writes_are_timed() {
     for _ in 0..3 {
         server.reaches(&server.accept(DECAY), &["successful"]);
     }
-    // Each job was written to the disk before its admission was confirmed.
+    // Each job was written to the disk before the service confirmed its admission, and the metrics count these
+    // writes.
     assert!(count() >= before + 3.0, "{before} and {}", count());
     assert!(value(&server.get("/metrics").body, "dvi_store_write_seconds_sum") > 0.0);
 }

@@ -12,7 +12,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc::{Sender, channel};
 
 thread_local! {
-    /// Whether sites that this thread creates share their jobs over NATS.
+    /// Whether the services under test (`Site`) that this thread creates share their jobs over NATS.
     static SHARED: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -40,38 +40,39 @@ macro_rules! on_both {
 }
 pub(crate) use on_both;
 
-/// Lets sites that this thread creates share their jobs over NATS.
+/// Lets the services under test (`Site`) that this thread creates from now on share their jobs over NATS.
 pub fn share() {
     SHARED.set(true);
 }
 
-/// Whether sites that this thread creates share their jobs over NATS.
+/// Whether the services under test (`Site`) that this thread creates share their jobs over NATS.
 pub fn is_shared() -> bool {
     SHARED.get()
 }
 
-/// Returns the runtime for connections to NATS: the runtime of a test has a single thread, which blocks while a site
-/// is created.
+/// Returns the runtime for connections to NATS. The runtime of a test cannot be used: it has a single thread, which
+/// blocks while a service under test is created.
 pub fn runtime() -> &'static Runtime {
     static RUNTIME: OnceLock<Runtime> = OnceLock::new();
     RUNTIME.get_or_init(|| Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap())
 }
 
-/// Returns the address of the NATS server that the tests of this process share, each with its own name for streams.
+/// Returns the address of the NATS server that the tests of this process share; each test uses its own name for
+/// streams.
 fn url() -> String {
     static SERVER: OnceLock<NatsServer> = OnceLock::new();
     let folder = std::env::temp_dir().join(format!("dvi-nats-{}", std::process::id()));
     SERVER.get_or_init(|| NatsServer::start(&folder)).url()
 }
 
-/// Returns options for the shared server with a name that no other test uses.
+/// Returns options for the shared NATS server with a name for streams that no other test uses.
 pub fn anew() -> Nats {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     let name = format!("t{}", COUNT.fetch_add(1, Relaxed));
     Nats { servers: vec![url()], name, lost_seconds: NonZeroU64::new(2).unwrap(), ..Nats::default() }
 }
 
-/// Runs `future` on the runtime for connections, and waits for its result.
+/// Runs `future` on the runtime for connections to NATS, and waits for its result.
 pub fn wait_for<T: Send + 'static>(future: impl Future<Output = T> + Send + 'static) -> T {
     let (done, is_done) = std::sync::mpsc::channel();
     runtime().spawn(async move {
@@ -96,7 +97,7 @@ pub fn worker(options: &Options, solver: Solver) -> Worker {
     worker_on(runtime(), options, solver)
 }
 
-/// Starts a worker on the given runtime; shutting the runtime down loses the worker at once.
+/// Starts a worker on the given runtime; if the runtime is shut down, the worker is lost at once.
 pub fn worker_on(runtime: &Runtime, options: &Options, solver: Solver) -> Worker {
     let Options { nats, workers, wall_seconds, steps, result_mib, memory_mib, .. } = options.clone();
     let options =

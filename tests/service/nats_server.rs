@@ -19,14 +19,14 @@ pub fn is_installed() -> bool {
     }
 }
 
-/// A NATS server that ends with its test. It keeps its port when it is started again.
+/// A NATS server that ends with its test. It keeps its port when the test starts it again.
 pub struct NatsServer {
     folder: PathBuf,
     /// A shell that ends the server when its own standard input is closed, which happens when the test process ends
     /// in any way.
     keeper: Option<Child>,
     port: u16,
-    /// Further arguments of the server, which make it a member of a cluster.
+    /// Further command-line arguments of the server, which make it a member of a cluster.
     more: Vec<String>,
 }
 
@@ -40,7 +40,7 @@ impl NatsServer {
 
     /// Starts a cluster of `servers` servers, each of which keeps its data in its own subfolder of `folder`.
     pub fn start_cluster(folder: &Path, servers: usize) -> Vec<Self> {
-        // Candidates are ports below those that systems assign to clients.
+        // Ports are tried below the range from which systems assign ports to clients.
         let first = std::process::id() % 10_000;
         let ports = (0..10_000).map(|k| 20_000 + ((first + k) % 10_000) as u16);
         let free = ports.filter(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok());
@@ -52,7 +52,7 @@ impl NatsServer {
             let more = ["-n", &name, "--cluster_name", "dvi", "--cluster", route, "--routes", &joined];
             Self::begun(&folder, more.map(str::to_owned).to_vec())
         };
-        // Each server is ready only when it is connected to the others.
+        // A server of a cluster is ready only when it is connected to the others: start all before waiting for any.
         let mut begun: Vec<Self> = routes.iter().enumerate().map(one).collect();
         begun.iter_mut().for_each(Self::await_port);
         begun

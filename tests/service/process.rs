@@ -39,7 +39,7 @@ impl Drop for Folder {
 pub struct Server {
     pub child: Child,
     pub address: String,
-    /// The limits in force on the workers, according to the log of the service.
+    /// The limits that the operating system enforces on the workers, according to the log of the service.
     pub confined_to: String,
     /// The log of the service up to the line that reports the address.
     pub beginning: String,
@@ -57,16 +57,16 @@ impl Server {
         Self::try_start_at(listen, folder, arguments).unwrap_or_else(|told| panic!("no service: {told}"))
     }
 
-    /// Starts the service, or returns its log if it ended.
+    /// Starts the service on `folder`, or returns its log if it has ended.
     pub fn try_start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Result<Self, String> {
         let mut command = Command::new(DVI);
         command.args(["serve", "--listen", listen, "--log-format", "json", "--data"]).arg(folder.path());
         Self::of(command.args(arguments))
     }
 
-    /// Starts the service with `command`, or returns its log if it ended.
+    /// Starts the service with `command`, or returns its log if it has ended.
     pub fn of(command: &mut Command) -> Result<Self, String> {
-        // The log lines of requests are switched off: they would fill a pipe that is not read.
+        // The log lines of requests are switched off: they would fill the pipe of the log, which is not read.
         command.env("RUST_LOG", "info,dvi::request=off,dvi::job=off");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
@@ -78,7 +78,7 @@ impl Server {
             if server.log.read_line(&mut told).unwrap() == 0 {
                 return Err(told);
             }
-            // Messages of the Rust runtime before an abort are not JSON.
+            // Messages that the Rust runtime prints before an abort are not JSON, and are skipped.
             let Ok(entry) = serde_json::from_str::<Value>(&told[before..]) else { continue };
             let field = |name: &str| entry["fields"][name].as_str().unwrap_or_default().to_owned();
             (server.address, server.confined_to) = (field("address"), field("confined_to"));
@@ -141,13 +141,13 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the body has the length that the header announced, if it did.
+    /// Whether the body has the length that the response header announced; true if it announced none.
     fn is_whole(&self) -> bool {
         let announced = self.field("content-length").and_then(|length| length.parse().ok());
         announced.is_none_or(|length: usize| length == self.body.len())
     }
 
-    /// Returns a header field.
+    /// Returns the value of a header field of the response.
     pub fn field(&self, name: &str) -> Option<&str> {
         let lines = self.head.lines().filter_map(|line| line.split_once(": "));
         lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()

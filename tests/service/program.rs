@@ -292,8 +292,8 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
             break address.to_owned();
         }
     };
-    // Request ids of the greatest permitted length make long log lines; the pipe and the buffer behind it hold some
-    // thousand of them.
+    // Request ids of the greatest permitted length make long log lines, so that the pipe of the log and the buffer
+    // behind it hold only some thousand of them.
     let id = "x".repeat(128);
     let get = |path: &str| send(&address, "GET", path, &format!("x-request-id: {id}\r\n"), "").expect("an answer");
     let lost = || {
@@ -314,7 +314,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
     let start = Instant::now();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
-    // What remains in the pipe begins with whole lines.
+    // The remaining content of the pipe begins with whole lines.
     let mut rest = Vec::new();
     log.read_to_end(&mut rest).unwrap();
     let rest = String::from_utf8_lossy(&rest);
@@ -469,7 +469,7 @@ fn several_files_are_solved_each_beside_itself() {
     let output = run(&["solve", "--format", "csv", &decay, &coarse], "");
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.stdout.is_empty());
-    // The exit code is the first one of all files that is not 0.
+    // The exit code is that of the first file whose exit code is not 0.
     assert_eq!(output.status.code(), Some(7), "{told}");
     assert!(told.contains("decay.json: completed, ") && told.contains("  dvi: not trusted: energy balance"), "{told}");
     assert_eq!(folder.read("decay.result.csv").into_bytes(), alone);
@@ -509,7 +509,7 @@ fn a_deck_is_solved_as_a_file() {
     assert!(output.status.code() == Some(2) && told.contains("line 2, column 8: `{x}`"), "{told}");
 }
 
-/// The digest of a specification agrees with that of `sha256sum`.
+/// Tests that the digest of a specification agrees with that of `sha256sum`.
 #[test]
 fn an_answer_says_what_it_is_the_answer_to() {
     let output = run(

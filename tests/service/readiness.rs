@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Waits until `/readyz` has this status, and returns its response.
+/// Waits until `/readyz` responds with the given status, and returns the response.
 async fn becomes(site: &Site, status: u16) -> crate::harness::Reply {
     let start = Instant::now();
     loop {
@@ -37,7 +37,7 @@ async fn a_service_that_cannot_start_workers_is_not_ready_until_it_can() {
     let site = Site::of(service);
     becomes(&site, 200).await;
     refused.store(true, Relaxed);
-    // The solver panics over this job, so that the only worker is lost.
+    // The solver panics in this job, so that the only worker is lost.
     Call::solve(DECAY.replacen('{', "{\"label\":\"panics\",", 1)).send(&site).await.problem(500, "defect");
     let reply = becomes(&site, 503).await;
     reply.problem(503, "no-workers");

@@ -37,7 +37,7 @@ impl Serving {
 
 impl Drop for Serving {
     fn drop(&mut self) {
-        // Killing fails if the service has ended by itself.
+        // Killing the service fails if it has ended by itself.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
@@ -91,8 +91,8 @@ fn the_errors_that_a_server_finds_are_told_with_their_places() {
 
 #[test]
 fn a_server_that_is_not_there_is_named() {
-    // The local port of a connection: no program listens there, and no other gets the port while the connection is
-    // open.
+    // The local port of an open connection is used as the address of the absent service: no program listens on it,
+    // and no other program gets it while the connection is open.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let held = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
     let deaf = held.local_addr().unwrap();
@@ -124,7 +124,7 @@ fn encrypting(address: &str) -> u16 {
                 let (stream, _) = listener.accept().await.unwrap();
                 let (acceptor, address) = (acceptor.clone(), address.clone());
                 tokio::spawn(async move {
-                    // A client that does not trust the certificate disconnects.
+                    // A client that does not trust the certificate of the proxy disconnects.
                     let Ok(mut inner) = acceptor.accept(stream).await else { return };
                     let mut service = tokio::net::TcpStream::connect(address).await.unwrap();
                     let _ = tokio::io::copy_bidirectional(&mut inner, &mut service).await;

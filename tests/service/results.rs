@@ -20,8 +20,8 @@ on_both! {
     a_client_that_has_the_results_is_not_sent_them_again,
 }
 
-/// Returns a service whose solutions are all `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`, and the path of a
-/// job.
+/// Returns a service whose solver always returns `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`, and the path to
+/// the results of a job.
 async fn squares(n: u32) -> (Site, String) {
     let solver: dvi::service::jobs::Solver = Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);
@@ -162,8 +162,8 @@ async fn a_stream_of_events_is_not_compressed() {
     assert!(!call.send(&site).await.headers.contains_key("content-encoding"));
 }
 
-/// Twenty-four clients that read a long result slowly take little more memory than the service permits for all
-/// responses, and far less than one whole response each.
+/// Tests that twenty-four clients that read a long result slowly take little more memory than the service permits for
+/// all responses, and far less than twenty-four whole responses.
 #[test]
 fn slow_readers_of_a_long_result_take_bounded_memory() {
     const READERS: usize = 24;
@@ -194,7 +194,7 @@ fn slow_readers_of_a_long_result_take_bounded_memory() {
             most = most.max(server.resident_kib() >> 10);
         }
         println!("{accept} {query}: {most} MiB at most, {before} before");
-        // The service never holds a whole response in memory besides the limit for all responses.
+        // In addition to its limit for all responses, the service never holds a whole response in memory.
         assert!(most < before + ANSWERS_MIB + whole_mib, "{most} MiB, {before} before");
     }
 }

@@ -112,7 +112,7 @@ async fn a_request_that_is_dropped_while_its_job_waits_leaves_the_queue() {
     assert_eq!(another().await.status, StatusCode::TOO_MANY_REQUESTS, "the place is taken");
     waiting.abort();
     assert!(waiting.await.unwrap_err().is_cancelled());
-    // The job leaves the queue shortly after its request is dropped.
+    // The job that was waiting leaves the queue shortly after its request has been dropped.
     let start = Instant::now();
     while another().await.status != StatusCode::ACCEPTED {
         assert!(start.elapsed() < Duration::from_secs(20), "the place stays taken");

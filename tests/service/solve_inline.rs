@@ -10,7 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Returns a solver that the gate holds, except for specifications with the label `light`.
+/// Returns a solver that is blocked until `gate` lets it through, except for specifications with the label `light`,
+/// which it solves at once.
 fn light_or_held(gate: &Arc<Gate>) -> Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
@@ -55,8 +56,8 @@ async fn a_small_solve_does_not_pass_jobs_that_wait() {
     gate.let_through(2);
 }
 
-/// The deadline of an inline solve also interrupts the checks after a run that has reached its end: such a result is
-/// neither returned nor stored for the next request.
+/// Tests that the deadline of an inline solve also interrupts the checks after a run that has reached its end: a
+/// result without complete checks is neither returned nor stored for the next request.
 #[tokio::test]
 async fn a_solve_whose_checks_are_cut_short_is_left_to_a_worker() {
     let by_worker = Arc::new(AtomicUsize::new(0));
@@ -91,7 +92,7 @@ async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless
     assert_eq!((first.headers.get("dvi-repeated"), again.header("dvi-repeated")), (None, "true"));
     assert_eq!((&again.body, again.header("dvi-trusted")), (&first.body, first.header("dvi-trusted")));
     assert_eq!(solves.load(Relaxed), 1);
-    // Each response belongs to a job of its own.
+    // Each of the two responses belongs to a job of its own.
     assert_ne!(first.header("link"), again.header("link"));
     let job = again.header("link").trim_start_matches('<').split('>').next().unwrap().to_owned();
     let state = Call::new("GET", &job).client(1).send(&site).await.json();
@@ -99,7 +100,7 @@ async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless
         (&state["status"], &state["progress"], &state["trusted"]),
         (&"successful".into(), &100.into(), &true.into())
     );
-    // Another client does not get the stored solution, and `no-cache` asks for a new solve.
+    // Another client does not get the stored solution, and `no-cache` makes the service solve anew.
     let other = light().client(2).send(&site).await;
     let anew = light().client(1).header("cache-control", "max-age=0, no-cache").send(&site).await;
     for reply in [&other, &anew] {
@@ -132,7 +133,7 @@ async fn answers_to_other_numbers_are_those_of_a_specification_that_is_read_anew
             assert_eq!(found[part], anew[part], "{part} of {m}, {f}");
         }
     }
-    // Errors are the same as for a specification that is read for the first time.
+    // Errors in new parameter values are reported as for a specification that is read for the first time.
     let problem = Call::solve(belt(0.0, 1.0)).send(&site).await.problem(400, "invalid-specification");
     assert!(problem["errors"].as_array().is_some_and(|errors| !errors.is_empty()), "{problem}");
 }

@@ -34,7 +34,7 @@ impl Collector {
         Self { address, taken }
     }
 
-    /// Returns the number of received bodies that contain these bytes.
+    /// Returns the number of received requests whose body contains the given bytes.
     fn with(&self, bytes: &[u8]) -> usize {
         let taken = self.taken.lock().unwrap();
         taken.iter().filter(|(_, body)| body.windows(bytes.len()).any(|part| part == bytes)).count()
@@ -69,11 +69,11 @@ fn a_collector_gets_the_spans_of_a_request_and_its_job_in_the_trace_of_the_clien
     let answer = server.send("POST", "/solve", &headers, DECAY);
     assert_eq!(answer.status, 202, "{answer:?}");
     server.reaches(&answer.header("location"), &["successful"]);
-    // The response contains the span of its request, which is the parent of the span of the job.
+    // The response names the span of its request, which is the parent of the span of the job.
     let given = answer.header("traceparent");
     let span = u64::from_str_radix(given.split('-').nth(2).unwrap(), 16).unwrap();
     assert!(given.contains(&format!("{trace:032x}")) && span != parent, "{given}");
-    // A request without a trace begins a new one.
+    // A request that names no trace begins a new one.
     assert_eq!(server.get("/version").header("traceparent").len(), given.len());
     let (status, told) = server.stop();
     assert!(status.success(), "{told}");

@@ -27,7 +27,7 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
     assert!(told(&used.stderr).contains("in use by another process; check a copy of it"), "{used:?}");
     server.kill();
 
-    // The database was not closed properly; the check must not change it.
+    // The database was not closed properly, since the service was killed; the check must not change it.
     let database = folder.path().join("jobs.redb");
     let before = fs::read(&database).unwrap();
     let whole = check(&folder);
@@ -60,7 +60,7 @@ fn a_start_waits_for_a_database_that_a_process_about_to_end_still_holds() {
     let path = server.accept(DECAY);
     server.reaches(&path, &["successful"]);
     server.kill();
-    // Holds the lock as a child process does between its fork and the execution of its program.
+    // Hold the lock on the database, as a child process does between its fork and the execution of its program.
     let database = fs::File::options().read(true).write(true).open(folder.path().join("jobs.redb")).unwrap();
     database.try_lock().unwrap();
     let holder = thread::spawn(move || {
@@ -71,7 +71,7 @@ fn a_start_waits_for_a_database_that_a_process_about_to_end_still_holds() {
     assert!(holder.is_finished(), "the database was opened while it was locked");
     assert!(server.beginning.contains("waiting until it ends"), "{}", server.beginning);
     assert_eq!(server.get(&path).json()["status"], "successful");
-    // The start does not wait for a store that a running service uses.
+    // A start does not wait for a store that is in use by a running service; it fails.
     let refused = Server::try_start_at("127.0.0.1:0", &folder, &["--workers", "1"]).err().unwrap();
     assert!(refused.contains("the store is in use by another process") && !refused.contains("waiting"), "{refused}");
     assert_eq!(server.get("/readyz").status, 200);
@@ -81,7 +81,7 @@ fn a_start_waits_for_a_database_that_a_process_about_to_end_still_holds() {
 fn a_process_that_examines_a_store_ends_with_the_service_that_started_it() {
     let folder = Folder::new();
     fs::create_dir_all(folder.path()).unwrap();
-    // Reading a named pipe without a writer blocks forever.
+    // A named pipe without a writer takes the place of the database: reading it blocks forever.
     assert!(Command::new("mkfifo").arg(folder.path().join("jobs.redb")).status().unwrap().success());
     for action in ["examine", "repair"] {
         let mut process = Command::new(DVI)

@@ -1,5 +1,5 @@
-//! Sweeps that are killed on the way: they continue with the rows that they have, and their results have the same
-//! bytes.
+//! Tests of sweeps that are interrupted by kills: they continue from the rows that they have, and their results have
+//! the same bytes as without kills.
 
 use crate::process::{Folder, Server};
 use dvi::problem::Control;
@@ -79,7 +79,8 @@ fn kills_in_the_middle_repeat_no_finished_chunk_and_change_no_byte() {
     for kill in 1..=3 {
         known = server.rows(&path, known + 300);
         if kill == 2 {
-            // First the workers are killed: their chunks begin again, and the sweep continues.
+            // First the workers are killed: the chunks of the sweep that they were solving begin again, and the sweep
+            // continues.
             for pid in server.workers() {
                 let _ = Command::new("kill").args(["-9", &pid.to_string()]).stderr(Stdio::null()).status();
             }
@@ -141,7 +142,8 @@ fn rows_that_the_disk_has_changed_are_made_again() {
 fn rows_from_before_the_job_was_accepted_survive_a_kill() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
-    // The first chunk is finished while the client waits; until the wait ends, the job is in memory only.
+    // The first chunk of the sweep is finished while the client waits for the response; until this wait ends, the job
+    // is in memory only.
     let answer = server.send("POST", "/solve", "prefer: wait=1\r\n", &oscillators(100_000, 60));
     assert_eq!(answer.status, 202, "{}", answer.body);
     let path = answer.header("location");
@@ -160,7 +162,7 @@ fn a_sweep_cancelled_while_it_waits_again_has_its_rows() {
     let path = server.accept(&oscillators(100_000, 60));
     let known = server.rows(&path, 100);
     server.kill();
-    // One of the two sweeps of the client waits while the other has the worker.
+    // The client has two sweeps: one of them waits while the only worker solves the other.
     let server = Server::start(&folder, &["--workers", "1"]);
     server.accept(&oscillators(100_000, 60));
     server.send("POST", &format!("{path}/cancel"), "", "");

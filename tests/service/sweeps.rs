@@ -69,7 +69,7 @@ impl Site {
         reply.header("location").to_owned()
     }
 
-    /// Waits until the sweep at `path` has this many rows, and returns its status.
+    /// Waits until the sweep at `path` has at least the given number of rows, and returns its status.
     async fn has_rows(&self, path: &str, rows: u64) -> Value {
         let start = Instant::now();
         loop {
@@ -90,7 +90,7 @@ async fn the_answer_is_a_table_with_a_row_a_member() {
     assert_eq!(json["table"]["members"], 4);
     assert_eq!(json["table"]["columns"]["member"], serde_json::json!([0, 1, 2, 3]));
     let x = json["table"]["columns"]["x"].as_array().unwrap();
-    // The solution is sqrt(x) = 1 - k t/2, which decreases by k/2 per unit of time.
+    // The solution of x' = -k sqrt(x) is sqrt(x) = 1 - k t/2, which decreases by k/2 per unit of time.
     assert!(x[0] == 1.0 && (x[2].as_f64().unwrap() - 0.25).abs() < 1e-5, "{x:?}");
     assert!(x[3].is_null() && json["table"]["columns"]["status"][3] == "failed", "{json}");
     assert!(json["summary"]["x"]["count"].as_u64().unwrap() >= 2);
@@ -141,7 +141,7 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
     let path = site.post(1, &relays(1_000_000)).await;
     let status = site.has_rows(&path, 1).await;
     assert_eq!((&status["status"], &status["members"]["of"]), (&"running".into(), &1_000_000.into()));
-    // There is a single worker, and the sweep takes minutes.
+    // There is a single worker, which the sweep would occupy for minutes.
     let other = Call::solve(relays(3)).client(2).send(&site).await;
     assert_eq!(other.status, StatusCode::OK, "{}", other.text());
     let own = Call::solve(relays(2)).client(1).send(&site).await;
@@ -149,7 +149,7 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
     let before = status["members"]["done"].as_u64().unwrap();
     let after = site.has_rows(&path, before + 1).await;
     assert_eq!(after["status"], "running");
-    // A cancelled sweep keeps its rows.
+    // A sweep that is cancelled keeps the rows that it has.
     assert_eq!(Call::post(&format!("{path}/cancel"), "").send(&site).await.status, StatusCode::OK);
     let ended = site.ended(&path).await;
     assert_eq!(ended["status"], "dismissed", "{ended}");
@@ -160,10 +160,10 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
         (ended["members"]["done"].as_u64(), &"cancelled".into())
     );
     assert!(rows.len() as u64 > before && json["status"] == "stopped");
-    // Over NATS, a chunk that was not finished may leave a gap before the rows of the next.
+    // Over NATS, chunks of a sweep are solved in any order, so that an unfinished chunk may leave a gap in the rows.
     let are_all = rows.iter().enumerate().all(|(k, member)| *member == k);
     assert!(are_all || is_shared() && rows.iter().map(Value::as_u64).is_sorted_by(|one, next| one < next));
-    // After the cancellation, the worker is free for another job.
+    // After the cancellation of the sweep, the worker is free for another job.
     assert_eq!(Call::solve(relays(2)).client(1).send(&site).await.status, StatusCode::OK);
 }
 
@@ -222,7 +222,7 @@ async fn a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does() 
 async fn a_member_that_never_ends_fails_as_a_row() {
     let options = Options { wall_seconds: NonZeroU64::MIN, workers: count(2), ..one_worker() };
     let site = Site::new(options, solver());
-    // This member needs steps of a millionth of the end time and smaller ones.
+    // The member with w = 1e8 needs steps of a millionth of the end time and smaller ones.
     let document = r#"{"problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "cos(w*t)"}}}}, "time": {"end": 1},
         "sweep": {"over": {"w": [1, 1e8, 2, 3]}}}"#;
     let json = Call::solve(document).send(&site).await.json();
@@ -232,7 +232,7 @@ async fn a_member_that_never_ends_fails_as_a_row() {
         let x = columns["x"][k].as_f64().unwrap();
         assert!((x - w.sin() / w).abs() < 1e-5, "{x} of {w}");
     }
-    // The time limit that the client sets applies to the whole sweep, whose rows are kept.
+    // A time limit in the specification applies to the whole sweep; the rows that are finished by then are kept.
     let document = relays(1_000_000).replace("\"time\"", "\"limits\": {\"wall_seconds\": 1.5}, \"time\"");
     let path = site.post(1, &document).await;
     let ended = site.ended(&path).await;

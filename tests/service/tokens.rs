@@ -156,7 +156,7 @@ async fn accept(site: &Site, token: &str) -> String {
     reply.header("location").to_owned()
 }
 
-/// Waits until a check with `token` is answered with `status`.
+/// Waits until the service answers a check request with `token` with the status `status`.
 async fn becomes(site: &Site, token: &str, status: StatusCode) {
     let start = Instant::now();
     while bearing(Call::check(DECAY), token).send(site).await.status != status {

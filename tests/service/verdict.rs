@@ -23,7 +23,8 @@ on_both! {
 const FORMS: [&str; 5] =
     ["application/json", "text/csv", "application/x-ndjson", "application/vnd.apache.arrow.stream", "image/svg+xml"];
 
-/// Returns a solver whose solution reaches the end time with a joint that came apart, and with a caveat.
+/// Returns a solver whose solution reaches the end time, but has a verdict of not trusted (a joint came apart) and a
+/// caveat.
 fn doubted() -> Solver {
     let message = "the hinge of `arm` is 3.12 cm apart at t = 0.5".to_owned();
     let reason = Reason { code: CheckCode::JointDrift, value: 0.0312, allowed: 1e-3, message };
@@ -132,7 +133,8 @@ fn the_description_explains_every_code() {
     let explained: Vec<&Value> = codes.iter().map(|code| &code["enum"][0]).collect();
     assert_eq!(explained, CheckCode::ALL.map(CheckCode::name));
     assert!(codes.iter().all(|code| code["description"].as_str().is_some_and(|text| text.len() > 20)), "{codes:#?}");
-    // The first part of the schema of the diagnostics is the analysis.
+    // In the API description, the schema of the diagnostics is composed of two: the analysis, and the one named
+    // `allOf/1`.
     for schema in ["Verdict", "Reason", "Caveat", "Diagnostics/allOf/1", "Measured", "StatusInfo", "StudyRun"] {
         let properties = description.pointer(&format!("/components/schemas/{schema}/properties"));
         let properties = properties.unwrap_or_else(|| panic!("no {schema}")).as_object().unwrap();
@@ -146,7 +148,7 @@ fn the_description_explains_every_code() {
     );
 }
 
-/// Runs the program as a client of a service with this solver, and returns its output.
+/// Runs `dvi solve` as the client of a service with the given solver, and returns its output.
 async fn solved_by(solver: Solver, format: &'static str) -> Output {
     let running = Running::start(one_worker(), solver).await;
     let url = format!("http://{}", running.address);

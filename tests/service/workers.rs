@@ -21,7 +21,7 @@ fn oscillator(end: u32) -> String {
     )
 }
 
-/// End time that no solve of these tests reaches.
+/// End time of a specification that no solve of these tests reaches.
 const ENDLESS: u32 = 100_000_000;
 
 /// End time at which the trajectory of the oscillator takes some hundred MiB.
@@ -62,7 +62,7 @@ fn message(state: &Value) -> &str {
     state["message"].as_str().unwrap_or_else(|| panic!("no message in {state}"))
 }
 
-/// Returns the value of a metric, given by its name with labels.
+/// Returns the value of a metric of the service, given by its name with labels.
 fn figure(server: &Server, name: &str) -> Option<f64> {
     server.get("/metrics").body.lines().find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
 }
@@ -81,7 +81,7 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(server.send("POST", "/solve", "", &oscillator(100)).status, 200);
     assert_eq!(figure(&server, "dvi_workers_lost_total{reason=\"too_much_memory\"}"), Some(1.0));
-    // Another worker must have taken the place of the lost one.
+    // Another worker must have replaced the lost one.
     server.reaches(&server.accept(DECAY), &["successful"]);
     let start = Instant::now();
     while figure(&server, "dvi_workers") != Some(2.0) {
@@ -124,7 +124,7 @@ fn a_job_whose_worker_is_killed_begins_again_beside_others_but_not_for_ever() {
         loop {
             assert!(start.elapsed() < Duration::from_secs(60), "no other worker");
             let new = workers(&server).into_iter().find(|pid| *pid != constant && *pid != last);
-            // The worker that uses CPU time has the job.
+            // Of the workers, the one that uses CPU time has the job.
             if let Some(pid) = new.filter(|pid| works(*pid)) {
                 return pid;
             }
@@ -167,7 +167,7 @@ fn a_worker_that_is_killed_at_rest_is_replaced_unnoticed() {
         let before = workers(&server);
         signal("KILL", before[0]);
         server.reaches(&server.accept(DECAY), &["successful"]);
-        // Inline solves do not wait for the next worker, so that the test does.
+        // Inline solves do not wait until the killed worker is replaced, so that the test has to wait.
         let start = Instant::now();
         while workers(&server).is_empty() || workers(&server) == before {
             assert!(start.elapsed() < Duration::from_secs(20), "it is not replaced");
@@ -200,14 +200,14 @@ fn a_worker_confines_itself() {
         let line = limits.lines().find(|line| line.starts_with(name)).unwrap();
         line.split_whitespace().rev().nth(1).unwrap().parse::<u64>().unwrap()
     };
-    // The limit of a worker is that of a solve and further memory: some ten MiB for the program, eight for a stack,
-    // 64 for documents and messages.
+    // The memory limit of a worker process is that of a solve plus some ten MiB for the program, eight for a stack,
+    // and 64 for documents and messages.
     let data = hard("Max data size") >> 20;
     assert!((172..200).contains(&data), "{data} MiB");
     assert_eq!((hard("Max core file size"), hard("Max open files")), (0, 16));
     assert_eq!(fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap().trim(), "1000");
     assert!(fs::read(format!("/proc/{pid}/environ")).unwrap().len() < 100, "no secrets of the service");
-    // Landlock requires that the process has first given up new privileges.
+    // Landlock requires that the process has given up the right to gain privileges (`no_new_privs`).
     if has_landlock() {
         assert!(status(pid).contains("NoNewPrivs:\t1"), "{}", status(pid));
     }
@@ -224,7 +224,7 @@ fn a_job_that_does_not_heed_its_deadline_is_ended() {
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--wall-seconds", "1"]);
     let path = server.accept(&oscillator(ENDLESS));
     server.reaches(&path, &["running"]);
-    // A stopped process does not respond to its deadline.
+    // A process that is suspended by a signal does not respond to its deadline.
     signal("STOP", workers(&server)[0]);
     assert!(message(&server.reaches(&path, &["failed"])).starts_with("overran: "));
     server.reaches(&server.accept(DECAY), &["successful"]);
@@ -243,7 +243,7 @@ fn a_cancel_reaches_the_worker_and_brings_the_trajectory_so_far() {
     server.send("POST", &format!("{path}/cancel"), "", "");
     server.reaches(&path, &["dismissed"]);
     println!("cancelled after {:?}", start.elapsed());
-    // On a busy machine the cancellation may take a second by itself.
+    // On a busy machine the cancellation of a running solve may take a second.
     assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
     let result = server.get(&format!("{path}/results")).json();
     assert!(result["trajectory"]["t"].as_array().unwrap().len() > 10);
@@ -258,7 +258,7 @@ const CUBE: &str = r#"{"problem":{"obstacle":{"domain":{"x":[0,1],"y":[0,1],"z":
 fn a_check_that_takes_too_much_memory_ends_alone() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--memory-mib", "1"]);
-    // Spheres in a row: five MiB of text, which take some two hundred MiB in memory.
+    // Specification of spheres in a row: five MiB of text, which take some two hundred MiB in memory.
     let sphere = |k: u32| format!(r#"{{"shape":{{"sphere":{{"radius":1}}}},"density":1,"position":[{},0,0]}}"#, 3 * k);
     let row: Vec<String> = (0..60_000).map(sphere).collect();
     let document = format!(
@@ -278,7 +278,8 @@ fn a_check_stops_when_its_client_goes_away() {
     let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let at_rest = workers(&server);
     let mut stream = TcpStream::connect(&server.address).unwrap();
-    // A long coefficient makes the check last until the test has seen a worker that uses CPU time.
+    // A long coefficient makes the check of the specification last until the test has found the worker that uses CPU
+    // time for it.
     let cube = CUBE.replace("1+x*y", &format!("1{}", "+x*y*sin(x)".repeat(1000)));
     let length = cube.len();
     write!(stream, "POST /check HTTP/1.1\r\nhost: localhost\r\ncontent-length: {length}\r\n\r\n{cube}").unwrap();
@@ -290,13 +291,13 @@ fn a_check_stops_when_its_client_goes_away() {
         assert!(start.elapsed() < Duration::from_secs(20), "no worker checks");
     };
     drop(stream);
-    // The check stops when it is asked to, or its worker is killed half a second later.
+    // The check stops as soon as its worker is asked to stop; otherwise the worker is killed half a second later.
     thread::sleep(Duration::from_secs(1));
     assert!(!works(checker));
     assert_eq!(server.get("/healthz").status, 200);
 }
 
-/// Runs the test `name` of this file in a child process, with `folder` in its environment.
+/// Runs the test `name` of this file in a child process, whose environment contains `folder`.
 fn run_apart(name: &str, folder: &Path) -> Output {
     let name = format!("workers::{name}");
     Command::new(std::env::current_exe().unwrap())
@@ -337,7 +338,7 @@ fn loses_its_files() {
             assert!(refused, "attempt {k}: {refusal:?}");
         }
     }
-    // Files that were opened before the confinement stay usable, like the pipes of a worker.
+    // Files that were opened before a process gave up its access to files stay usable, like the pipes of a worker.
     assert!(begun.metadata().unwrap().len() > 0);
 }
 
@@ -349,7 +350,7 @@ fn a_worker_has_no_access_to_the_store() {
     server.kill();
     let run = run_apart("loses_its_files", folder.path());
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    // The log of `serve` reports the limits that a worker has found to be in force.
+    // The log of `dvi serve` reports the limits that a worker has found to be enforced on it.
     let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     assert_eq!(server.confined_to.contains("no access to files"), has_landlock(), "{}", server.confined_to);
     assert_eq!(server.accept(DECAY).len(), "/jobs/".len() + 36);

@@ -23,7 +23,8 @@ import urllib.request
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "api/python/README.md", *sorted((ROOT / "api/guide").glob("*.md"))]
 
-#: Blocks that another test runs: the page, the language, a part of the block, and the path of the test.
+#: Fenced code blocks of the documentation that another test runs: the page, the language, a part of the
+#: block, and the path of that test.
 ELSEWHERE = [
     ("api/guide/", "json", "", "tests/specification/guide.rs"),
     ("api/guide/recipes.md", "rust", "", "src/lib.rs"),
@@ -150,8 +151,8 @@ class Desk:
     def shell(self, text):
         told = ""
         for line in text.splitlines():
-            # Commands that do not end by themselves (a service) or run all tests are
-            # run separately.
+            # Commands that do not end by themselves (a service) or that run all tests
+            # are taken out of the block and run separately.
             if line.startswith("cargo run --release -- serve"):
                 self.own_service()
                 text = text.replace(line, "")
@@ -224,8 +225,8 @@ class Desk:
             file.write_text(text)
             self.run([self.program, "solve", str(file)])
             return
-        # The block is a part of a result: a result must have these members, and these
-        # members must have the members in the block.
+        # The block is an excerpt of a result in JSON: an actual result must have these
+        # members, and these members must have the members in the block.
         answer = json.loads(self.run([self.program, "solve", "belt.json"]))
         part = json.loads("{" + text + "}")
         assert part.keys() <= answer.keys(), sorted(part.keys() - answer.keys())

@@ -2,7 +2,7 @@
 
 use dvi::specification::{Specification, document_of};
 
-/// A netlist with every kind of line.
+/// A netlist with every kind of line that a netlist may have.
 const DECK: &str = "Everything at once
 .param vin=24 duty={0.4*1} period = 50u
 V1 in 0 DC {vin}
@@ -151,6 +151,6 @@ fn whatever_is_written_in_a_deck_is_read_or_refused() {
             assert!(has_place, "{error:#?} of\n{deck}");
         }
     }
-    // Both outcomes occur often; most changes of this netlist are faults.
+    // Both outcomes, correct and refused netlists, occur often; most random changes of this netlist are faults.
     assert!(correct > count / 100 && refused > count / 4, "{correct} correct, {refused} refused");
 }

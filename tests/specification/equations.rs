@@ -1,5 +1,5 @@
-//! Equations that are built from specifications: values and derivatives computed by hand, the order of states,
-//! defaults, and warnings.
+//! Equations that are built from specifications: values and derivatives compared with those computed by hand, the
+//! order of states, defaults, and warnings.
 
 use crate::documents::{block, linear, with};
 use dvi::problem::{ConvexSet, Dvi, Mass, MovingBound, Side};
@@ -125,7 +125,8 @@ fn the_number_of_variables_follows_from_any_matrix_that_tells() {
 fn an_identity_that_is_written_out_is_an_identity() {
     let mass = |mass| read(&with(block(), "/problem/dvi/mass", mass)).model().dvi().unwrap().structure().mass.clone();
     assert_eq!(mass(json!([[1, 0], [0, 1]])), Mass::Identity);
-    // Parameters whose value is one may be bound to other values: the mass matrix is not an identity.
+    // The entries of this mass matrix are parameters with the value one, which may be bound to other values: the
+    // matrix must not be treated as an identity.
     assert_eq!(mass(json!([["m", 0], [0, "k"]])), Mass::Constant(vec![(0, 0, 1.0), (1, 1, 1.0)]));
 }
 
@@ -167,8 +168,8 @@ fn a_kink_of_a_state_in_a_rate_is_a_warning_with_its_remedy() {
     assert_eq!(rate("max(x, 0) - min(x, v) - F").len(), 2);
 }
 
-/// Each remedy is a variational inequality whose solution is the function that it replaces: with the inequality `w`,
-/// the natural map `z - P_K(z - w)` vanishes at the remedy's value.
+/// The warning about a kink in a rate recommends a variational inequality in place of a function such as `sign` or
+/// `max`. With the inequality `w`, the natural map `z - P_K(z - w)` vanishes at the value of that function.
 #[test]
 fn the_remedies_solve_their_variational_inequalities() {
     for a in [-2.0_f64, -0.5, 0.7, 3.0] {

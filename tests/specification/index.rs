@@ -5,8 +5,8 @@ use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// A chain of integrators whose first rate depends on `z`; the inequality `G` is the state that is `distance` further
-/// integrations away.
+/// Returns a chain of integrators: the rate of the first state depends on `z`, and the inequality is the state after
+/// `distance` further integrations.
 fn chain(distance: usize) -> Value {
     let state = ["a", "b", "c"][distance];
     json!({
@@ -35,7 +35,7 @@ fn index_two_with_a_bound_needs_implicit_euler() {
     assert_errors(&document, &[("/method", "index_two_needs_euler", "the index is 2")]);
     document["method"] = json!({"stages": 1, "step": 0.001});
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
-    // b decreases as 1 + t - t^2/2 and vanishes at 1 + sqrt 3: no bound is reached before t = 1.
+    // The state b = 1 + t - t^2/2 vanishes at t = 1 + sqrt 3: no bound is reached before the end t = 1.
     let solution = dvi::solve(&specification, &Control::new());
     let b = *solution.trajectory.field("b").unwrap().last().unwrap();
     assert!((b - 1.5).abs() < 1e-3, "b = {b}");
@@ -49,7 +49,8 @@ fn index_two_lands_on_its_bound_by_an_impulse() {
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
     let solution = dvi::solve(&specification, &Control::new());
     let end = |name: &str| *solution.trajectory.field(name).unwrap().last().unwrap();
-    // Inelastic impact: b rests at zero, its velocity a vanishes, and z balances the weight.
+    // After the inelastic impact the state b rests at zero, its velocity a vanishes, and the force z balances the
+    // weight.
     assert!(end("b").abs() < 1e-12 && end("a").abs() < 1e-9, "b = {}, a = {}", end("b"), end("a"));
     assert!((end("z") - 1.0).abs() < 1e-9, "z = {}", end("z"));
 }
@@ -64,8 +65,8 @@ fn index_three_is_refused_unless_accepted() {
 
 #[test]
 fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
-    // Three regions with unit velocities at 120 degrees: in the directions e_2 - e_1 and e_3 - e_1, CB is [[3, 3/2],
-    // [3/2, 3]].
+    // Three regions of a Filippov system with unit velocities at 120 degrees: in the directions e_2 - e_1 and e_3 -
+    // e_1 of the simplex, the matrix CB is [[3, 3/2], [3/2, 3]].
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/three_regions.json");
     let specification = Specification::from_json(&std::fs::read(path).unwrap()).unwrap();
     let analysis = specification.analysis();
@@ -88,7 +89,7 @@ fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counti
 
 #[test]
 fn what_is_bounded_has_no_impulses_whatever_its_index() {
-    // A bounded force, which appears only in the second or third derivative of the state that the inequality
+    // A bounded force `z`, which appears only in the second or third derivative of the state that the inequality
     // contains.
     for distance in [1, 2] {
         let mut document = chain(distance);
@@ -99,7 +100,7 @@ fn what_is_bounded_has_no_impulses_whatever_its_index() {
             let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
             assert_eq!(specification.analysis().index, Some(1.0 + distance as f64));
         }
-        // Without an upper bound, the force is unbounded, and impulses are possible again.
+        // Without an upper bound, the force `z` is unbounded, and impulses are possible again.
         document["problem"]["dvi"]["set"] = json!([{"nonnegative": ["z"]}]);
         assert!(Specification::from_json(document.to_string().as_bytes()).is_err());
     }

@@ -140,7 +140,8 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
     assert!((x * x_dot + y * y_dot).abs() < 1e-12);
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed);
-    // The block may fall from its initial position; nothing else may give it kinetic energy.
+    // The block may gain kinetic energy by its fall from the initial position, but not by the correction of that
+    // position.
     let kinetic = solution.trajectory.field("kinetic_energy").unwrap();
     assert!(kinetic.iter().all(|kinetic| *kinetic < 1.0), "an explosion");
 }

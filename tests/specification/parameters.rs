@@ -118,13 +118,14 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
             let anew = Specification::from_json(with_numbers(&document, &given).to_string().as_bytes());
             match (specification.with_parameters(&given), anew) {
                 (Ok(bound), Ok(anew)) => assert_same(&bound, &anew, &what),
-                // The size of a vector must be a whole number.
+                // A parameter that is the size of a vector must be a whole number, which the new value is not.
                 (Err(found), Err(expected)) if expected[0].code == "index_out_of_range" => {
                     assert_eq!(found[0].code, "structure_changes", "{what}");
                 }
                 (Err(found), Err(expected)) => assert_eq!(found[0].code, expected[0].code, "{what}"),
-                // An initial state found by the option `resolve` is no expression in the parameters, and a period is
-                // a number as soon as it has been read.
+                // Two kinds of parameters cannot be bound, although the specification is valid with other values:
+                // those of a problem whose initial state is found by the option `resolve`, and a period, which is a
+                // number as soon as it has been read.
                 (Err(found), Ok(_)) => {
                     let fixed = example.text.contains("resolve") || document["periodic"]["period"] == name.as_str();
                     assert!(fixed && found[0].code == "structure_changes", "{what}: {found:?}");

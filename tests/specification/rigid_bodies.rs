@@ -1,4 +1,4 @@
-//! Error messages for faulty rigid-body problems, each at its place.
+//! Error messages for faulty rigid-body problems, each with the JSON pointer of the fault.
 
 use crate::documents::*;
 use dvi::problem::Control;
@@ -114,7 +114,8 @@ fn bodies_that_overlap_are_refused_by_name_or_moved_apart_as_asked() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
     let field = |name: &str| solution.trajectory.field(name).unwrap();
-    // The box is hinged about z and stands on the ground: the ball is moved away, without gaining velocity.
+    // The overlapping ball and box are moved apart: since the box is hinged about z and stands on the ground, the
+    // ball is moved, without gaining velocity.
     assert!((field("ball.z")[0] - 1.1).abs() < 1e-6, "{}", field("ball.z")[0]);
     assert!(field("kinetic_energy").iter().all(|energy| *energy < 1e-3));
 }
@@ -135,7 +136,8 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
     assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
-    // For a rotation about an axis at a distance of 2 m, the centre must have the velocity w x r.
+    // For a rotation with the angular velocity w about an axis at the distance r of 2 m, the centre must have the
+    // velocity w x r.
     let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
@@ -233,7 +235,8 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     refused(json!({"limits": {}}), "limits", "empty", "limit");
     refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
     refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
-    // A mismatch that is zero up to rounding is none, also if parameters are involved.
+    // An initial angle or velocity of the motor that differs from that of the hinge by rounding errors only is
+    // accepted.
     let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
     Specification::from_json(document.to_string().as_bytes()).unwrap();
 }

@@ -1,4 +1,4 @@
-//! Error messages for faulty static problems, each at its place.
+//! Error messages for faulty static problems, each with the JSON pointer of the fault.
 
 use crate::documents::{assert_errors, with, without};
 use serde_json::{Value, json};

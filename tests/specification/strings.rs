@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-/// Texts with fewer words are names, keys and addresses.
+/// Smallest number of words of a checked text: those with fewer words are names, keys and addresses.
 const FEWEST_WORDS: usize = 4;
 
 /// Phrases that users did not understand, in lower case.

@@ -221,7 +221,7 @@ fn one_value_stands_for_a_list_of_it_alone() {
     let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
     let [lists, flat] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
     assert_eq!(lists, flat);
-    // Errors are reported at their place in the document as written.
+    // The JSON pointer of an error refers to the document as the user has written it.
     let wrong = with(block(), "/problem/dvi/set", json!({"bxo": {"of": "F"}}));
     assert_suggestion(&wrong, "/problem/dvi/set/bxo", "unknown_choice", "box");
     let rows = ("/problem/dvi/mass", "wrong_shape", "expected 2 rows");
@@ -260,7 +260,7 @@ fn comments_and_the_address_of_the_schema_are_passed_over() {
         specification.model().state_names(),
         Specification::from_json(block().to_string().as_bytes()).unwrap().model().state_names()
     );
-    // Comments are also ignored beside the type of a problem with vectors.
+    // The key `comment` is also ignored beside the type of a problem with vectors.
     let vectors = json!({"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}});
     let vectors = json!({"problem": {"comment": "why", "dvi": vectors}, "time": {"end": 1}});
     assert!(Specification::from_json(vectors.to_string().as_bytes()).is_ok());

@@ -1,4 +1,4 @@
-//! Error messages for faulty studies, each at its place.
+//! Error messages for faulty studies, each with the JSON pointer of the fault.
 
 use crate::documents::{assert_errors, block, with};
 use serde_json::json;

@@ -1,4 +1,5 @@
-//! Error messages for faulty sweeps, each at its place; and names by which numbers of a specification are set.
+//! Error messages for faulty sweeps, each with the JSON pointer of the fault; and the names by which a sweep sets
+//! numbers of a specification.
 
 use crate::documents::*;
 use dvi::specification::{Specification, edited};

@@ -33,7 +33,7 @@ fn rates_that_are_not_lipschitz_are_not_certified() {
         ("abs(x)^(1/3)", Uniqueness::ExistsNotCertified, "a power below one of a term in `x`"),
     ] {
         assert_verdict(ode(rate, 0.0), expected, because);
-        // Away from zero all of these rates are smooth.
+        // Away from x = 0, all of the rates above are smooth.
         assert_verdict(ode(rate, 1.0), Uniqueness::LocallyUnique, "until it gets there");
     }
 }
@@ -81,10 +81,11 @@ fn passive_netlists_have_unique_states() {
 
 #[test]
 fn a_source_that_feeds_back_is_not_passive() {
-    // The matrix D of the voltage doubler with one resistance negated is regular, but not a P-matrix.
+    // The matrix D of a voltage doubler, one resistance of which is negated, is regular, but not a P-matrix.
     let negative = lcs(json!([[0.0]]), json!([[1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[1.0, 2.0], [2.0, 1.0]]));
     assert_verdict(negative, Uniqueness::NotCertified, "not a P-matrix");
-    // P B = C^T has no solution on the kernel of D: C B = -1.
+    // A linear complementarity system with C B = -1 on the kernel of D is not passive: no positive definite P
+    // satisfies P B = C^T there.
     let reversed = lcs(json!([[0.0]]), json!([[-1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[0.0, 0.0], [0.0, 1.0]]));
     assert_verdict(reversed, Uniqueness::NotCertified, "");
 }

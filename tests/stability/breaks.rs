@@ -24,7 +24,8 @@ fn a_stiff_relaxation_follows_every_edge_of_a_square_wave() {
         };
         let solution = Case::until(60.0).state("x", 0.0, &rate).method(json!({"rtol": 1e-8})).solve();
         let error = distance(&solution, "x", exact);
-        // Within the transient after an edge, the rounding error of the time of the edge matters.
+        // In the transient after an edge of the forcing, the rounding error of the time of that edge affects the
+        // error of x.
         let bound = 1e-6 + 2.0 * stiffness * 60.0 * f64::EPSILON;
         assert!(error < bound, "stiffness {stiffness:e}: off by {error:e}");
         assert!((last(&solution, "x") - exact(60.0)).abs() < 1e-8, "stiffness {stiffness:e}");
@@ -65,7 +66,7 @@ fn pulses_of_any_width_are_met_at_their_edges() {
         let error = (last(&solution, "x") - exact(10.0)).abs();
         let bound = 1e-8 + 8.0 * f64::EPSILON * 7.3 / width;
         assert!(error < bound, "width {width:e}: off by {error:e}");
-        // The integration restarts at each edge; pulses cost nothing else.
+        // The integration restarts at each edge of a pulse, which takes some evaluations; pulses cost nothing else.
         let rates = solution.diagnostics.evaluations.rates;
         assert!(rates < 250, "width {width:e}: {rates} evaluations");
     }

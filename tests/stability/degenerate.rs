@@ -13,7 +13,7 @@ fn the_same_inequality_twice_leaves_the_states_unique() {
     let solution = case.method(method()).solve();
     let error = distance(&solution, "x", |t| (1.0 - t).max(0.0));
     assert!(error < 1e-13, "off by {error:e}");
-    // The share of each multiplier is not determined, but their sum is 1.
+    // The two inequalities are the same, so that only the sum of their multipliers a and b is determined: it is 1.
     assert!((last(&solution, "a") + last(&solution, "b") - 1.0).abs() < 1e-12);
     let case = Case::until(3.0).state("x", 1.0, "0.3 - a - b");
     let case = case.between("a", "-x", RELAY[0], RELAY[1]).between("b", "-x", RELAY[0], RELAY[1]);
@@ -25,15 +25,16 @@ fn the_same_inequality_twice_leaves_the_states_unique() {
 
 #[test]
 fn a_cb_that_is_not_symmetric_takes_the_solution_that_exists() {
-    // CB = [[1, 4], [-4, 1]]: x reaches zero at t = 1, and y at t = 1.1; afterwards only b = 1 is active, and x' =
-    // -1 + 4 b = 3.
+    // The matrix CB is [[1, 4], [-4, 1]]: x reaches zero at t = 1, and y at t = 1.1; afterwards only the multiplier b
+    // = 1 is positive, and x' = -1 + 4 b = 3.
     let case = Case::until(5.0).state("x", 1.0, "-1 + a + 4*b").state("y", 1.5, "-1 + b - 4*a");
     let solution = case.nonnegative("a", "x").nonnegative("b", "y").method(method()).solve();
     let error = distance(&solution, "x", |t| (1.0 - t).max(0.0).max(3.0 * (t - 1.1)));
     assert!(error < 1e-11, "off by {error:e}");
     let error = distance(&solution, "y", |t| if t < 1.0 { 1.5 - t } else { (0.5 - 5.0 * (t - 1.0)).max(0.0) });
     assert!(error < 1e-11, "off by {error:e}");
-    // The evidence on complementarity must not report a violation, since the solution has none.
+    // The diagnostics of the complementarity conditions must not report a violation, since the solution satisfies
+    // them.
     let evidence = solution.diagnostics.complementarity.expect("evidence");
     assert!(evidence.smallest_g > -1e-9, "{evidence:?}");
 }

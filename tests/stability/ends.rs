@@ -7,7 +7,7 @@ use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// Returns the problem that an error message proposes for copying.
+/// Returns the problem, as JSON, that the error message of a chattering run proposes in place of the solved one.
 fn problem_in(message: &str) -> Value {
     let start = message.find("{\"dvi\"").unwrap_or_else(|| panic!("no problem in: {message}"));
     serde_json::from_str(&message[start..]).expect("JSON to the end of the message")
@@ -31,7 +31,7 @@ fn solve_instead(case: &Case, time: f64, end: f64) -> Solution {
 
 #[test]
 fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
-    // x falls to zero at t = 1 and stays there.
+    // The state x falls to zero at t = 1 and stays there.
     let solution = solve_instead(&Case::until(3.0).state("x", 1.0, "-sign(x)"), 1.0, 3.0);
     assert!(last(&solution, "x").abs() < 1e-9 && last(&solution, "u").abs() < 1e-9);
     let solution = solve_instead(&Case::until(3.0).state("x", 0.0, "1 - 2*heaviside(x - 1)"), 1.0, 3.0);
@@ -48,8 +48,8 @@ fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
 
 #[test]
 fn kinks_within_kinks_are_written_as_a_set() {
-    // On the line y = 0, the jump of size 3 on each side outweighs max(min(x, 2), 1, 0.5) + |y|, which lies between 1
-    // and 2: y rests from about t = 0.6 on.
+    // On the line y = 0, the rate of y without its term 3 sign(y) lies between 1 and 2, and the sign term, of size 3,
+    // outweighs it: y rests from about t = 0.6 on.
     let rate = "max(min(x, 2), 1, 0.5) + abs(y) - 3*sign(y)";
     let case = Case::until(2.0).state("x", 0.0, "1").state("y", 1.0, rate);
     let solution = case.run();
@@ -62,7 +62,8 @@ fn kinks_within_kinks_are_written_as_a_set() {
 
 #[test]
 fn a_jump_that_is_passed_and_a_kink_at_rest_are_no_chattering() {
-    // x passes the jump of sign(x) once in each half period of cos t; the sign of z at rest changes by rounding.
+    // The state x passes the jump of sign(x) once in each half period of cos t, and the sign of the state z at rest,
+    // whose rate has the kink of abs(z), changes by rounding: neither is chattering.
     let case =
         Case::until(60.0).state("x", 0.0, "cos(t)").state("y", 0.0, "sign(x)").state("z", 1.0, "-z*abs(z) - 1e3*z");
     case.method(json!({"rtol": 1e-5})).solve();
@@ -70,7 +71,7 @@ fn a_jump_that_is_passed_and_a_kink_at_rest_are_no_chattering() {
 
 #[test]
 fn a_force_that_grows_beyond_all_bounds_ends_at_its_pole() {
-    // a = 0 requires z = 1/cos t, which cannot be continued beyond t = pi/2.
+    // The constraint a = 0 on the state a requires the force z = 1/cos t, which cannot be continued beyond t = pi/2.
     for rtol in [1e-4, 1e-6, 1e-9] {
         let case = Case::until(3.0).state("a", 1.0, "-1 + cos(t)*z").nonnegative("z", "a");
         let solution = case.method(json!({"rtol": rtol})).run();

@@ -110,23 +110,24 @@ pub fn assert_finite(solution: &Solution) {
     }
 }
 
-/// Returns the values of a field over time.
+/// Returns the values of a field of the solution at all output times.
 pub fn column<'a>(solution: &'a Solution, name: &str) -> &'a [f64] {
     solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"))
 }
 
-/// Returns the last value of a field.
+/// Returns the value of a field of the solution at the last output time.
 pub fn last(solution: &Solution, name: &str) -> f64 {
     *column(solution, name).last().unwrap_or_else(|| panic!("`{name}` has no values"))
 }
 
-/// Returns the largest difference between a field and a function of time.
+/// Returns the largest difference between a field of the solution and the function `exact` of time, over all output
+/// times.
 pub fn distance(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> f64 {
     let times = solution.trajectory.t.iter();
     times.zip(column(solution, name)).map(|(&t, &value)| (value - exact(t)).abs()).fold(0.0, f64::max)
 }
 
-/// Returns the times of the events, without repetitions.
+/// Returns the times of all events of a solution, without repetitions.
 pub fn instants(solution: &Solution) -> Vec<f64> {
     let mut times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     times.dedup();

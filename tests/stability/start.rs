@@ -43,7 +43,7 @@ fn a_singular_mass_matrix_makes_an_algebraic_state() {
 
 #[test]
 fn a_steep_start_is_no_jump() {
-    // x' = k (-z - x) with z = 2, on a time scale far shorter than the run.
+    // The state of x' = k (-z - x), with the constraint z = 2, falls to -2 in a transient far shorter than the run.
     for k in [1e9, 1e12, 1e15] {
         let case = Case::until(1e-3).state("x", 0.0, &format!("{k:e}*(-z - x)")).free("z", "z - 2");
         let solution = case.method(json!({"rtol": 1e-6})).solve();

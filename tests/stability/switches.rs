@@ -94,7 +94,8 @@ fn slide() -> Case {
     case.between("s", "-x", RELAY[0], RELAY[1])
 }
 
-/// Returns `y` at the end, computed from the zero of `x` by Newton's method.
+/// Returns the exact final `y` of the problem `slide`: the integral of `x` up to its zero, which Newton's method
+/// finds.
 fn integral() -> f64 {
     let mut rest = 2.8_f64;
     for _ in 0..20 {
@@ -116,7 +117,8 @@ fn stepping_over_switches_solves_every_step_and_converges() {
                     }))
                     .solve();
                 assert!(column(&solution, "x").iter().all(|&x| x > -1e-12));
-                // The step that contains the switch is of low order, whatever the order of the method.
+                // If steps pass over switches, the step that contains the switch is of low order, whatever the order
+                // of the method.
                 let bound = if stages == 1 { 2.0 * step } else { step * step };
                 let error = (last(&solution, "y") - integral).abs();
                 assert!(error < bound, "{stages} stages, {steps} steps: off by {error:e}");

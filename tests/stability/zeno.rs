@@ -16,14 +16,14 @@ fn spiral(a: f64, initial: [f64; 3], end: f64, method: Value) -> Case {
 
 #[test]
 fn the_spiral_that_grows_is_not_left_for_its_centre_nor_entered_from_it() {
-    // From w = 0 exactly, the method stays at w = 0 with z = 1/4.
+    // With the start w = 0 exactly, the method stays at w = 0 with z = 1/4.
     let solution = spiral(3.0, [0.0; 3], 10.0, json!({})).times(json!({"count": 11})).solve();
     for k in 1..=3 {
         assert!(column(&solution, &format!("w{k}")).iter().all(|w| w.abs() < 1e-12));
         assert!(column(&solution, &format!("z{k}")).iter().all(|z| (z - 0.25).abs() < 1e-12));
     }
     assert_eq!(solution.diagnostics.switches, 0);
-    // From w2 = 1e-6, the k-th phase ends at t = 1e-6 (2^k - 1).
+    // With the perturbed start w2 = 1e-6, the k-th phase of the spiral ends at t = 1e-6 (2^k - 1).
     for tolerance in [1e-6, 1e-10] {
         let method = json!({"rtol": tolerance, "atol": 1e-3 * tolerance});
         let solution = spiral(3.0, [0.0, 1e-6, 0.0], 1.5, method).solve();
@@ -39,7 +39,8 @@ fn the_spiral_that_grows_is_not_left_for_its_centre_nor_entered_from_it() {
 
 #[test]
 fn the_spiral_that_shrinks_is_passed_through_its_accumulation_point() {
-    // a = 3/2: phases of duration 1, 1/2, 1/4, .. end at t = 2, after which w = 0 and z = 1/(1 + a).
+    // With a = 3/2, phases of the spiral of duration 1, 1/2, 1/4, .. end at t = 2, after which w = 0 and z = 1/(1 +
+    // a).
     for method in [json!({}), json!({"rtol": 1e-10}), json!({"vi_solver": "semismooth_newton"})] {
         let case = spiral(1.5, [0.0, 1.0, 0.0], 4.0, method).times(json!([0.5, 1.25, 2, 3, 4]));
         let solution = case.solve();
@@ -79,7 +80,7 @@ fn the_twisting_controller_stops_in_finite_time() {
         assert!((pair[1] - turn).abs() < 1e-7, "{pair:?}: not at {turn}");
         fall /= 3.0_f64.sqrt();
     }
-    // At rest the two relay forces cancel.
+    // At rest the forces of the two relays cancel.
     assert!((2.0 * last(&solution, "s") + last(&solution, "r")).abs() < 1e-9);
     assert!(solution.diagnostics.steps.accepted < 1000);
 }

@@ -98,7 +98,7 @@ fn a_relay_that_slides_has_the_gradient_of_its_closed_form() {
     let solution = gradient(&problem, 4.0, &to, &json!({"final": "mu*y"}));
     assert_near(solution.gradient["mu"], 0.0, 1e-9, "mu");
     assert_near(solution.gradient["x0"], 3.0, 1e-9, "x0");
-    // The integral of x^2 over the run is x0^3/3mu.
+    // The integral of x^2 over the run, with the initial value x0 of x and its rate -mu, is x0^3/3mu.
     let solution = gradient(&problem, 4.0, &to, &json!({"integral": "x^2"}));
     assert_near(solution.gradient["mu"], -27.0 / 12.0, 1e-9, "mu");
     assert_near(solution.gradient["x0"], 4.5, 1e-9, "x0");
@@ -117,7 +117,7 @@ fn gradients_through_switches_are_those_of_forward_mode() {
         "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
         "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     assert_forward(&torn, 4.0, &["a", "mu"], (&["x", "v"], &["x*v"]));
-    // A breakpoint in time, and then a moving bound, both of which depend on a parameter.
+    // Two problems, with a breakpoint in time and with a moving bound, both of which depend on a parameter.
     let breaks = json!({"dvi": {"parameters": {"p": 1.25, "b": 3},
         "states": {"x": {"initial": 0, "rate": "b*heaviside(t - p)"}}}});
     assert_forward(&breaks, 4.0, &["p", "b"], (&["x"], &["x^2"]));
@@ -207,8 +207,8 @@ fn the_height_of_a_ball_after_two_bounces_has_the_gradient_of_its_closed_form() 
 
 #[test]
 fn gradients_through_impacts_are_those_of_forward_mode() {
-    // The end times lie before, and one lies behind, the accumulation point of the impacts; the integrand y_dot^2
-    // jumps at each impact.
+    // Two end times lie before the accumulation point of the impacts, and one behind it; the integrand y_dot^2 jumps
+    // at each impact.
     let to = ["h", "g", "e", "y_dot.initial"];
     for end in [1.2, 1.7, 2.5] {
         assert_forward(&ball(), end, &to, (&["y", "y_dot"], &["y", "y_dot^2"]));
@@ -261,8 +261,9 @@ fn a_hundred_parameters_cost_as_much_as_one() {
     let [one, all] = [1, 100].map(chain);
     let work = |solution: &Solution| solution.diagnostics.adjoint.expect("a sweep back");
     let (of_one, of_all) = (work(&one), work(&all));
-    // The backward sweep factorises each step once. The steps of the two runs differ because each run also follows
-    // the derivatives in one direction, which bound its steps.
+    // The backward sweep of the adjoint mode factorises the matrix of each step once. The run for one parameter and
+    // the run for all of them have different steps, because each also integrates the derivatives along one direction
+    // in the space of its parameters, and these limit the step size.
     assert_eq!(of_all.factorisations, of_all.steps);
     assert_eq!(of_all.steps, all.diagnostics.steps.accepted);
     assert!(of_all.jacobians <= 7 * of_all.steps && of_all.repeated == 0, "{of_all:?}");
@@ -420,7 +421,8 @@ fn a_gradient_that_cancels_is_not_doubted() {
             assert!(slope.abs() < 1e-9, "d{of}/d{name} = {slope:e}");
         }
     }
-    // The state x slides at zero whatever drives it, and the state y follows x.
+    // The state x slides at zero whatever its drive, and the rate of the state y is x: the final x has the derivative
+    // zero.
     let slides = json!({"dvi": {"parameters": {"a": 0.3, "b": 0.7},
         "states": {"x": {"initial": 0.4, "rate": "a*b - z"}, "y": {"initial": 1, "rate": "x"}},
         "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}});
@@ -438,7 +440,7 @@ fn a_gradient_that_cancels_is_not_doubted() {
 
 #[test]
 fn differences_along_each_parameter_are_counted() {
-    // A breakpoint whose time depends on one of many parameters: one finite difference is needed for each.
+    // A breakpoint whose time depends on many parameters: one finite difference is needed for each of them.
     let breaks = |count: usize| {
         let names: Vec<String> = (0..count).map(|k| format!("p{k}")).collect();
         let mut parameters = json!({});

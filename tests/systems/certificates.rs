@@ -4,8 +4,8 @@
 use super::harness::solve;
 use super::reference::example;
 
-/// Asserts the necessary conditions for an example; `size`, its largest `|z|` or `|G|`, scales the tolerance of
-/// products.
+/// Asserts the necessary conditions for the solution of an example; `size`, its largest `|z|` or `|G|`, scales the
+/// tolerance of all of them.
 fn assert_certified(name: &str, size: f64) {
     let solution = solve(&example(name));
     let figures = solution.diagnostics.complementarity.expect("figures");

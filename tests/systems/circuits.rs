@@ -25,8 +25,8 @@ fn the_diode_bridge_reaches_its_reference() {
         assert_complementary(&solution, &["v_R1", "v_F2", "i_F1", "i_R2"]);
         let switches = reference["switches"].as_u64();
         assert!(solution.diagnostics.switches >= switches.expect("a count"), "{}", solution.diagnostics.switches);
-        // The two diodes of a bridge branch conduct alternately: their currents add up to |i_load|, and one of them
-        // is always zero.
+        // The two diodes of a branch of the bridge conduct alternately: one of their currents is always zero, and
+        // their sum is the absolute load current.
         let (forward, backward) = (column(&solution, "i_F1"), column(&solution, "i_R2"));
         assert!(forward.iter().chain(backward).any(|&current| current > 1e-3));
     }
@@ -38,7 +38,8 @@ fn a_bridge_charges_an_empty_capacitor_from_the_zero_of_its_source() {
     // discharging pieces, in 30 digits.
     let (voltage, times) = (5.725_303_018_916_766, [0.008_663_621_010_819_184, 0.011_309_363_758_714_332]);
     for (rtol, unit) in [(1e-3, 1.0), (1e-6, 1.0), (1e-9, 1.0), (1e-6, 1e-6), (1e-6, 1e6)] {
-        // The circuit is scaled so that its currents are the same in another unit.
+        // The resistances and the capacitance are scaled so that the voltages do not change, and the currents are the
+        // same numbers in another unit of current.
         let (ohms, farads) = (10.0 / unit, 1e-3 * unit);
         let solution = solve(&json!({"problem": {"circuit": {"components": [
                 {"voltage_source": {"name": "V", "nodes": ["a", "b"], "volts": "10*sin(314*t)"}},

@@ -31,7 +31,8 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     specification["method"] = json!({"rtol": 1e-10});
     specification["output"]["times"] = json!("steps");
     let solution = solve(&specification);
-    // Number of a period, and the capacitor voltage and coil current at its end, where a step ends.
+    // Reference values: the number of a period, and the capacitor voltage and coil current at its end, where a step
+    // ends.
     let exact = [
         (1, 0.580_423_786_860_029_6, 0.050_012_019_420_966_06),
         (10, 5.658_879_997_690_433, 2.692_800_285_106_91),
@@ -52,8 +53,8 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     }
     let switches: Vec<f64> =
         solution.trajectory.events.iter().filter(|event| event.of == "closed(S1)").map(|event| event.t).collect();
-    // The switch closes at the beginning of each period of the sawtooth, 999 times within the run, and opens once per
-    // period.
+    // The switch closes at the beginning of each period of the sawtooth but the first, 999 times within the run, and
+    // opens once per period.
     assert_eq!(switches.len(), 1999);
     assert_near(switches[0] * 1e6, 2.427_718_171_639_071, 1e-8);
     assert_near(switches.last().expect("a switch") * 1e3, 9.994_999_999_819_495, 1e-9);
@@ -229,7 +230,8 @@ fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
         1.0,
     );
     let solution = solve(&specification);
-    // Seen from the secondary side: a source of 5 V with 5 ohms, and 5 ohms parallel to 0.1 F.
+    // Equivalent circuit as seen from the secondary side of the transformer: a source of 5 V with 5 ohms, and 5 ohms
+    // parallel to 0.1 F.
     let exact = 2.5 * (1.0 - (-1.0_f64 / (0.1 * 2.5)).exp());
     assert_near(last(&solution, "v(s)"), exact, 1e-8);
     let power = |i: &str, v: &str| last(&solution, i) * last(&solution, v);
@@ -327,7 +329,8 @@ fn a_switch_that_controls_a_voltage_keeps_it() {
     let mut specification = switched_charge(50.0, 1.0, 2.0, 15.0, "20 - v(c)", 4e-6);
     specification["output"]["times"] = json!([2.1e-7, 2.2e-7, 4e-6]);
     let solution = solve(&specification);
-    // v' = (50 - v)/1e-6 - v/2e-6 = 1.5e6 (100/3 - v) until v = 20.
+    // The closed switch charges the capacitor with v' = (50 - v)/1e-6 - v/2e-6 = 1.5e6 (100/3 - v) until v reaches
+    // the set point 20.
     let level = 100.0 / 3.0;
     let before = level + (15.0 - level) * (-2.1e-7_f64 * 1.5e6).exp();
     let voltages = column(&solution, "v(c)");

@@ -55,7 +55,7 @@ fn a_half_wave_rectifier_passes_one_half() {
                 Vin in 0 SIN(0 10 50)\nD1 in out D1N4007\nRload out 0 1k\n\
                 .model D1N4007 D(IS=7.02767n RS=0 N=1.80803 EG=1.05743 XTI=5 CJO=1e-11 VJ=0.7 M=0.5 FC=0.5 TT=1e-07 mfg=OnSemi)\n\
                 .tran 0.1m 40m\n.backanno\n.end\n";
-    // A circuit without states is given one, the integral of its source.
+    // A circuit without energy storage has no states, so that the solver adds one, the integral of its source.
     let solution = run(deck);
     assert_is(&solution, "v(out)", 1e-8, |t| (10.0 * (TAU * 50.0 * t).sin()).max(0.0));
     assert!(warned(&solution, "`d1n4007` are ideal without cjo, eg, fc, is"));
@@ -173,8 +173,8 @@ fn a_boost_converter_raises_by_its_duty() {
 fn a_square_wave_through_an_rc_has_its_periodic_ends() {
     let solution =
         run("RC low pass\nV1 in 0 PULSE(0 1 0 0 0 0.5m 1m)\nR1 in out 1k\nC1 out 0 0.1u\n.tran 1u 20m uic\n.end");
-    // After many periods T, the voltage at the end of a period is 1/(1 + exp(T/(2 tau))), the minimum of the periodic
-    // solution.
+    // After many periods T of the square wave, with the time constant tau of the low pass, the voltage at the end of
+    // a period is 1/(1 + exp(T/(2 tau))), the minimum of the periodic solution.
     let low = 1.0 / (1.0 + 5.0_f64.exp());
     assert!((last(&solution, "v(out)") - low).abs() < 1e-8);
 }

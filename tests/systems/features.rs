@@ -6,7 +6,7 @@ use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// Widths of a feature, from one that a step may hit by chance to one that no step hits.
+/// Widths of a narrow feature of a function, from one that a step may hit by chance to one that no step hits.
 const WIDTHS: [f64; 3] = [1e-2, 1e-4, 1e-6];
 
 fn assert_trusted(solution: &Solution) {

@@ -332,8 +332,8 @@ fn a_bounce_tells_gravity_and_restitution() {
             "data": {"t": t, "y": y, "sd": 0.01}}}));
     assert_near(fit.parameters["g"].estimate, g, 1e-7);
     assert_near(fit.parameters["e"].estimate, e, 1e-7);
-    // Bound of the interval of e for a known g, from dy/de = g fall (t - fall) after the bounce. The interval is
-    // wider if g is estimated as well.
+    // Lower bound of the standard deviation of e, from dy/de = g T (t - T) after the bounce at the time T, for a
+    // known g. It is larger if g is estimated as well.
     let known: f64 = t.iter().filter(|t| **t > fall).map(|t| (g * fall * (t - fall) / 0.01).powi(2)).sum();
     let sd = fit.parameters["e"].sd.expect("a standard deviation");
     assert!(sd > known.sqrt().recip() && sd < 3.0 * known.sqrt().recip(), "{sd} for {}", known.sqrt().recip());

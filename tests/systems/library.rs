@@ -60,8 +60,8 @@ fn functions_and_text_agree() {
     assert!(energy.abs() < 1e-7, "{energy}");
 }
 
-/// Finite-difference Jacobians are accurate enough for Newton's method, so that functions need no more steps than
-/// text.
+/// Finite-difference Jacobians are accurate enough for Newton's method, so that equations given as functions need no
+/// more steps than equations given as text.
 #[test]
 fn differences_cost_no_steps() {
     let settings = Settings { rtol: 1e-8, ..Settings::default() };

@@ -81,7 +81,8 @@ fn the_step_is_halved_until_two_runs_agree() {
     let pairs = solution.trajectory.t.iter().zip(column(&solution, "u"));
     let total: f64 = pairs.map(|(t, u)| (u - factor * (t - 1.0).max(0.0).sqrt()).abs()).sum();
     let mean = total / solution.trajectory.t.len() as f64;
-    // The reported distance compares the two coarser of the last three runs.
+    // The reported mean distance is at least that between the returned run and the previous, coarser run, and must
+    // exceed the error of the returned run.
     assert!(mean > 0.0 && mean < refinement.mean_distance[0].1, "{mean:e} against {refinement:?}");
     assert!(mean < 1e-4 * factor * 2.0_f64.sqrt());
 }

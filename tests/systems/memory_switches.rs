@@ -114,7 +114,7 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
         assert!(apart < 1e-8, "alpha = {alpha}: switches differ by {apart:e}");
         let q_at_first = 1.2 - (3.0 * a[0]).cos() - 1.4 * a[0].sin().powi(2);
         assert!(q_at_first.abs() < 1e-13, "alpha = {alpha}: q = {q_at_first:e} at the first switch");
-        // Runs on a uniform grid converge slowly to the same solution.
+        // Runs on a uniform grid, which do not locate switches, converge slowly to the same solution.
         let uniform = solve(&relaxation(alpha, q, 70.0, json!({"step": 70.0 / 65536.0}), 4501));
         let pairs = column(&first, "u").iter().zip(column(&uniform, "u"));
         let mean = pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / 4501.0;
@@ -319,8 +319,8 @@ fn the_order_holds_over_switches() {
         };
         let ((coarse, few), (fine, many)) = (run(1e-6), run(1e-9));
         let order = (coarse / fine).ln() / (many / few).ln();
-        // For the exponent 0.8 each segment is a single element even at the coarsest tolerance, and only rounding
-        // errors remain.
+        // For the exponent 0.8 each segment between switches is a single element of the mesh even at the coarsest
+        // tolerance, and only rounding errors remain.
         assert!(order >= 3.0 || coarse < 1e-10, "order {order}: {coarse:e} in {few}, {fine:e} in {many}");
     }
 }

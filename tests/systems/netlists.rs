@@ -107,8 +107,8 @@ fn outputs_obey_the_laws_that_were_eliminated() {
     assert!(source.fold(0.0, |most: f64, error| most.max(error.abs())) < 1e-12);
 }
 
-/// A current charges capacitors that ideal diodes connect in a ladder. As water fills basins, it raises the lowest
-/// voltage to the next one, then both of them.
+/// A current charges capacitors that ideal diodes connect in a ladder: it raises the lowest voltage to the next one,
+/// then both of these, as water fills basins one after the other.
 #[test]
 fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     let (rungs, current, end, step) = (1000, 1.0, 19.9, 1.0);
@@ -303,7 +303,8 @@ fn a_voltage_multiplier_of_any_length_pumps_charge_up_its_ladder() {
             assert!((found - exact).abs() < 1e-7 * volts, "{stages} stages: v(b{k}) = {found:e}, not {exact:e}");
         }
         assert!(solution.verdict.trusted, "{stages} stages: {:?}", solution.verdict);
-        // A period has at most eight different smooth pieces, for any length of the ladder.
+        // The solution has at most eight smooth pieces in a period, for any length of the ladder, so that few steps
+        // suffice.
         let steps = solution.diagnostics.steps.accepted;
         assert!(steps < 100, "{stages} stages: {steps} steps");
     }

@@ -48,7 +48,7 @@ fn a_run_ends_where_a_monitor_rises_and_tells_what_else_is_watched() {
     assert_near(last(&solution, "slip"), 1.5, 1e-8);
     assert_near(last(&solution, "action"), 4.0 * end, 1e-8);
     assert_near(last(&solution, "sliding"), -1.0 - 0.5 * end, 1e-8);
-    // Length of the path from 1 to -1 and back to zero.
+    // Length of the path of x from 1 to -1 and back to zero.
     assert_near(last(&solution, "path"), 3.0, 1e-8);
     assert!(solution.trajectory.field("energy").is_none());
 }
@@ -155,7 +155,7 @@ fn definitions_stand_in_rates_forces_and_surfaces() {
         "coordinates": {"q": {"initial": 1, "velocity": -1}}, "mass": [[1]], "forces": {"q": "-push - drag"}}},
         "time": {"end": 2}, "method": {"rtol": 1e-10}}));
     assert_near(last(&solution, "q"), (-2.0_f64).exp(), 1e-8);
-    // The solution slides along s = 0 from t = 1 on.
+    // The solution slides along the switching surface s = 0 from t = 1 on.
     let solution = solve(&json!({"problem": {"filippov": {"definitions": {"s": "x - y", "fall": "-1"},
         "states": {"x": {"initial": 1, "plus": "fall", "minus": 1}, "y": {"initial": 0, "plus": 0, "minus": 0}},
         "surface": "s"}}, "time": {"end": 2}, "output": {"fields": ["x", "s"]}}));
@@ -219,7 +219,7 @@ fn what_is_wrong_is_told_with_its_place() {
     assert!(circle.iter().any(|(pointer, _)| pointer.starts_with(&at("definitions"))), "{circle:?}");
 }
 
-/// The integrand passes 160 times through its period while a step grows as the state decays.
+/// The integrands pass through 160 periods within the run, whose steps grow as the state `x` decays.
 #[test]
 fn integrals_of_fast_functions_of_time_are_exact() {
     let specification = json!({
@@ -236,7 +236,8 @@ fn integrals_of_fast_functions_of_time_are_exact() {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// Long steps pass over integrands with features that are narrow in time or in a state, in several units of time.
+/// Integrands with features that are narrow in time or in a state, over which long steps could pass, in several units
+/// of time.
 #[test]
 fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
     let lorentz = 0.01 * (5870.0_f64.atan() + 4130.0_f64.atan());
@@ -344,7 +345,8 @@ fn monitors_that_rest_at_zero_have_one_event_for_reaching_it() {
 
 #[test]
 fn integrals_take_the_impulses_of_jumps() {
-    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1; from then on x = 1, held by z = 2.
+    // The lower bound of x rises from 0 to 1 at t = 1 and lifts x by an impulse of 1; from then on x = 1, held by z =
+    // 2.
     let solved = |integrals: Value| {
         solve(&json!({"problem": {"dvi": {"integrals": integrals,
             "states": {"x": {"initial": 0, "rate": "-x + z/2"}},
@@ -409,7 +411,8 @@ fn a_touch_within_the_tolerances_is_told() {
 
 #[test]
 fn rest_at_zero_is_no_touch() {
-    // A pulse train, and a block that sticks twice a period under a force of 1.5 sin t with the friction bound 1.
+    // Two problems with periodic events: a pulse train, and a block that sticks twice a period under a force of 1.5
+    // sin t with the friction bound 1.
     let block = json!({"states": {"v": {"initial": 0, "rate": "1.5*max(0, sin(t)) - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]});
     let solution = solve(&json!({"problem": {"dvi": block}, "time": {"end": 20}, "stop": [
@@ -482,7 +485,8 @@ fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
 
 #[test]
 fn events_of_functions_with_jumps_are_those_of_their_formulas() {
-    // The period T/n is such that edges coincide, up to rounding, with the end of the run and of its steps.
+    // The period of the functions, a fraction of the end time, is such that edges coincide, up to rounding, with the
+    // end of the run and of its steps.
     let counted = |monitor: &str, end: f64| {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-0.1*x"}}}},
             "time": {"end": end}, "stop": [{"when": monitor, "record": true}], "output": {"times": {"count": 2}}}));

@@ -61,7 +61,8 @@ fn the_american_put_has_its_price_and_its_exercise_boundary() {
 
 #[test]
 fn a_put_on_a_stock_with_dividends_has_the_price_of_spectral_collocation() {
-    // Reference: Andersen, Lake and Offengenden 2016, r = q = 0.05, volatility 0.25.
+    // Reference of the option price: Andersen, Lake and Offengenden 2016, with the interest rate r and the dividend
+    // yield q both 0.05, and the volatility 0.25.
     let mut put = example("american_put");
     let problem = &mut put["problem"]["obstacle"];
     problem["parameters"]["volatility"] = json!(0.25);

@@ -115,8 +115,8 @@ fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     let phase = 2e-5 * (1.0 / (1e-4 * 1e-5) - 1.0 / (2.0_f64 * 2.0 * 1e-5).powi(2)).sqrt();
     assert_near(im, (-0.5_f64).exp() * phase.sin(), 1e-8);
 
-    // In discontinuous conduction the coil and the capacitor store no net energy over a period, the coil current is
-    // zero for part of it, and all steps are proven free of events.
+    // In discontinuous conduction the coil and the capacitor of the converter store no net energy over a period, the
+    // coil current is zero for part of it, and all steps are proven to contain no undetected event.
     let orbit = orbit_of(buck(200.0));
     assert!(orbit.shots <= 7, "from rest, by way of a state in continuous conduction: {}", orbit.shots);
     let of = |name: &str| orbit.over_period[name];
@@ -275,7 +275,7 @@ fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit()
             }
             let exact = (TAU * k).exp() * ((c - 0.3) / (c + 0.3)).powi(2);
             assert_multipliers(&dry(k, phase, 0.0), &[[exact, 0.0]], true);
-            // The orbit at a phase a quarter of a period later.
+            // The orbit for a drive whose phase is a quarter of a period later.
             let x = solve(&dry(k, phase, 0.0)).trajectory.field("x").expect("x")[1];
             assert!(x.abs() < 1e-6, "half of a period later it is zero as well: {x}");
             let above = 0.5;
@@ -368,8 +368,8 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
         assert_eq!(error.code, "no_orbit", "{}", error.message);
     }
 
-    // With a region of the opposite sign the larger root is an orbit: (x - 1)^2 = 1e-4, with the multiplier
-    // exp(-2e-2).
+    // A rate that is positive only within 1e-2 of x = 1 has two periodic orbits with constant x, the roots of (x -
+    // 1)^2 = 1e-4: the search finds the larger one, with the multiplier exp(-2e-2).
     let orbit = orbit_of(one(2.0, "1e-4-(x-1)^2"));
     assert_near(orbit.start["x"], 1.01, 1e-5);
     assert_near(orbit.multipliers[0][0], (-2e-2_f64).exp(), 1e-4);

@@ -37,6 +37,7 @@ fn an_inconsistent_velocity_is_an_error_that_says_by_how_much() {
     let solution = dvi::solve(&specification, &dvi::problem::Control::new());
     let error = solution.error.expect("an error");
     assert_eq!(error.code, "inconsistent_start");
-    // The component of the initial velocity along the rod has to vanish, and the message states all of it.
+    // The component of the initial velocity along the rod has to vanish, and the error message states the whole
+    // amount by which it does not.
     assert!(error.message.contains("`u`") && error.message.contains("-5e-1"), "{}", error.message);
 }

@@ -20,7 +20,7 @@ fn two_queues_in_tandem_follow_the_reflection_map() {
 
 #[test]
 fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
-    // The market clears at h = 10, so that q' = 6 and p = 1 + q/4.
+    // The market clears at the inflow h = 10, so that the stock q grows at the rate 6, and the price is p = 1 + q/4.
     let market = json!({"problem": {"dvi": {
         "states": {"q": {"initial": 5, "rate": "h - 4"}},
         "variables": {"h": {"inequality": "1 + q/4 - p"}, "p": {"inequality": "h - 10"}},
@@ -28,8 +28,8 @@ fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
         "time": {"end": 1}});
     let solution = solve(&market);
     assert!((last(&solution, "q") - 11.0).abs() < 1e-9 && (last(&solution, "p") - 3.75).abs() < 1e-9);
-    // Projection of (sin t, cos t) onto the unit simplex by a multiplier p: u = (1 + sin t - cos t)/2 until pi/2,
-    // then 1.
+    // The variables are the projection of (sin t, cos t) onto the unit simplex by a multiplier p: the first one is u
+    // = (1 + sin t - cos t)/2 until pi/2, then 1.
     let simplex = json!({"problem": {"dvi": {
         "states": {"x": {"initial": 0, "rate": "u"}},
         "variables": {

@@ -83,8 +83,8 @@ fn friction_that_sticks_and_lets_go_again() {
         "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     let solution = derived(problem, 4.0, &["a", "b", "mu"]);
     let stop = 2.0;
-    // From v(stop) = 0 with the rate -3 follows d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with
-    // the rate -1 at the stop.
+    // The block's first stop follows from v(stop) = 0, where v has the rate -3: d(stop) = dv/3 for a change dv of v
+    // there. Then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with the rate -1 at the stop.
     let before = |t: f64, [a, b, mu]: [f64; 3]| a * t - 0.5 * b * t * t - mu * t;
     let after = |t: f64, direction: [f64; 3]| {
         let [a, b, mu] = direction;

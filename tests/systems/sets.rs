@@ -97,8 +97,8 @@ fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
 
 #[test]
 fn forces_from_a_polyhedron_are_those_of_a_vertex_however_short_the_steps_are() {
-    // The variables (u, w) are the vertex of the triangle with the largest v . (u, w) at v = (1, 1/2), as long as v
-    // hardly changes.
+    // The variables (u, w) are the vertex of the triangle at which (1, 1/2) . (u, w) is largest, as long as the
+    // states hardly change from (1, 1/2).
     for step in [1e-2, 1e-5, 1e-8, 1e-11, 1e-14] {
         for solver in ["auto", "semismooth_newton"] {
             let solution = solve(&json!({"problem": {"dvi": {
@@ -243,7 +243,7 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let expected: Vec<f64> = phases.map(|phase| phase / omega).collect();
     let square = json!({"A": [[1, 0], [-1, 0], [0, 1], [0, -1]], "b": [1, 1, 1, 1], "of": ["z1", "z2"]});
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": 1}});
-    // On an edge of the square z2 stays constant, and x2 moves.
+    // If the solution is on an edge of the square, z2 stays constant, and x2 moves.
     for (name, set, drives) in [
         ("ball", ball, ["0.6006*sin(40*t)", "0.8008*sin(40*t)"]),
         ("square", json!({"polyhedron": square}), ["1.001*sin(40*t)", "0.3*sin(40*t)"]),

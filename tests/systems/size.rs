@@ -20,7 +20,7 @@ fn chain(n: usize, c: f64) -> Vec<(usize, usize, f64)> {
 
 #[test]
 fn a_chain_too_long_for_dense_matrices_decays_as_its_slowest_wave() {
-    // A dense matrix of this size would take 3.2 GB. The sine wave is an eigenvector.
+    // A dense matrix of this size would take 3.2 GB. The initial state, a sine wave, is an eigenvector of the matrix.
     let n = 20_000;
     let h = 1.0 / (n + 1) as f64;
     let wave: Vec<f64> = (1..=n).map(|i| (PI * i as f64 * h).sin()).collect();
@@ -122,7 +122,7 @@ fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_pla
         assert!((value("x62") - exact(t)).abs() < 1e-7, "{} at {t}", value("x62") - exact(t));
         assert!((value("z62") - exact(t) - t.cos()).abs() < 1e-7);
         // The hidden constraint determines the variable with the order of the states: cos t = z - 2 sin t + the sum
-        // of both neighbours.
+        // of the two neighbouring states.
         let z = t.cos() + 2.0 * t.sin() - 2.0 * exact(t);
         assert!((value("z61") - z).abs() < 1e-7, "{} instead of {z} at {t}", value("z61"));
     }

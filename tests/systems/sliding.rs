@@ -59,7 +59,7 @@ impl Twisting {
         self.swing(self.v) / (1.0 - self.ratio())
     }
 
-    /// Returns `x'` at the time `t`, from one arc after another.
+    /// Returns `x'` at the time `t`, computed from one zero of `x` to the next.
     fn velocity(&self, t: f64) -> f64 {
         let (mut begin, mut v, mut sign) = (0.0, self.v, 1.0);
         while begin + self.swing(v) <= t && v > 1e-300 {

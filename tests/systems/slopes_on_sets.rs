@@ -1,6 +1,6 @@
 //! Derivatives of problems whose variables are in balls, cones, simplices and polyhedra, compared with closed forms:
-//! on every face, across switches between faces, in forward and adjoint mode, and for independent switches at the
-//! same time.
+//! on every face of such a set, across switches between faces, in forward and adjoint mode, and for independent
+//! switches at the same time.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -15,7 +15,8 @@ fn derived(problem: &Value, end: f64, asked: &Value) -> Solution {
     solution
 }
 
-/// Asserts that the derivatives of the final `of` have the values `exact`, in forward and in adjoint mode.
+/// Asserts that the derivatives of the final value of the field `of` have the values `exact`, in forward and in
+/// adjoint mode.
 #[track_caller]
 fn assert_slopes(problem: &Value, end: f64, of: &str, exact: &[(&str, f64)]) {
     let to: Vec<&str> = exact.iter().map(|(name, _)| *name).collect();
@@ -151,8 +152,8 @@ fn switches_at_one_time_that_commute_have_their_own_derivatives() {
 
 #[test]
 fn switches_at_one_time_that_do_not_commute_have_no_derivative() {
-    // For y' = 2 + s1 and the sign s2 of y, the rate of y changes at the switch of s1, which coincides with that of
-    // s2: the two do not commute.
+    // For y' = 2 + s1 and the sign s2 of y, the rate of y changes at the switch of the relay s1, which coincides with
+    // that of s2: the two switches do not commute.
     let problem = json!({"dvi": {"parameters": {"a": -1, "b": -1},
         "set": [{"box": {"of": ["s1", "s2"], "lower": -1, "upper": 1}}],
         "states": {"x": {"initial": "a", "rate": 1}, "y": {"initial": "b", "rate": "2 + s1"}, "s": {"initial": 0, "rate": "s2"}},

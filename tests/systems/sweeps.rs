@@ -134,7 +134,7 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
         let found = numbers(&row, name)[0];
         assert!((found - exact).abs() < 2e-9, "{name}: {found} for {exact}");
     }
-    // The third zero is at the end of the run, and may be detected or not.
+    // The third zero of x is at the end of the run, and may be detected or not.
     assert!([2.0, 3.0].contains(&numbers(&row, "zeros")[0]));
     let third = numbers(&row, "second")[0] / FRAC_PI_2;
     assert!((third - third.round()).abs() < 1e-9, "{third}");
@@ -159,8 +159,8 @@ fn means_of_narrow_features_are_exact() {
 
 #[test]
 fn integrals_and_means_take_the_impulses_of_jumps() {
-    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of z/2 of size 1; from then on z = 2 holds x
-    // until t = 3.
+    // The lower bound of x rises from 0 to 1 at t = 1 and lifts x by an impulse of z/2 of size 1; from then on z = 2
+    // holds x until t = 3.
     let swept = |collect: Value| {
         table(
             &json!({"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 0, "rate": "-x + k*z/2"}},
@@ -266,7 +266,8 @@ fn means_have_the_order_of_their_points() {
     }
 }
 
-/// A sweep with members of another structure (`k = 0`, an exponent `p`), and with members that fail.
+/// A sweep in which the equations of some members have another structure (`k = 0`, an exponent `p`), and in which
+/// some members fail.
 fn mixed() -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1, "f": 1, "p": 1},
@@ -296,7 +297,7 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     let part = |cut: &[usize]| dvi::study::sweep(&specification, cut[0]..cut[1], NonZeroUsize::MIN, &control);
     let mut parts: Vec<Solution> = cuts.windows(2).map(part).collect();
     parts.reverse();
-    // Parts of the sweep as JSON, and as the program that merges them reads them back.
+    // Merges the parts of the sweep after writing each as JSON and reading it back, as the program does.
     let read_back = |part: &Solution| encodings::read_json(json_of(part).as_bytes()).unwrap().table.unwrap();
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();

@@ -17,8 +17,8 @@ use std::sync::Arc;
 pub struct Answer {
     solution: Arc<Solution>,
     label: Option<String>,
-    /// A result received from a service, as its bytes and its parsed members other than the columns; the diagnostics
-    /// in it are not interpreted.
+    /// For a result received from a service, its parsed members other than the columns, and its bytes. The
+    /// diagnostics in it are not interpreted.
     came: Option<(Skeleton, Vec<u8>)>,
 }
 

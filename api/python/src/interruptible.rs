@@ -34,7 +34,7 @@ pub fn run<T: Send>(
     let ended = Ended::default();
     thread::scope(|scope| {
         let working = || {
-            // The mark is dropped, and the end thereby signalled, also if the work panics.
+            // The mark is dropped when the work returns or panics; dropping it signals the end of the work.
             let _mark = Mark(&ended);
             work()
         };
@@ -64,7 +64,7 @@ pub fn run<T: Send>(
     })
 }
 
-/// Lets Python handle its signals, and reports the progress of the work.
+/// Lets Python handle pending signals, and reports the progress of the work to the progress function.
 fn look(py: Python<'_>, control: &Control, progress: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
     py.check_signals()?;
     if let Some(progress) = progress {
@@ -73,7 +73,7 @@ fn look(py: Python<'_>, control: &Control, progress: Option<&Bound<'_, PyAny>>) 
     Ok(())
 }
 
-/// A flag, set when the work has ended, for which a thread can wait.
+/// A flag that is set when the work has ended; a thread can wait for it.
 #[derive(Default)]
 struct Ended {
     is: Mutex<bool>,

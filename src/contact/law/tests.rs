@@ -191,7 +191,8 @@ fn polygons_with_more_corners_come_to_the_disk() {
 
 #[test]
 fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() {
-    // The corners of a tilted block at (-b, -h) and (b, -h), or above its centre as those of a pendulum.
+    // A block that stands, tilted by a tiny angle, on two corners at (-b, -h) and (b, -h) from its centre, or hangs
+    // from them like a pendulum.
     let (b, h, mu) = (0.1649, 0.3317, 0.1);
     let inertia = (b * b + h * h) / 3.0;
     for digits in 4..16 {

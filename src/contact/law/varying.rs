@@ -30,7 +30,7 @@ pub fn admissible(mu: f64) -> Option<f64> {
 #[derive(Clone, Debug, Default)]
 pub struct Coefficients {
     rounds: usize,
-    /// The coefficients of friction of the last round and their errors.
+    /// The coefficients of friction of the last iteration, and their errors.
     last: Option<(Vec<f64>, Vec<f64>)>,
 }
 

@@ -10,7 +10,8 @@ use crate::ContactError;
 use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
 use numerics::Interval;
 
-/// Largest number of cuts of a step for hidden violations found by its enclosure.
+/// Largest number of cuts of a step for hidden violations (between the points at which it was evaluated), which
+/// enclosures of the step find.
 const ROUNDS: usize = 2;
 
 /// Largest number of cuts of a step for a violation at its beginning: the initial opening of a gap that opens with
@@ -21,7 +22,8 @@ const RECUTS: usize = 6;
 /// Counters of the attempts at one step.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The number of cuts of the step for hidden violations.
+    /// The number of cuts of the step for hidden violations: those between the points at which the step was
+    /// evaluated.
     rounds: usize,
     /// The number of cuts of the step at monitors seen violated.
     recuts: usize,
@@ -155,8 +157,8 @@ impl Automaton for SmoothPhase<'_, '_> {
         })
     }
 
-    /// Makes one step of time stepping: where the smooth motion has no continuation, a motion with impulses may
-    /// exist.
+    /// Makes one step of time stepping instead of smooth motion: where the smooth motion has no continuation, a
+    /// motion with impulses may exist.
     fn leave_mode(&mut self, _: f64, _: &mut Attempts) -> Result<Solved<Part>, ContactError> {
         (self.over, self.method) = (true, None);
         self.located.step_over(self.control)?;
@@ -203,7 +205,8 @@ impl Automaton for SmoothPhase<'_, '_> {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the closing of a gap that is at rest at the beginning of the step may be an error of the step.
+    /// Whether a gap, at rest at the beginning of the step, may seem to close there only because of errors in the
+    /// polynomials of a long step.
     fn may_be_error(&mut self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
         let Ending::Impact(k) = violation.ending else { return false };
         let begins = violation.t - step.begin <= SMALLEST * (step.end - step.begin);

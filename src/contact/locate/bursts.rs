@@ -62,8 +62,9 @@ impl SmoothPhase<'_, '_> {
         parts
     }
 
-    /// Returns the tolerances of forces, drift and bias over a step: that of a force changes velocities by their
-    /// tolerance, that of drift is the tolerance of velocities.
+    /// Returns the tolerances, for the partition of a step in time, of forces, of the drift of contact velocities, of
+    /// the bias of their rates, and of varying coefficients of friction: errors within them change velocities by no
+    /// more than the tolerances of velocities.
     fn tolerances_in_time(&mut self, begin: f64, end: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -93,8 +94,8 @@ impl SmoothPhase<'_, '_> {
         forces.into_iter().chain(drift).chain(bias).chain(coefficients).collect()
     }
 
-    /// Encloses forces, drift, bias and varying coefficients of friction over times `t`, with coordinates and
-    /// velocities frozen.
+    /// Encloses forces, the drift of contact velocities, the bias of their rates, and varying coefficients of
+    /// friction over times `t`, with coordinates and velocities frozen.
     fn enclose_in_time(&mut self, t: Interval, x: &[f64], values: &mut [Interval]) {
         let (q, v) = x.split_at(x.len() / 2);
         let structure = &self.located.structure;

@@ -26,13 +26,13 @@ pub struct Grazed {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Records the contacts that graze between the times `begin` and `end` of the last step; `ending` is the end of
-    /// the mode at `end`, if any.
+    /// Records the contacts that graze between the times `begin` and `end` of the last step; `ending` is the event
+    /// that ends the contact mode at `end`, if any.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
-            // The height from which the gap closes.
+            // The largest opening of the gap from which it closes.
             let mut highest = self.located.highest[k].or_wider(&first);
             let closes = ending == Some(Ending::Impact(k));
             let (t, nearest) = if closes {
@@ -59,7 +59,8 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// Returns the time and the gap at which the gap of contact `k` turns back.
+    /// Returns the time at which the gap of contact `k` is least (turns from closing to opening), and the gap at that
+    /// time.
     fn nearest(&mut self, k: usize, begin: f64, end: f64) -> (f64, Gap) {
         let (mut falls, mut rises) = (begin, end);
         for _ in 0..HALVINGS {
@@ -115,8 +116,8 @@ impl Opening {
         Self { gap: self.gap.max(gap.gap), distance: self.distance.max(gap.gap / gap.gradient) }
     }
 
-    /// Returns the opening in units of the gap at a place with the given gradient: the largest gap, or less if the
-    /// gradient was much larger where the gap was largest.
+    /// Returns the largest opening of the gap, converted to the unit that the gap has where its gradient is
+    /// `gradient`; less than the largest gap if the gradient was much larger where the gap was largest.
     fn height(self, gradient: f64) -> f64 {
         self.gap.min(self.distance * gradient)
     }

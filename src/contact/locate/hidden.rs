@@ -94,7 +94,7 @@ impl SmoothPhase<'_, '_> {
         if is_proven { Enclosed::Proven } else { Enclosed::Undecided }
     }
 
-    /// Whether the equations of the mode hold a joint or a gap at zero.
+    /// Whether the equations of the contact mode hold a joint or a gap at zero.
     fn is_held(&self, row: usize) -> bool {
         row.checked_sub(self.located.structure.joints).is_none_or(|k| self.mode[k].is_closed())
     }

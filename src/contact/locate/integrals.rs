@@ -60,7 +60,7 @@ impl Integrals {
         self.drives += weight * other.drives;
     }
 
-    /// Returns the sizes of impulses and of energies.
+    /// Returns the scales of impulses and of energies: the sums of the absolute values.
     fn sizes(&self) -> [f64; 2] {
         let impulses = self.impulses.iter().map(Vector3::norm).sum();
         [impulses, self.friction.abs() + self.forces.abs() + self.drives.abs()]

@@ -264,7 +264,8 @@ impl<'p> EventDriven<'p> {
                         impact.accumulates = Some(k);
                     }
                     self.note_passed(k, self.energy.lost_in_impacts - lost);
-                    // A contact that closes again at one time has no rebound.
+                    // The contact of the impact is brought to rest even without an impulse if it closes again at the
+                    // time of the last event.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
                     let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
                     self.bring_to_rest(&resting)?;

@@ -237,7 +237,7 @@ impl ModeEquations {
         &self.rows
     }
 
-    /// Returns the slip speed of contact `k` below which its direction is that of the mode.
+    /// Returns the slip speed of contact `k` below which the direction of its slip is taken from the mode.
     pub(crate) fn least_slip(&self, k: usize) -> f64 {
         self.least[k]
     }
@@ -379,7 +379,8 @@ impl ModeEquations {
         self.problem.constraints(t, q, &mut self.constraints);
     }
 
-    /// Evaluates the mode equations at the middle of a box, and returns the middle of the states.
+    /// Evaluates the mode equations at the middle of a box of times `t` and states `x`, and returns the states at the
+    /// middle.
     fn evaluate_at_middle(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
         let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
         self.evaluate_at(t.ball().0, &middle);

@@ -43,7 +43,8 @@ impl Monitor {
 pub const ROUNDING_OF_VELOCITIES: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
-/// Gaps and their velocities below this fraction of their terms are at rest up to constraint drift.
+/// Gaps and their velocities below this fraction of their terms count as zero: drift off the held constraints may be
+/// as large.
 const AT_REST: f64 = 1e-9;
 
 /// Evaluates the monitors of a mode at a state `x` of a step. `reached` are the sizes that the states reach in the
@@ -81,8 +82,8 @@ pub fn monitors(
             let size = terms.max(constraints.size(row, reached_q));
             let noise = in_time + ROUNDING_OF_VELOCITIES * size.max(f64::MIN_POSITIVE);
             let speed = constraints.velocity(row, v);
-            // A gap that other constraints keep at zero, and that carries no force, cannot close. Contacts that fixed
-            // constraints hold at rest have no velocity beyond rounding.
+            // A gap that other constraints keep at zero, and that carries no force, cannot close. The velocities of
+            // contacts that fixed constraints hold at rest are rounding errors.
             let is_slow =
                 are_still && constraints.drift[row] == 0.0 || speed.abs() <= AT_REST * constraints.terms(row, v);
             let rests = is_slow && value <= AT_REST * terms.max(f64::MIN_POSITIVE);

@@ -57,7 +57,7 @@ pub(super) enum Search {
     Until(f64),
 }
 
-/// The violation of a monitor within a step.
+/// The violation of a monitor within a step, with the event that it indicates.
 #[derive(Clone, Copy)]
 pub struct Violation {
     pub t: f64,
@@ -127,7 +127,7 @@ struct Point {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Finds the earliest end of the mode on the collocation polynomial of the step.
+    /// Finds the earliest end of the contact mode on the collocation polynomial of the step.
     pub(super) fn search(&mut self, begin: f64, end: f64) -> Search {
         let h = end - begin;
         let mut monitors = Vec::new();
@@ -170,7 +170,8 @@ impl SmoothPhase<'_, '_> {
 
     /// Returns the initial parts of a step, the last part first.
     fn parts(&mut self, start: &Start, mut first: Point, h: f64, end: f64) -> Vec<[Point; 3]> {
-        // A force at its bound does not show the sign of its rate: sample it slightly later.
+        // The monitor of a force at its bound has no known rate, and hence no known sign behind the beginning of the
+        // step: sample it slightly later.
         let unknown = |monitor: &Monitor| monitor.is_on_bound() && monitor.rate.is_none();
         if first.monitors.iter().any(unknown) {
             let soon = self.point(start, start.t + SMALLEST * h);
@@ -247,8 +248,8 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// Returns the end found; or, if a slip in 3D has not stopped but only turned by a right angle, the time up to
-    /// which its direction is valid.
+    /// Returns the end of the mode that was found; or, if a slip in 3D has not stopped but only turned by a right
+    /// angle, the time up to which its direction is valid.
     fn end_at(&mut self, begin: f64, found: Violation) -> Search {
         if let Ending::SlipToStick(k) = found.ending
             && found.t > begin
@@ -283,7 +284,7 @@ fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let mut rest = (value[1] - parabola(0.25)).abs().max((value[3] - parabola(0.75)).abs());
     for i in 0..5 {
         if let Some(rate) = monitor(i).rate {
-            // Assume that the deviation of the rate persists up to the next point.
+            // Allow for the deviation of the rate at this point, as if it persisted up to the next point.
             rest = rest.max(0.25 * (h * rate - linear - 0.5 * i as f64 * square).abs());
         }
     }

@@ -40,7 +40,8 @@ const TAKEN_OFF: f64 = 0.25;
 /// The largest change of the event time in one refinement, as a fraction of the time since the step began.
 const NEAR: f64 = 0.5;
 
-/// A 3D slip may grow by at most `GROWTH` per step; the cut is bisected to `GROWN` of the step.
+/// A 3D slip may grow by at most the factor `GROWTH` in a step; the time at which it has grown by that factor, where
+/// the step is cut, is bisected to the fraction `GROWN` of the step.
 pub(super) const GROWTH: f64 = 4.0;
 const GROWN: f64 = 1e-6;
 
@@ -60,11 +61,12 @@ pub struct SmoothPhase<'l, 'p> {
     pub(crate) watch: &'l mut ModeEquations,
     pub(super) control: &'l Control,
     pub(super) over: bool,
-    /// The partition of the last step in which its dependence on time is represented.
+    /// The partition in time of the last step, so fine that the points of each part represent the explicit dependence
+    /// on time.
     pub(super) parts: Parts,
     /// The largest sizes of the states in the last step.
     pub(super) reached: Vec<f64>,
-    /// A time in the last step, with the integrals from the beginning of the step to that time.
+    /// A time in the last step, with the impulses and the work from the beginning of the step to that time.
     pub(super) acted: (f64, Integrals),
 }
 
@@ -102,7 +104,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         Self { mode, method, watch, control, over: false, parts, reached, acted, located }
     }
 
-    /// Whether the mode, or the run, has ended.
+    /// Whether the contact mode, or the run, has ended.
     pub fn is_over(&self) -> bool {
         self.over || self.located.is_done()
     }
@@ -192,7 +194,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// Evaluates the monitors of the mode at a time within the last step.
+    /// Evaluates the monitors of the contact mode at a time within the last step.
     pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
@@ -257,7 +259,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             slope = values[index].rate.unwrap_or(slope);
             let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
-            // Stop the refinement for a monitor that does not fall, or whose root is far off.
+            // Stop the refinement if the monitor does not fall, or if its root is far from the present event time.
             let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
             let stalls = attempt >= REFINEMENTS && change.abs() > (1.0 - TAKEN_OFF) * last;
             if slope >= 0.0 || !is_near(change, t) || settled || stalls {

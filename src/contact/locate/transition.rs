@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 pub struct Transition {
     /// The state at the end of the arc, before impulses and projections.
     pub before: State,
-    /// The contact mode of the arc.
+    /// The contact mode of the arc that ended.
     pub mode: Vec<Status>,
     /// The event that ended the arc; `None` at the start of a run, and at a breakpoint in time.
     pub ending: Option<Ending>,

@@ -16,11 +16,12 @@ enum Record {
     Arc {
         step: Box<StoredStep>,
         mode: Rc<ModeSetting>,
-        /// Absolute values of the terms of the derivatives that are followed with the run, one per state.
+        /// Absolute values of the terms of the derivatives in the one direction that is computed along the forward
+        /// run, one per state.
         terms: Vec<f64>,
     },
-    /// A transition with the map `(A, C)` of its derivatives, and the derivatives of the increment of an integral at
-    /// it.
+    /// A transition at the end of an arc, with the map `(A, C)` of the derivatives across it, and the derivatives of
+    /// the increment that an integral has at the transition.
     Passage { map: DMatrix<f64>, gained: Option<DVector<f64>> },
 }
 
@@ -72,7 +73,8 @@ impl Directions {
 }
 
 impl Adjoint {
-    /// Begins at the start of a run of `problem`, before the derivatives that are followed with the run.
+    /// Begins the adjoint at the start of a run of `problem`, before the derivatives in one direction that are
+    /// computed along the run.
     ///
     /// # Errors
     /// The reason why there is no derivative from the start on.
@@ -100,13 +102,14 @@ impl Adjoint {
         self.bytes
     }
 
-    /// Sets the mode to that of a smooth phase that begins.
+    /// Sets the contact mode to that of a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
         self.basis.adopt_mode(phase);
         self.mode = Rc::new(phase.watch.setting());
     }
 
-    /// Stores the last step of a phase; `tangents` have followed the step in one direction.
+    /// Stores the last step of a phase; `tangents` are the derivatives in one direction, already computed over that
+    /// step.
     ///
     /// # Errors
     /// The reason why there is no derivative from the end of the step on.
@@ -127,7 +130,8 @@ impl Adjoint {
             self.basis.instant = None;
             self.basis.now.copy_from(&self.identity);
         } else if let Some(last) = self.records.iter_mut().rev().find_map(Record::terms_mut) {
-            // A further transition at the end of the last stored arc: only its terms are recorded with the arc.
+            // A further transition at the end of the last stored arc: record its terms with the arc. No step precedes
+            // it.
             last.iter_mut().zip(tangents.terms.iter()).for_each(|(last, terms)| *last = last.max(*terms));
         }
         let jumped = self.basis.pass_end(phase)?;
@@ -171,7 +175,7 @@ impl Adjoint {
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
     ) -> Result<Swept, NoDerivative> {
         let mut swept = Swept::default();
-        // The adjoint states after the transition at the end of an arc.
+        // The adjoint states (derivatives of the number) behind the transition at the end of an arc.
         let mut behind: Option<DVector<f64>> = None;
         let mut states = DVector::from_column_slice(by_states);
         let mut gradient = DVector::from_column_slice(by_directions);
@@ -203,7 +207,7 @@ impl Adjoint {
         Ok(swept)
     }
 
-    /// Carries a row of derivatives backwards over one step.
+    /// Carries the row of derivatives of the number with respect to the states backwards over one step.
     fn step_back(
         &mut self,
         stored: &StoredStep,

@@ -53,8 +53,8 @@ pub(super) struct Crossed {
 }
 
 impl Crossed {
-    /// Evaluates the monitor of an ending at a state with velocities and accelerations `rates`; the derivatives of
-    /// the states are `now`, and the largest so far along the run are `largest`.
+    /// Evaluates the monitor of the event `ending` at a state with velocities and accelerations `rates`; `now` are
+    /// the derivatives of the states, and `largest` the largest derivatives so far along the run.
     pub fn at(
         ending: Ending,
         equations: &ModeEquations,
@@ -91,7 +91,7 @@ impl Crossed {
         let own = gradient.columns(2 * columns.coordinates, columns.directions);
         let by_state = gradient.columns(0, 2 * columns.coordinates);
         let terms = by_state.iter().zip(rates).map(|(by, rate)| (by * rate).abs()).sum::<f64>() + time.abs();
-        // Terms that cancel leave rounding errors of the largest derivatives so far.
+        // Where terms cancel, rounding errors of the size of the largest derivatives so far remain.
         let sizes = by_state.abs() * (now.abs() + largest * CANCELLED) + own.abs();
         Self {
             rate: by_state.iter().zip(rates).map(|(by, rate)| by * rate).sum::<f64>() + time,
@@ -101,7 +101,8 @@ impl Crossed {
         }
     }
 
-    /// Moves the monitor to a time `ahead`, given the rates of change of its rate and of its derivatives.
+    /// Extrapolates the monitor to a time `ahead` of the present one, given the rates of change of its rate and of
+    /// its derivatives.
     pub fn move_to(&mut self, ahead: f64, of_rate: f64, of_slopes: &RowDVector<f64>) {
         self.rate += ahead * of_rate;
         self.slopes += of_slopes * ahead;
@@ -114,7 +115,8 @@ impl Crossed {
         if is_crossed { Ok(times) } else { Err(NoDerivative::Grazing) }
     }
 
-    /// Whether the monitor stays zero if the event time changes by `times`.
+    /// Whether the monitor remains zero to first order if the event time changes by `times`, one change per
+    /// direction.
     pub fn agrees(&self, times: &RowDVector<f64>, tolerance: f64) -> bool {
         (0..times.len()).all(|p| {
             let moved = self.rate * times[p];
@@ -123,7 +125,7 @@ impl Crossed {
     }
 }
 
-/// Returns the kind of contact event of an ending.
+/// Returns the kind of contact event (impact, lift-off, slip or stick) that belongs to the end of a contact mode.
 pub(super) fn kind(ending: Ending) -> EventKind {
     match ending {
         Ending::Impact(_) => EventKind::Impact,
@@ -133,14 +135,14 @@ pub(super) fn kind(ending: Ending) -> EventKind {
     }
 }
 
-/// Returns the contact of an ending.
+/// Returns the contact whose event ends a contact mode.
 pub(super) fn contact(ending: Ending) -> usize {
     match ending {
         Ending::Impact(k) | Ending::Detachment(k) | Ending::StickToSlip(k, _) | Ending::SlipToStick(k) => k,
     }
 }
 
-/// Returns the ending that takes a contact from one status to another; `None` if no monitor does.
+/// Returns the event that takes contact `k` from one status to another; `None` if no monitor indicates such an event.
 pub(super) fn between(structure: &MechanicalStructure, k: usize, from: Status, to: Status) -> Option<Ending> {
     match (from, to) {
         (Status::Open, Status::Open)

@@ -68,7 +68,8 @@ impl Tangents {
         Ok(Some(times))
     }
 
-    /// Whether the force that an ending monitors is off its bound at the last evaluation, by more than rounding.
+    /// Whether the force whose monitor belongs to the event `ending` is off its bound at the last evaluation, by more
+    /// than rounding.
     fn has_slack(&self, ending: Ending) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));

@@ -31,7 +31,8 @@ pub(super) struct Moved {
     pub times: DMatrix<f64>,
 }
 
-/// One blow of an impact: instantaneous impulses at one or several contacts.
+/// One blow of an impact: impulses that act at the same instant at one or several contacts. Sequential impacts have
+/// several blows.
 pub(super) struct Blow<'a> {
     /// The impulses of all contacts in the blow.
     pub r: &'a [Vector3<f64>],
@@ -64,21 +65,21 @@ pub(super) fn pass(
     let after = strike(&mass, &constraints, structure, v, &mut impulses).ok_or(singular)?;
     let change: Vec<f64> = after.iter().zip(v.iter()).map(|(after, before)| after - before).collect();
 
-    // The derivatives of M (v+ - v-) - J^T r at fixed velocities and impulses: forces contribute equally to `with`
-    // and `at_rest`.
+    // The derivatives of `M (v+ - v-) - J^T r` at fixed velocities and impulses are those of `with` less those of
+    // `at_rest`, without impulses, since the forces contribute equally to both.
     let none = (vec![0.0; n], vec![0.0; rows]);
     let place = |v, a, lambda| Place { t, q, v, a, lambda };
     let with = Terms::at(problem, structure, place(&after, &change, &impulses), directions);
     let without = Terms::at(problem, structure, place(v, &none.0, &none.1), directions);
     let at_rest = Terms::at(problem, structure, place(&after, &none.0, &none.1), directions);
-    // Subtracting `at_rest` cancels the part of the forces that depends on velocities.
+    // Forces depend on velocities, so `at_rest` has the velocities after the blow, as `with` has.
     let balance = &with.balance - &at_rest.balance;
     let total = |of: &DMatrix<f64>, row: usize, coordinate: usize| {
         let mut sum = of.view((row, 0), (1, n)) * &moved.q + of.view((row, 2 * n), (1, p));
         sum += moved.times.row(coordinate) * of[(row, columns.time())];
         sum
     };
-    // A row of `J` belongs to the island of its coordinates.
+    // A row of `J` moves with the event time of the island of its coordinates.
     let coordinate = |row: usize| {
         let gradient = constraints.row(row);
         (0..n).max_by(|&i, &j| gradient[i].abs().total_cmp(&gradient[j].abs())).unwrap_or(0)
@@ -138,7 +139,7 @@ pub(super) fn pass(
             .fold(0.0, f64::max);
         let is_slipping = u.norm() > BORDER * changed + rounding;
         let slack = bound - r.norm();
-        // The impulses of a weak blow have rounding errors that follow from those of fast slips.
+        // The impulses of a weak blow have rounding errors that come from the rounding errors of fast slips.
         let is_inside = slack > BORDER * bound
             && slack * impulse_response(&mass, &constraints, structure.tangents(k)).ok_or(singular)? > rounding;
         if is_inside == is_slipping {

@@ -35,8 +35,8 @@ impl Columns {
     }
 }
 
-/// A point of a motion in state space, with accelerations and multipliers of all rows of `J`; at an impact, changes
-/// of velocities and impulses take their places.
+/// A point of a motion in state space, with accelerations and multipliers of all rows of `J`; at an impact, `a` and
+/// `lambda` are the changes of velocities and the impulses instead.
 #[derive(Clone, Copy)]
 pub(super) struct Place<'a> {
     pub t: f64,

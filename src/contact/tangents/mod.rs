@@ -43,15 +43,17 @@ use transition::Instant;
 /// A jump of the accelerations below this fraction of their terms counts as zero.
 const CONTINUOUS: f64 = 1e-9;
 
-/// Writes the derivatives of the terms of motion with respect to each direction at `t` and `(q, v, a, lambda)`: of the
-/// balance `M a - f - J^T lambda`, of `u'`, of `u`, and of the values of joints and gaps, one row each.
+/// Writes the derivatives of the terms of the equations of motion with respect to each direction (a parameter) at `t`
+/// and `(q, v, a, lambda)`: of the balance `M a - f - J^T lambda`, of the contact and joint accelerations `u'`, of
+/// the velocities `u`, and of the values of joints and gaps, one row each.
 pub type TermsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
 /// The directions of differentiation, one per column.
 pub struct Directions {
     /// The derivatives of the initial `q` and `v`.
     pub initial: DMatrix<f64>,
-    /// Writes the derivatives of the terms of motion.
+    /// Writes the derivatives of the terms of the equations of motion (balance of forces, accelerations and
+    /// velocities of contacts and joints, their values) with respect to the directions.
     pub terms: TermsBy,
     /// The derivatives of the coefficients of friction, one contact per row.
     pub mu: DMatrix<f64>,
@@ -173,8 +175,8 @@ impl Tangents {
         Ok(tangents)
     }
 
-    /// Sets the mode to that of a smooth phase that begins, and bounds its first step by the slopes of the
-    /// derivatives.
+    /// Sets the contact mode to that of a smooth phase that begins, and bounds the first step of the phase by the
+    /// slopes of the derivatives.
     pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.adopt_mode(phase);
         let Some(radau) = &mut phase.method else { return };
@@ -190,7 +192,8 @@ impl Tangents {
         self.arc = None;
     }
 
-    /// Follows the last step of a phase, and returns the jump at its end, if its arc ended there.
+    /// Updates the derivatives over the last step of a phase, and returns the jump of the states at its end, if a
+    /// smooth arc ended there.
     ///
     /// # Errors
     /// The reason why there is no derivative from the end of the step on.
@@ -211,8 +214,8 @@ impl Tangents {
         self.pass_end(phase)
     }
 
-    /// Continues the derivatives across the end of the last step of a phase, and returns the jump at the end, if its
-    /// arc ended there.
+    /// Continues the derivatives across the end of the last step of a phase, and returns the jump of the states
+    /// there, if a smooth arc ended there.
     fn pass_end(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
         let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;

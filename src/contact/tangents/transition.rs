@@ -17,7 +17,7 @@ const ALIKE: f64 = 1e-6;
 const OFF: f64 = 1e3;
 const MOST_OFF: f64 = 0.1;
 
-/// A monitor is on its bound if its value is below this fraction of the size of its terms.
+/// A monitor counts as zero if its value is below this fraction of the size of its terms.
 pub(super) const ON_BOUND: f64 = 1e-6;
 
 /// Sets of coordinates that one event moves together: bodies coupled by masses, joints, or contacts with an impulse.
@@ -70,15 +70,15 @@ pub(super) struct Instant {
 /// rounding is a sizeable fraction of the flight, and of the derivatives divided by its length.
 #[derive(Clone, Copy, Debug, Default)]
 struct Root {
-    /// The time from the impact to the root of the gap before it.
+    /// The time from the located impact to the root of the gap on the arc before the impact.
     ahead: f64,
     /// The contact whose gap closes.
     contact: Option<usize>,
 }
 
 impl Root {
-    /// Returns the time from the root of the gap after the impact to the impact, at the last evaluation with
-    /// velocities `v`.
+    /// Returns the gap divided by its velocity at the last evaluation, with velocities `v` after the impact: the time
+    /// since the root of the gap on the arc after the impact. Zero if the contact does not open.
     fn since(&self, equations: &ModeEquations, v: &[f64]) -> f64 {
         let Some(k) = self.contact.filter(|&k| equations.mode()[k] == Status::Open) else { return 0.0 };
         let (structure, constraints) = (equations.shape(), equations.constraints());
@@ -89,7 +89,7 @@ impl Root {
 }
 
 impl Tangents {
-    /// Rejects a start with an immediate impact, in directions that lead off the contacts struck.
+    /// Rejects a run that begins with an impact if a direction changes the gap of a contact struck at the start.
     pub(super) fn check_start(
         &mut self,
         located: &EventDriven<'_>,
@@ -184,8 +184,8 @@ impl Tangents {
         Ok(moved.times)
     }
 
-    /// Computes the derivatives of the times of the events that end an arc, for each coordinate; records them, and
-    /// returns the roots of gaps.
+    /// Computes the derivatives of the times of the events that end a smooth arc, for each coordinate; records them,
+    /// and returns the roots of the gaps that close.
     fn find_times(
         &mut self,
         ending: Ending,
@@ -229,7 +229,7 @@ impl Tangents {
             }
         }
         let mut found: Vec<(usize, RowDVector<f64>)> = Vec::new();
-        // A transition that follows an event immediately happens at the time of that event, along all directions.
+        // A transition that immediately follows an earlier event has the time of that event, along all directions.
         let mut followed: Vec<usize> = Vec::new();
         for (i, &island) in islands.of.iter().enumerate() {
             if let Some(instant) = self.instant.as_ref().filter(|instant| instant.happened[i])
@@ -300,8 +300,8 @@ impl Tangents {
         Ok(roots)
     }
 
-    /// Whether the monitor of an ending is zero at the last evaluation; for an impact, whether the gap has a nonzero
-    /// velocity.
+    /// Whether the monitor of the event `ending` is zero at the last evaluation; for an impact, whether the gap
+    /// closes with a nonzero velocity.
     fn is_on_bound(&self, ending: Ending, v: &[f64]) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));
@@ -341,8 +341,8 @@ impl Tangents {
             impact::pass(problem, &structure, (t, q, v), &blow, &mut self.directions, moved)?;
         }
         let size = impact.contacted.r.iter().map(Vector3::norm).fold(0.0, f64::max);
-        // The impulses that the sequential strikes leave to the simultaneous law are rounding errors, unless the
-        // strikes reached their limit.
+        // The impulses that remain after the sequential strikes are rounding errors, unless the number of strikes
+        // reached its limit: the simultaneous impact law then applies the remaining impulses.
         let is_rest = |r: &Vector3<f64>| r.norm() > ON_BOUND * size;
         if impact.strikes.is_empty() || rest.iter().any(is_rest) {
             let blow = Blow { r: &rest, rebounds: impact.rebounds };
@@ -375,9 +375,11 @@ impl Tangents {
         let place = Place { t: *t, q, v, a: &a, lambda: &lambda };
         let terms = Terms::at(self.equations.problem(), &structure, place, &mut self.directions);
         let tolerance = ALIKE.max(OFF * located.radau.rtol).min(MOST_OFF);
-        // The scale of terms that may cancel: derivatives before and after, and the shift by the time of the event.
+        // The scale for terms that may cancel: the derivatives before and after, and their shift by the change of the
+        // event time.
         let mut size = self.now.abs() + before.abs();
-        // Forces that balance each other leave rounding errors of the largest derivative, in units of the tolerances.
+        // Forces that balance each other leave rounding errors of the size of the largest derivative, in units of the
+        // tolerances.
         let atol = &located.radau.atol[..2 * n];
         for (mut size, largest) in size.column_iter_mut().zip(self.largest.column_iter()) {
             let parts = largest.iter().zip(atol).filter(|(_, atol)| **atol > 0.0).map(|(largest, atol)| largest / atol);

@@ -96,7 +96,8 @@ impl VelocityStep<'_> {
             let (phi, gaps) = self.constraints.values.split_at(joints);
             let is_low = |k: usize| gaps[k] < -OFF * self.sizes[joints + k];
             low.extend((0..contacts).filter(|&k| is_low(k) && !low.contains(&k)).collect::<Vec<_>>());
-            // Give up on a state without a solution after a few iterations; the next step starts from it.
+            // Give up the projection after a few iterations if the state seems to admit none; the next step starts
+            // from this state.
             let lost = ContactError::Singular { t: state.t };
             if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {
                 return Ok(());

@@ -8,8 +8,8 @@ use nalgebra::{Vector2, Vector3};
 use problem::Control;
 use vi::Outcome;
 
-/// The contact velocities that a step ends with if no impulse acts, and those at its beginning; with gaps and
-/// restitution.
+/// Data of the contacts for the contact law: the velocities `without` contact impulses at the end of a step, the
+/// velocities `before` the step, gaps and restitution.
 pub(super) struct Motion<'a> {
     pub without: &'a [Vector3<f64>],
     pub before: &'a [Vector3<f64>],
@@ -44,7 +44,8 @@ impl VelocityStep<'_> {
         contacts.iter().zip(u).map(coefficient).collect()
     }
 
-    /// Applies the contact law with the coefficients of friction at the end of the step, and stores these in `scene`.
+    /// Applies the contact law with the coefficients of friction at the end of the step, and stores these
+    /// coefficients in `scene`, the active contacts.
     pub(super) fn law_of_contact(
         &mut self,
         state: &State,

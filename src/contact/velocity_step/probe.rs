@@ -120,7 +120,7 @@ impl VelocityStep<'_> {
         let (now, v) = loop {
             h = Breaks::new(state.t).part_before(self.problem, state.t, h.max(ticks));
             let free = match self.free_motion(state, h) {
-                // A shorter probe fell short, but forces may be undefined at the end of a longer one: bisect the
+                // A shorter probe was too short, but forces may be undefined at the end of a longer one: bisect the
                 // length.
                 Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
                 free => Some(free?),
@@ -213,7 +213,8 @@ impl VelocityStep<'_> {
         control: &Control,
     ) -> Result<Option<Vec<Probed>>, ContactError> {
         let lost = ContactError::Singular { t: state.t };
-        // Forces may change the velocities of both bodies of a contact alike, as at rest in a stack.
+        // The normal velocity of a contact at rest may be unchanged although forces change the velocities of both its
+        // bodies, as in a stack: compare with the changes of the velocities of both.
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let rounding_of_row = |row: usize| ROUNDING * now.terms(row, reached);
         let parts = |&k: &usize| {

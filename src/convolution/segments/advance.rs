@@ -21,8 +21,8 @@ const FORGET: f64 = 0.9;
 const SAFETY: f64 = 0.9;
 const LEAST: f64 = 0.1;
 const MOST: f64 = 2.5;
-/// Growth factor of successive elements on which no active set holds: eight of them lead from the resolution of time
-/// to `TINY`. A smaller factor would make more such elements, a larger one longer ones than necessary.
+/// Growth factor of successive elements on which no active set is consistent: eight of them lead from the resolution
+/// of time to `TINY`. A smaller factor would make more such elements, a larger one longer ones than necessary.
 const LONGER: f64 = 8.0;
 /// Largest number of successive rejections of an element: each at least halves the element, and doubles have 52
 /// binary digits.
@@ -39,12 +39,14 @@ type Change = (usize, Activity);
 /// Data of the attempts at one element.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The proposed length of the element, and the first number after the break at its end, if it ends at one.
+    /// The proposed length of the element; and the first floating-point number after the break (kink or jump of the
+    /// data) at its end, if it ends at one.
     h: f64,
     broken: Option<f64>,
-    /// Whether no active set holds on the element, which is accepted without checks.
+    /// Whether no active set is consistent on the element, which is then accepted without checks.
     is_unclear: bool,
-    /// The number of successive rejections, and of those because the element was not proven free of switches.
+    /// The number of successive rejections of the element, and the number of those after which it was shortened
+    /// because it was not proven free of switches.
     rejected: u32,
     shortened: u32,
     /// The number of times that the present trial element was screened.
@@ -197,8 +199,8 @@ impl Segments<'_> {
         h <= TINY * self.usual || h <= self.resolution(h)
     }
 
-    /// Changes the active set at a break if a monitor is zero at the break within the tolerances: behind the break
-    /// the monitor may change its sign too slowly to be located.
+    /// Changes the active set at a break (kink or jump of the data) if a monitor is zero there within the tolerances:
+    /// behind the break the monitor may change its sign too slowly to be located.
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
             for to in [Activity::AtLower, Activity::Inactive, Activity::AtUpper] {
@@ -243,7 +245,8 @@ impl Segments<'_> {
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
         let end = if h >= self.end - self.t { self.end } else { self.t + h };
-        // Changes of the active set by rounding next to a switch are not reported.
+        // Changes of the active set on tiny elements, or on those without a consistent active set, come from rounding
+        // next to a switch, and are not reported.
         let is_brief = is_kink || h <= TINY * self.usual;
         if !is_brief {
             let t = self.brief.take().unwrap_or(self.t);

@@ -32,8 +32,8 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// Prepares the kernel of a function before its integrations; returns `None` for the identity. `beta` is the
-    /// exponent of singular basis functions behind switches.
+    /// Prepares a scalar kernel, without the repeated integrations that `function` may ask for; returns `None` for
+    /// the identity. `beta` is the exponent of the singular basis functions behind switches.
     pub fn new(function: &Function, beta: f64) -> Option<Self> {
         if function.factor.is_none() && function.exponent == 0.0 {
             return None;
@@ -90,7 +90,8 @@ impl Lag {
         let whole = if shape.is_singular() { 0.5 * theta } else { theta };
         self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
         if shape.is_singular() {
-            // Only singular functions need the split into two parts; one rule for each part serves all functions.
+            // Only the singular basis functions need the split of the element into two parts; one rule for each part
+            // serves all functions.
             self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
         }
         Ok(())

@@ -31,13 +31,14 @@ impl Segments<'_> {
     /// Locates the first change of sign of a monitor in an element.
     pub(super) fn locate_switch(&mut self, trial: Trial, violation: Violation) -> Result<LocatedSwitch, StepError> {
         let mut lost = violation;
-        // The shortest element whose monitor is negative at its end, and the value of the monitor.
+        // The length of the shortest element found so far whose monitor is negative at its end, and the value of the
+        // monitor.
         let mut behind = (violation.theta * trial.h, violation.value);
-        // The longest element whose monitor is positive at its end, and the bracket from its end to that of the
-        // shortest element with a negative monitor.
+        // The longest element found so far whose monitor is positive at its end, and the bracket of the switch: from
+        // the end of this element to that of the shortest element with a negative monitor.
         let mut before: Option<(Trial, Bracket)> = None;
-        // Whether an element that ends at the upper end of the bracket has a negative monitor there: a longer element,
-        // across a kink of a force, may be wrong before the kink as well.
+        // Whether an element that ends at the upper end of the bracket, and not beyond it, has a negative monitor
+        // there: an element across a kink of a force may be wrong before the kink as well.
         let mut confirmed = violation.theta == 1.0;
         for _ in 0..GUESSES {
             let high = behind.0;
@@ -64,7 +65,7 @@ impl Segments<'_> {
             let found = match made.violation {
                 // A monitor that is negative by less than the tolerance has changed its sign nevertheless.
                 None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
-                // The shorter element shows no switch.
+                // The element that ends where the longer one was negative shows no switch: accept it.
                 None if !confirmed && guess == high => return Ok((Some(made), None)),
                 None => {
                     let mut bracket =

@@ -72,7 +72,8 @@ pub struct Switch {
     pub to: Activity,
 }
 
-/// A term of the kernel: its scalar function of the lag, the number of integrations, and its matrix.
+/// A term of the kernel: its scalar function of the lag (time difference), the number of integrations of that
+/// function, and the matrix that it multiplies.
 struct Part {
     lag: Option<Lag>,
     level: usize,
@@ -99,20 +100,22 @@ pub struct Segments<'p> {
     tolerance: f64,
     is_first: bool,
     places: Vec<Activity>,
-    /// The activities of the variables on the last element, `None` before the first element.
+    /// The activities of the variables on the last element on which switches are reported, neither tiny nor without a
+    /// consistent active set; `None` before the first.
     told: Option<Vec<Activity>>,
-    /// The number of changes of the active set since the last element.
+    /// The number of changes of the active set since the last element was accepted.
     flips: usize,
     /// The number of successive tiny elements.
     kinks: u32,
-    /// The length of the last element if it had no valid active set, zero otherwise; and whether the next element is
-    /// made without a valid active set.
+    /// The length of the last element if no active set was consistent on it, zero otherwise; and whether the next
+    /// element is made without a consistent active set.
     unclear: (f64, bool),
-    /// The time at the beginning of the current series of elements on which switches are not reported, if the last
-    /// element was one of them.
+    /// The time at the beginning of the present series of elements on which switches are not reported (tiny ones, and
+    /// those without a consistent active set); `None` if the last element was none of them.
     brief: Option<f64>,
     size: Vec<f64>,
-    /// The repeated integrals of the variables up to the current time, once, twice, .., by their polynomials.
+    /// The integrals of the variables up to the current time, repeated once, twice, and so on, from their
+    /// polynomials.
     integrals: Vec<Vec<f64>>,
     /// The integral of the variables up to the current time.
     integral: Vec<f64>,

@@ -8,7 +8,7 @@ use crate::stepper::StepError;
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
-/// An element of the solution, with the number of its predecessors.
+/// Data of the element at which a convolution is evaluated, with the number of elements before it.
 pub(super) struct Here<'a> {
     /// The number of earlier elements.
     pub before: usize,
@@ -16,7 +16,8 @@ pub(super) struct Here<'a> {
     /// The time at the beginning of the element, and its length.
     pub start: f64,
     pub h: f64,
-    /// The coefficients of the variables and of their integrals, a row for each basis function.
+    /// The coefficients of the variables and of their repeated integrals, one matrix for each number of integrations;
+    /// a row for each basis function.
     pub levels: &'a [DMatrix<f64>],
 }
 
@@ -90,7 +91,7 @@ impl Segments<'_> {
         combine(&element.coefficients[0], &row, z);
     }
 
-    /// Returns the mean over time of the distance of each variable from that of another run.
+    /// Returns, for each variable, the mean over time of the absolute difference between this run and another one.
     pub fn mean_distance(&self, other: &Self) -> Vec<f64> {
         let m = self.places.len();
         let (mut own, mut others, mut sums) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);

@@ -33,7 +33,7 @@ pub struct Element {
     pub coefficients: Vec<DMatrix<f64>>,
     /// The integral of the variables up to the beginning of the element.
     pub integral: Vec<f64>,
-    /// The index of the first point charge of the element.
+    /// The index of the first point charge (value times quadrature weight) of the element.
     charge: usize,
 }
 
@@ -57,7 +57,7 @@ pub struct Past {
     pub elements: Vec<Element>,
     rules: Vec<Rule>,
     times: Vec<f64>,
-    /// The point charges of the variables and of their integrals.
+    /// The point charges (values times quadrature weights) of the variables and of their integrals.
     charges: Vec<Vec<f64>>,
     /// Bounds on the absolute values of the variables and of their integrals.
     pub largest: Vec<Vec<f64>>,

@@ -25,14 +25,15 @@ pub enum Screened {
     Proven,
     /// A monitor is negative between the nodes.
     Violated(Violation),
-    /// The function `q` or a bound varies between the nodes by more than its values at the nodes show.
+    /// The function `q` of the inequality, or a bound, varies between the nodes by more than its values at the nodes
+    /// show.
     Unresolved,
     /// Changes of sign are neither excluded nor seen.
     Open,
 }
 
-/// A quantity not yet proven on a part of a panel: its index, the coefficients of its function `F`, and their
-/// remainder.
+/// A quantity `+-(F + s)`, with a function `F` of the element, that is not yet proven positive on a part of a panel:
+/// its index, the Bernstein coefficients of `F`, and their remainder.
 #[derive(Clone)]
 struct Unproven {
     place: usize,
@@ -40,17 +41,18 @@ struct Unproven {
     remainder: Remainder,
 }
 
-/// A part of a panel, with the quantities that are not yet proven on it.
+/// A part of a panel of the element, with the quantities that are not yet proven positive on it.
 struct Stretch {
     panel: Panel,
     left: Vec<Unproven>,
 }
 
-/// Findings at the middle of a part of a panel with unproven quantities.
+/// What the values at the middle of a part of a panel show of the quantities that are not yet proven positive.
 #[derive(Default)]
 struct Seen {
     violation: Option<Violation>,
-    /// Whether `q` or a bound differs, at the middle, from the interpolant through its values at the nodes.
+    /// Whether the function `q` of the inequality, or a bound, differs at the middle from the interpolant through its
+    /// values at the nodes.
     is_unresolved: bool,
     /// Whether remainders prevent a proof: polynomials on shorter panels may have smaller ones.
     needs_more: bool,
@@ -98,7 +100,7 @@ impl Segments<'_> {
         })
     }
 
-    /// Whether the function of a screened quantity is a polynomial on the element.
+    /// Whether the function `F` of a screened quantity `+-(F + s)` is a polynomial on the element.
     fn is_polynomial(&self, trial: &Trial, watched: &Watched) -> bool {
         watched.function != Function::Memory && !self.shapes[trial.shape].is_singular()
     }
@@ -244,7 +246,7 @@ impl Segments<'_> {
             let Some((range, slope)) = ranges.next() else { return true };
             let watched = &watched[*place];
             let sign = Interval::point(watched.sign);
-            // Above `proven` the quantity is positive, below `lost` it is negative.
+            // A quantity is positive above the value `proven`, and negative below `lost`.
             let zero = -watched.limit - remainder.of_rounding;
             let (proven, lost) = (zero + remainder.of_interpolation, zero - remainder.of_interpolation);
             let whole = sign * (bernstein::range(coefficients) + range);

@@ -14,12 +14,13 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 struct Known {
     lower: DMatrix<f64>,
     upper: DMatrix<f64>,
-    /// The forcing `q` plus the contribution of the past, and the magnitudes of the terms of this sum.
+    /// The function `q` of the inequality plus the convolution with the variables on earlier elements, and the
+    /// magnitudes of the terms of this sum.
     source: DMatrix<f64>,
     size: DMatrix<f64>,
-    /// The forcing `q` alone.
+    /// The function `q` of the inequality alone.
     forcing: DMatrix<f64>,
-    /// The integrals of each term of the kernel against the functions of the element.
+    /// The integrals of each term of the kernel against the basis functions of the element.
     weights: Vec<DMatrix<f64>>,
 }
 
@@ -141,8 +142,8 @@ impl Segments<'_> {
         let mut levels = vec![coefficients];
         for before in &self.integrals {
             let mut integrated = &integral * &levels[levels.len() - 1];
-            // The first basis function is constant: its coefficient takes the integral up to the beginning of the
-            // element.
+            // The integral up to the beginning of the element is added to the coefficient of the first basis
+            // function, which is constant.
             before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
             levels.push(integrated);
         }
@@ -214,12 +215,14 @@ impl Segments<'_> {
         let integral = shape.antiderivative(size) * h;
         let mut w = known.source.clone();
         let mut terms = known.size.clone();
-        // The operator of the kernel at the nodes, a block for each row and column of its matrix.
+        // The convolution with the kernel as an operator from coefficients to values at the nodes, with a block for
+        // each row and column of the matrix of the kernel.
         let mut blocks: Vec<Option<DMatrix<f64>>> = vec![None; m * m];
         for (term, weights) in self.terms.iter().zip(&known.weights) {
             let weights = weights.columns(0, size);
             let mut power = DMatrix::identity(size, size);
-            // Integrals of the variables up to the element are multiples of the first function, which is constant.
+            // The integrals of the variables up to the beginning of the element are constants on the element, that
+            // is, multiples of the first basis function.
             let mut constants = DMatrix::zeros(size, m);
             for level in 1..=term.level {
                 constants = &integral * constants;
@@ -244,7 +247,8 @@ impl Segments<'_> {
                 Activity::AtLower | Activity::Fixed => &known.lower,
                 Activity::AtUpper => &known.upper,
             };
-            // A constant bound is a multiple of the first function, which is constant, without rounding errors.
+            // A constant bound is represented without rounding errors, as a multiple of the first basis function,
+            // which is constant.
             let last = bound[(shape.len() - 1, k)];
             let moved = bound.view((0, k), (size, 1)).add_scalar(-last);
             coefficients.set_column(k, &(inverse * &moved).column(0));
@@ -310,7 +314,8 @@ impl Segments<'_> {
         for k in (0..m).filter(|&k| self.places[k] != Activity::Inactive) {
             noise[k] = noise_of(&terms, k);
         }
-        // The first function is constant: its column contains the integrals of the kernel.
+        // The first basis function is constant, so the first column of a block contains the integrals of the kernel
+        // itself.
         let slack = DMatrix::from_fn(nodes, m, |i, row| {
             let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
             blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
@@ -366,6 +371,6 @@ struct Solved {
     w: DMatrix<f64>,
     rounding: Vec<f64>,
     noise: Vec<f64>,
-    /// The uncertainty of `w` at each node from errors of the variables within the tolerance.
+    /// The uncertainty of the inequality `w` at each node from errors of the variables within the tolerance.
     slack: DMatrix<f64>,
 }

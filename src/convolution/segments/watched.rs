@@ -48,7 +48,8 @@ pub(super) struct Watched {
     pub function: Function,
     pub sign: f64,
     pub beside: Beside,
-    /// The new activity of the variable if the quantity is negative; `None` if `q` or a bound is then not resolved.
+    /// The new activity of the variable if the quantity is negative; `None` if a negative value means that the
+    /// function `q` of the inequality or a bound is not resolved by its values at the nodes.
     pub to: Option<Activity>,
     /// The tolerance on the quantity, which must be at least `-limit`.
     pub limit: f64,

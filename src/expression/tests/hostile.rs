@@ -19,7 +19,7 @@ fn on_two_mebibytes(test: fn()) {
 fn nesting_of_200_is_read_and_of_201_refused() {
     on_two_mebibytes(|| {
         let nested = |opening: &str, depth: usize| format!("{}x{}", opening.repeat(depth), ")".repeat(depth));
-        // The last two openings also use a stack frame per operator.
+        // For the last two openings the parser also uses a stack frame for each operator `+` or `*`.
         for opening in ["(", "sin(", "max(1, ", "1+1*(", "1+1*sin("] {
             assert!(parse(&nested(opening, 200)).is_ok(), "{opening}");
             assert_eq!(parse(&nested(opening, 201)).unwrap_err().code, "too_deep", "{opening}");

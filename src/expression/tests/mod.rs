@@ -1,4 +1,4 @@
-//! Behaviour of the expression language as a whole.
+//! Tests of the expression language as a whole: parsing, evaluation and derivatives.
 
 mod enclosures;
 mod gradients;

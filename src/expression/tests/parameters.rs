@@ -70,7 +70,8 @@ fn an_evaluation_takes_no_more_operations_than_with_numbers() {
     assert_eq!((symbolic, folded), AT_ONE);
 }
 
-/// The number of operations of all texts and their derivatives: with parameters equal to 1, and with numbers 1.
+/// The number of operations in the programs of all test expressions and their derivatives: with parameters that have
+/// the value 1, and with the number 1 in place of each parameter.
 const AT_ONE: (usize, usize) = (162, 128);
 
 /// Returns the results of a program at a point, and their enclosures over a box around it.
@@ -140,7 +141,8 @@ proptest! {
 
 #[test]
 fn what_vanishes_at_the_values_given_has_slopes_all_the_same() {
-    // d/dp (x p q) = x q, although p is zero and x is not in the pattern; d/dr y^r = y^r ln y at r = 2.
+    // d/dp (x p q) = x q, although p is zero, so that the derivative with respect to x vanishes and is dropped; d/dr
+    // y^r = y^r ln y at r = 2.
     let (mut graph, nodes, by) = parsed("p*q*x + y^r", [0.0, 3.0, 2.0], false);
     assert_eq!(by, [2]);
     let gradient = graph.gradient_by_parameters(nodes[0]).unwrap();

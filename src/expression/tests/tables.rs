@@ -1,4 +1,4 @@
-//! Tables as functions of the language.
+//! Tests of tables, which are called as functions of the expression language.
 
 use super::{Graph, Node, evaluate, space};
 use crate::{Breaks, Interpolation, IntervalWorkspace, Kinks, Table, TableError, Tape};

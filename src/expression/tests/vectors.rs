@@ -1,4 +1,4 @@
-//! Elements of vectors and sums.
+//! Tests of the elements of vectors and of sums over indices.
 
 use super::*;
 

@@ -11,13 +11,15 @@ use super::{Element, Law, NormalTree};
 /// voltage and the current of the element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Port {
-    /// A diode in the tree: `z = forward - v >= 0`, `G = i`.
+    /// A diode in the normal tree: `z = forward - v >= 0`, `G = i`.
     Blocking(usize),
-    /// A diode that is a link, or the forward part of a zener that is a link: `z = i >= 0`, `G = forward - v`.
+    /// A diode that is a link (outside the normal tree), or the forward direction of a zener diode that is a link: `z
+    /// = i >= 0`, `G = forward - v`.
     Conducting(usize),
-    /// The breakdown part of a zener that is a link: `z = -i >= 0`, `G = breakdown + v`.
+    /// The breakdown direction of a zener diode that is a link (outside the normal tree): `z = -i >= 0`, `G =
+    /// breakdown + v`.
     BreakingDown(usize),
-    /// A zener in the tree or a switch: `z = v` in an interval, `G = -i`.
+    /// A zener diode in the normal tree, or a switch: `z = v` in an interval, `G = -i`.
     Voltage(usize),
     /// A dependent source: `z` is its voltage or current, and `G` is given by its [`Dependent`](super::Dependent)
     /// law.
@@ -36,11 +38,11 @@ impl Port {
 /// The columns of the linear forms of a circuit, in order.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// The elements whose voltage or current is a state: capacitors in the tree and inductors that are links.
+    /// The elements whose voltage or current is a state: capacitors in the normal tree, and inductors outside it.
     pub states: Vec<usize>,
     /// The sources whose integral is a state, if no element stores energy.
     pub integrals: Vec<usize>,
-    /// The ports whose variables `z` are columns.
+    /// The ports of the reduced circuit, whose variables `z` are columns.
     pub ports: Vec<Port>,
     elements: usize,
 }
@@ -50,7 +52,7 @@ pub struct Columns {
 pub enum Column {
     /// A state or a variable, by its index in `(x, z)`.
     Unknown(usize),
-    /// The constant 1.
+    /// The constant 1, by which constant terms of a form are multiplied.
     One,
     /// The value of the source whose element has this index.
     Source(usize),

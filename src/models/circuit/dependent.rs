@@ -26,9 +26,9 @@ pub enum DependentLaw {
     Amplifies(Node),
     /// A comparator with hysteresis.
     Remembers {
-        /// The input `u`, compared with zero.
+        /// The input `u` of the comparator, which compares it with zero.
         u: Node,
-        /// Half the width `h` of the hysteresis, nonnegative.
+        /// Half the width `h` of the comparator's hysteresis, nonnegative.
         h: Node,
         /// The output `w` at the initial time: -1 (lower limit) or 1 (upper limit).
         begin: f64,

@@ -17,7 +17,7 @@ pub enum Fault {
     /// A discontinuous source in a loop with capacitors alone or in a cut set with inductors alone: the capacitor
     /// current or the inductor voltage is an impulse.
     Impulse {
-        /// The index of the source.
+        /// The index of the discontinuous source.
         source: usize,
         /// The index of the capacitor or inductor whose current or voltage contains the derivative of the source.
         element: usize,
@@ -27,7 +27,7 @@ pub enum Fault {
     Derivative(usize),
     /// An initial voltage or current given by the user violates Kirchhoff's laws.
     InconsistentStart {
-        /// The index of the capacitor or inductor.
+        /// The index of the capacitor or inductor to which the initial value was given.
         element: usize,
         /// The initial voltage or current given by the user.
         given: f64,

@@ -9,7 +9,7 @@ use std::ops::{Add, Div, Mul, Neg};
 /// A coefficient of a linear form and its directional derivative (dual number).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coefficient {
-    /// The value of the coefficient.
+    /// The value of the coefficient of the linear form.
     pub value: f64,
     /// The derivative of the coefficient along the chosen direction in the space of element values.
     pub slope: f64,
@@ -79,14 +79,14 @@ impl Form {
         other.coefficients.iter().for_each(|(&k, &c)| self.add_term(k, factor * c));
     }
 
-    /// Returns `factor` times this form.
+    /// Returns `factor` times this linear form.
     pub fn times(&self, factor: impl Into<Coefficient>) -> Self {
         let factor = factor.into();
         let coefficients = self.coefficients.iter().map(|(&k, &c)| (k, factor * c)).collect();
         Self { coefficients, nodes: BTreeMap::new() }
     }
 
-    /// Divides the form by `divisor`.
+    /// Divides the linear form by `divisor`.
     pub fn divide(&mut self, divisor: Coefficient) {
         self.coefficients.values_mut().for_each(|c| *c = *c / divisor);
     }
@@ -101,12 +101,12 @@ impl Form {
         self.coefficients.get(&k).copied().unwrap_or_default()
     }
 
-    /// Returns the number of terms of the form.
+    /// Returns the number of terms of the linear form.
     pub fn len(&self) -> usize {
         self.coefficients.len()
     }
 
-    /// Returns whether the form is zero.
+    /// Returns whether the linear form is zero.
     pub fn is_empty(&self) -> bool {
         self.coefficients.is_empty()
     }
@@ -122,7 +122,7 @@ impl Form {
         self.nodes.insert(k, node);
     }
 
-    /// Returns the node of coefficient `k`, if the coefficient depends on parameters.
+    /// Returns the graph node of coefficient `k`, if the coefficient depends on parameters.
     pub(super) fn node(&self, k: usize) -> Option<Node> {
         self.nodes.get(&k).copied()
     }

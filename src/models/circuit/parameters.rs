@@ -19,10 +19,10 @@ pub struct CircuitParameters {
     columns: Columns,
     /// The element values that depend on parameters, as `(index of the element, quantity)`.
     quantities: Vec<(usize, Quantity)>,
-    /// The program of the element values that depend on parameters, in the order of `quantities`.
+    /// The compiled expressions of the element values that depend on parameters, in the order of `quantities`.
     numbers: Tape,
-    /// The derivatives of the element values, as `(index into quantities, parameter)`, and the program for their
-    /// values.
+    /// The derivatives of the element values with respect to parameters: for each derivative the pair `(index into
+    /// quantities, parameter)`, and the compiled expressions of all derivatives.
     slopes: (Vec<(usize, usize)>, Tape),
     parameters: usize,
     /// The circuit equations at the parameter values of the compilation.
@@ -38,7 +38,7 @@ pub enum Refused {
     Number(usize, f64),
     /// A coefficient that was zero at compilation is nonzero for the new values.
     Structure,
-    /// The equations of the circuit cannot be solved.
+    /// The equations of the circuit cannot be solved for the new parameter values.
     Fault(Fault),
 }
 
@@ -109,7 +109,7 @@ impl CircuitParameters {
         places
     }
 
-    /// Returns the elements with their values at the given parameters.
+    /// Returns the circuit elements with their values at the given parameters.
     fn elements(&self, parameters: &[f64]) -> Result<Vec<Element>, Refused> {
         let (mut elements, mut numbers) = (self.elements.clone(), self.numbers.clone());
         let mut values = vec![0.0; self.quantities.len()];
@@ -127,8 +127,8 @@ impl CircuitParameters {
 
     /// Returns the parameters, followed by the circuit coefficients that depend on them.
     ///
-    /// # Errors If an element value is out of range, a coefficient outside `places` changes, or the equations cannot
-    /// be solved.
+    /// # Errors If an element value is out of range, a coefficient changes that was constant at compilation, or the
+    /// equations cannot be solved.
     pub fn extended(&self, parameters: &[f64]) -> Result<Vec<f64>, Refused> {
         let elements = self.elements(parameters)?;
         let equations = Equations::new(&elements, &self.tree, &self.columns).map_err(Refused::Fault)?;
@@ -171,12 +171,12 @@ impl CircuitParameters {
         (0..self.parameters).map(by).collect()
     }
 
-    /// Returns the number of coefficients that depend on parameters.
+    /// Returns the number of coefficients of the circuit that depend on parameters.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Returns whether no coefficient depends on parameters.
+    /// Returns whether no coefficient of the circuit depends on parameters.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }

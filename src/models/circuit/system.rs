@@ -40,7 +40,8 @@ impl<'a> System<'a> {
         Ok(Self { elements, columns, terms, derivatives })
     }
 
-    /// Finds impulses (derivatives of discontinuous sources) and derivatives of dependent sources in the equations.
+    /// Finds impulses (derivatives of discontinuous sources) and derivatives of dependent sources in the equations of
+    /// a circuit.
     pub fn impulses(&self, graph: &Graph, equations: &Equations) -> Vec<Fault> {
         let jumps: Vec<bool> = self.elements.iter().map(|element| has_jump(graph, element)).collect();
         let forms = equations.rates.iter().chain(&equations.voltages).chain(&equations.currents);
@@ -123,8 +124,8 @@ impl<'a> System<'a> {
         (rows, terms)
     }
 
-    /// Returns the equations with the laws of dependent sources and switches. The variables `s` of dependent switches
-    /// come after the variables of the circuit's ports.
+    /// Returns the equations of the circuit with the laws of dependent sources and switches. The variables `s` of
+    /// dependent switches come after the variables of the circuit's ports.
     pub fn dependent_rows(
         &self,
         graph: &mut Graph,
@@ -185,12 +186,12 @@ impl<'a> System<'a> {
         (rows, terms)
     }
 
-    /// Returns a linear form as a function of `(t, x, z)`.
+    /// Returns a linear form of a circuit as a function of `(t, x, z)`.
     pub fn output(&self, graph: &mut Graph, form: &Form) -> Node {
         self.node(graph, form, true)
     }
 
-    /// Returns a linear form as a node, with or without its terms in the unknowns `(x, z)`.
+    /// Returns a linear form of a circuit as a graph node, with or without its terms in the unknowns `(x, z)`.
     fn node(&self, graph: &mut Graph, form: &Form, with_unknowns: bool) -> Node {
         let mut sum = graph.constant(0.0);
         for (column, c) in form.terms() {
@@ -235,7 +236,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// Returns the value of an independent source as a node; `None` for other elements.
+/// Returns the value of an independent source as a graph node; `None` for other elements.
 fn source(element: &Element) -> Option<Node> {
     match element.law {
         Law::VoltageSource(node) | Law::CurrentSource(node) => Some(node),

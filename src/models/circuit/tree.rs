@@ -148,7 +148,7 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
 fn parents(elements: &[Element], contains: &[bool], nodes: usize) -> Vec<Option<Step>> {
     let mut branches = vec![Vec::new(); nodes];
     for (element, &Element { nodes: (a, b), .. }) in elements.iter().enumerate().filter(|&(k, _)| contains[k]) {
-        // Store the branch at both of its ends; the search below assigns no parent to ground.
+        // Store each branch of the tree at both of its nodes; ground, where the search below starts, gets no parent.
         branches[a].push((b, Step { element, sign: -1.0, to: a, depth: 0 }));
         branches[b].push((a, Step { element, sign: 1.0, to: b, depth: 0 }));
     }

@@ -26,7 +26,7 @@ pub struct EnergyForm {
     loads: Arc<[f64]>,
     /// The displacements with time-dependent loads or moving obstacles.
     driven: Vec<usize>,
-    /// The forces on the `driven` displacements, as a program.
+    /// The forces on the `driven` displacements, as compiled expressions.
     forces: Tape,
     slips: Arc<[Slip]>,
 }

@@ -13,19 +13,19 @@ pub struct Lame {
 }
 
 impl Lame {
-    /// Returns the parameters of a one-dimensional law, stress = `modulus` times strain: Young's modulus of a bar, or
-    /// the tension of a string.
+    /// Returns the Lame parameters of a one-dimensional law, stress = `modulus` times strain: Young's modulus of a
+    /// bar, or the tension of a string.
     pub fn axial(modulus: f64) -> Self {
         Self { first: modulus, shear: 0.0 }
     }
 
-    /// Returns the parameters of a three-dimensional body, or of a body in plane strain.
+    /// Returns the Lame parameters of a three-dimensional body, or of a body in plane strain.
     pub fn solid(young: f64, poisson: f64) -> Self {
         let first = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         Self { first, shear: young / (2.0 * (1.0 + poisson)) }
     }
 
-    /// Returns the parameters of a plate in plane stress.
+    /// Returns the Lame parameters of a plate in plane stress.
     pub fn plane_stress(young: f64, poisson: f64) -> Self {
         Self { first: young * poisson / (1.0 - poisson * poisson), shear: young / (2.0 * (1.0 + poisson)) }
     }

@@ -10,7 +10,7 @@ use problem::{Control, ConvexSet, Interrupted, Mass, MovingBound, Side};
 /// An elastic body as a linear complementarity system, with the meaning of its unknowns.
 #[derive(Clone, Debug)]
 pub struct Semidiscrete {
-    /// The equations of the body.
+    /// The equations of motion of the body as a linear complementarity system.
     pub rows: LinearRows,
     /// The initial values of the states.
     pub initial: Vec<f64>,

@@ -81,7 +81,7 @@ impl Unknowns {
         unknowns
     }
 
-    /// Returns the number of states.
+    /// Returns the number of states of an elastic body.
     pub fn states(&self) -> usize {
         2 * self.inner + if self.has_forces { self.contact } else { 0 } + self.rough
     }

@@ -4,9 +4,9 @@
 /// A direction of the grid: the interval `[lower, upper]`, divided into equal elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// The lower end of the interval.
+    /// The lower end of the interval that the axis divides.
     pub lower: f64,
-    /// The upper end of the interval, above `lower`.
+    /// The upper end of the interval that the axis divides, above `lower`.
     pub upper: f64,
     /// The number of elements along the axis, at least one.
     pub elements: usize,

@@ -14,9 +14,9 @@ pub struct Side {
 /// A face of an element on a side of the domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
-    /// The `2^(d-1)` nodes of the face, in `d` dimensions.
+    /// The `2^(d-1)` nodes of the element face, in `d` dimensions.
     pub nodes: Vec<usize>,
-    /// The coordinates of the centre of the face.
+    /// The coordinates of the centre of the element face.
     pub centre: [f64; 3],
 }
 

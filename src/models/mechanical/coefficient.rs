@@ -51,7 +51,7 @@ impl Coefficient {
         })
     }
 
-    /// Binds new parameter values to the compiled programs.
+    /// Binds new parameter values to the compiled coefficient of friction and its derivatives.
     pub fn bind(&mut self, parameters: &[f64]) {
         for (tape, ranges) in [(&mut self.value, &mut self.of_value), (&mut self.slopes, &mut self.of_slopes)] {
             tape.bind(parameters);

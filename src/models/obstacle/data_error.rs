@@ -8,7 +8,7 @@ use std::fmt;
 pub enum ObstacleDataError {
     /// An expression has no finite value.
     NotFinite {
-        /// The key of the expression in a specification.
+        /// The key, in a specification, of the expression without a finite value.
         key: String,
         /// The value of the expression, NaN or infinite.
         value: f64,
@@ -41,22 +41,22 @@ pub enum ObstacleDataError {
     GivenBeyond {
         /// The side of the domain with the Dirichlet condition.
         side: Side,
-        /// The Dirichlet value of the condition.
+        /// The value of `u` that the Dirichlet condition prescribes.
         value: f64,
-        /// The value of the violated obstacle.
+        /// The value of the obstacle beyond which the Dirichlet value is.
         bound: f64,
-        /// The position of the violation.
+        /// The position at which the Dirichlet value is beyond the obstacle.
         at: [f64; 3],
-        /// The time of the violation.
+        /// The time at which the Dirichlet value is beyond the obstacle.
         t: f64,
     },
     /// The initial value is beyond an obstacle.
     InitialBeyond {
-        /// The initial value of `u`.
+        /// The initial value of `u` at the position of the violation.
         value: f64,
-        /// The value of the violated obstacle.
+        /// The value of the obstacle beyond which the initial value is.
         bound: f64,
-        /// The position of the violation.
+        /// The position at which the initial value is beyond the obstacle.
         at: [f64; 3],
     },
 }
@@ -73,7 +73,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// Returns an error code for programs; it does not change between versions.
+    /// Returns a machine-readable error code, which does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "not_finite",

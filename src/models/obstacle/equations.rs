@@ -31,7 +31,7 @@ impl Condition {
 pub struct Probe {
     /// The name of the output with the value of `u` at the point.
     pub name: String,
-    /// The coordinates of the point, within the domain.
+    /// The coordinates of the output point, within the domain.
     pub at: [f64; 3],
 }
 

@@ -32,7 +32,7 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Allocates vectors for the given number of nodes.
+    /// Allocates contact states, forces, displacements and loads for the given number of nodes.
     pub fn new(nodes: usize) -> Self {
         Self { held: vec![0; nodes], force: vec![0.0; nodes], kept: vec![0.0; nodes], load: vec![0.0; nodes] }
     }
@@ -49,7 +49,7 @@ struct Part {
     to: f64,
     /// The nodes whose contact force may be adhesive, with bounds on their displacements.
     moved: Vec<(usize, f64)>,
-    /// The root mean square of the bounds over the domain.
+    /// The root mean square over the domain of the bounds on the displacements.
     size: f64,
 }
 
@@ -135,7 +135,8 @@ impl Resting {
             let (first, whole) = ((b - a) / middle, (c - a) / end);
             let bend = (whole - first) / (end - middle);
             let push = [from, to].map(|t| a + (t - times[0]) * (first + bend * (t - times[1])));
-            // Lower bound of the parabola on the subinterval: its chord less `bend (to - from)^2 / 4`.
+            // Lower bound of the parabola on the subinterval: its chord less `bend (to - from)^2 / 4`, with the
+            // second divided difference `bend`.
             let least = push[0].min(push[1]) - 0.25 * bend.max(0.0) * (to - from).powi(2);
             let load = self.load[node];
             let most = if side > 0.0 { load.hi } else { -load.lo };

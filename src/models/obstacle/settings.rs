@@ -32,7 +32,7 @@ pub enum ObstacleError {
     StepTooSmall {
         /// The time at the beginning of the rejected step.
         t: f64,
-        /// The step size that was too small.
+        /// The step size that was too small, at which the run failed.
         h: f64,
         /// The reason for which the last step was rejected.
         why: &'static str,
@@ -40,11 +40,11 @@ pub enum ObstacleError {
     /// The variational inequality of a stage was not solved, in a run with a fixed step size.
     #[error("the inequality at a stage was not solved at t = {t:?}, step {h:e}: {why}")]
     Unsolved {
-        /// The time at the beginning of the step.
+        /// The time at the beginning of the step whose stage was not solved.
         t: f64,
-        /// The size of the step.
+        /// The size of the step whose stage was not solved.
         h: f64,
-        /// The reason for which the inequality was not solved.
+        /// The reason for which the variational inequality was not solved.
         why: &'static str,
     },
     /// The factors of the stage matrix do not fit into memory.
@@ -62,7 +62,7 @@ pub enum ObstacleError {
 }
 
 impl ObstacleError {
-    /// Returns an error code for programs; it does not change between versions.
+    /// Returns a machine-readable error code, which does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::ObstacleDataError(error) => error.code(),

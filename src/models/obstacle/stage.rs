@@ -53,7 +53,7 @@ pub enum Unsolved {
 }
 
 impl Stage {
-    /// Allocates the solver for a semidiscrete system.
+    /// Allocates the solver of stage inequalities for a semidiscrete system.
     pub fn new(system: &Semidiscrete) -> Self {
         let n = system.load.len();
         Self {

@@ -221,8 +221,8 @@ impl<'c> TrBdf2<'c> {
         loads.fold(0.0, |largest, (load, weight)| largest.max(h * load.abs() / weight))
     }
 
-    /// Returns the hidden motion of nodes between the stages of a step, resolved to the fraction `NEGLIGIBLE` of
-    /// `size`.
+    /// Returns the hidden motion of nodes between the stages of a step, computed to within the fraction `NEGLIGIBLE`
+    /// of the error tolerance `size`.
     fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, ObstacleError> {
         let times = [self.t, self.t + GAMMA * h, next];
         let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
@@ -262,8 +262,8 @@ impl<'c> TrBdf2<'c> {
     }
 
     /// Returns the root mean square error estimate of the step, with stiff components damped by the matrix of the
-    /// stages. The position of a node that came into contact at the end of the step is exact, unless its error
-    /// without the obstacle exceeds its displacement by the obstacle: the excess is its error.
+    /// stages. A node that came into contact at the end of the step lies exactly on the obstacle. Its error counts
+    /// only as far as the error that it would have without the obstacle exceeds its displacement by the obstacle.
     fn error(&mut self, h: f64) -> f64 {
         let Self { slopes: [a, b, c], base: difference, error, moments, system, stage, control, .. } = self;
         for (i, difference) in difference.iter_mut().enumerate() {

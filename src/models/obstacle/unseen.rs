@@ -39,7 +39,8 @@ enum Datum {
     Upper,
 }
 
-/// The search of one run for variations of the data that steps miss.
+/// The search of one run for variations of the data (coefficients, source, boundary values, obstacles) that steps
+/// miss.
 pub struct Unseen {
     /// The data of the problem that depend on time.
     data: Vec<Datum>,
@@ -48,12 +49,12 @@ pub struct Unseen {
     pub begin: Option<f64>,
 }
 
-/// A part of a step in which sampled values do not represent a datum closely enough.
+/// A part of a step in which sampled values do not represent a time-dependent datum closely enough.
 struct Part {
     from: f64,
     to: f64,
     range: Interval,
-    /// A bound on the effect of the datum in the part.
+    /// A bound on the effect of the datum in this part of the step.
     size: f64,
 }
 
@@ -336,8 +337,8 @@ fn field(problem: &mut Obstacle, datum: Datum) -> Option<&mut Field> {
 
 impl Course {
     /// Samples and encloses a datum over a step, and bisects the step until the effect of the undecided parts is at
-    /// most `allowed` in all, or the limit on bisections is reached. `part` weights the width of an enclosure by the
-    /// length of time over which it holds.
+    /// most `allowed` in all, or the limit on bisections is reached. `part` maps the length of a part of the step to
+    /// the factor by which the width of the enclosure over that part is multiplied.
     fn of(field: &mut Field, at: [f64; 3], times: [f64; 3], allowed: f64, part: impl Fn(f64) -> f64) -> Self {
         let mut course = Self { shown: Vec::new(), open: Vec::new() };
         let [begin, _, end] = times;
@@ -389,8 +390,8 @@ impl Course {
         if off.abs() > SHOWN * (most - least) { off } else { 0.0 }
     }
 
-    /// Returns the largest deviation of the datum from its parabola; `visit` is called with the begin of each part
-    /// and the deviation in it.
+    /// Returns the largest deviation of the datum from its parabola; `visit` is called with the beginning of each
+    /// part of the step and the deviation in that part.
     fn deviations(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> f64 {
         let mut largest = 0.0_f64;
         for (times, values) in &self.shown {
@@ -407,8 +408,8 @@ impl Course {
         largest
     }
 
-    /// Returns the time integrals of the deviations of the datum from its parabola; `visit` is called with the begin
-    /// of each part and the deviation in it.
+    /// Returns the time integrals of the deviations of the datum from its parabola; `visit` is called with the
+    /// beginning of each part of the step and the deviation in that part.
     fn integrals(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> Missed {
         let mut missed = Missed::default();
         for (times, values) in &self.shown {
@@ -470,7 +471,8 @@ impl Shape {
         !matches!(self.action, Action::Matrix(_))
     }
 
-    /// Returns the displacements of all nodes for the time integrals `of` the datum at its places.
+    /// Returns the displacements of all nodes that a change of the datum causes; `of` gives the time integral of the
+    /// change at each place where the datum is evaluated.
     fn displacements(&self, system: &Semidiscrete, u: &[f64], of: impl Fn(usize) -> f64) -> Vec<f64> {
         let grid = &system.problem.grid;
         let mut forces = vec![0.0; u.len()];

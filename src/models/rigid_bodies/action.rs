@@ -17,19 +17,20 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 /// origin, and angular velocity; indices into [`OF_BODY`].
 pub const DERIVED: [usize; 9] = [0, 1, 2, 7, 8, 9, 10, 11, 12];
 
-/// The number of outputs of the program of an action: force, torque, and the derivatives of their six components.
+/// The number of outputs of the compiled expressions of an action: force, torque, and the derivatives of their six
+/// components.
 pub const OUTPUTS: usize = 6 * (1 + DERIVED.len());
 
 /// A force and a torque on a body that depend on time and on the motion of bodies.
 #[derive(Clone, Debug)]
 pub struct Action {
-    /// The body on which the action acts, then the other bodies on which its program depends: indices in the
+    /// The body on which the action acts, then the other bodies on which force and torque depend: indices in the
     /// multibody system, and centres of mass in the user's body frames.
     pub bodies: Vec<(usize, Vector3<f64>)>,
-    /// The program of force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t` and the state
-    /// of each body.
+    /// The compiled expressions of force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t`
+    /// and the state of each body.
     pub program: Tape,
-    /// The point of application relative to the centre of mass, in the body frame.
+    /// The point of application of the force relative to the centre of mass, in the body frame.
     pub at: Vector3<f64>,
     /// Whether force and torque are given in the body frame.
     pub is_local: bool,

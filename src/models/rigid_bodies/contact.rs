@@ -238,7 +238,7 @@ impl Contact {
     }
 }
 
-/// Marks the torques of contact patches whose forces are marked.
+/// Sets `marked` for the torque of each contact patch whose force is marked.
 pub(super) fn mark_torques(contacts: &[Contact], marked: &mut [bool]) {
     for k in 1..marked.len() {
         if contacts[k].is_torque() {

@@ -71,7 +71,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// A coordinate without limits.
+    /// The limits of a coordinate without stops, which are infinite.
     pub const NONE: Self = Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, restitution: 0.0 };
 }
 
@@ -142,9 +142,9 @@ pub struct Driving {
 /// The energy exchanged by a drive over a step, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Done {
-    /// The work of motors, servos and additional forces.
+    /// The work of motors, servos and additional forces over the step.
     pub drives: f64,
-    /// The energy dissipated by dampers.
+    /// The energy dissipated by dampers over the step.
     pub damped: f64,
 }
 
@@ -297,8 +297,8 @@ impl Drive {
         }
     }
 
-    /// Returns the mean force along the coordinate over a step, from the impulse and the value of the equation at the
-    /// end.
+    /// Returns the mean force along the coordinate over a step, from the impulse and the value of the drive's
+    /// equation at the end of the step.
     pub fn force(&self, c: f64, impulse: f64, h: f64) -> f64 {
         let ratio = self.change(c).filter(|(change, _)| *change != 0.0).map_or(1.0, |(change, _)| c / change);
         impulse * ratio / h

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 /// The position of the centre of mass of a body, and its axes as columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// The position of the centre of mass.
+    /// The position of the centre of mass of the body.
     pub at: Vector3<f64>,
     /// The axes of the body frame in the world, as columns.
     pub axes: Matrix3<f64>,

@@ -24,10 +24,10 @@ pub const INPUTS: usize = 4;
 /// A coefficient of friction that varies in time, with the position of the contact, or with the slip speed.
 #[derive(Clone, Debug)]
 pub struct Coefficient {
-    /// The program of the coefficient, with the inputs `t`, the position of the contact in world coordinates, and the
-    /// slip speed. It has one output, or two outputs whose geometric mean is the coefficient.
+    /// The compiled expression of the coefficient, with the inputs `t`, the position of the contact in world
+    /// coordinates, and the slip speed. It has one output, or two outputs whose geometric mean is the coefficient.
     pub program: Tape,
-    /// Whether the program has two outputs.
+    /// Whether the compiled expression of the coefficient has two outputs.
     pub is_mean: bool,
 }
 

@@ -34,7 +34,7 @@ use vi::coulomb::{Role, mean_speed};
 /// Data shared by all islands of a multibody system.
 #[derive(Debug)]
 pub struct Mechanism<'a> {
-    /// The joints of the system.
+    /// The joints of the multibody system.
     pub joints: &'a [Joint],
     /// The linkages: sets of bodies connected by joints.
     pub linkages: Vec<Linkage>,
@@ -54,8 +54,8 @@ pub struct Mechanism<'a> {
 }
 
 impl<'a> Mechanism<'a> {
-    /// Collects the mechanism of a multibody system; `places` are the indices of its bodies among the `moving`
-    /// bodies, `given` are their indices among the bodies with prescribed motion.
+    /// Collects joints, linkages, signals and prescribed motions of a multibody system; `places` are the indices of
+    /// its bodies among the `moving` bodies, `given` are their indices among the bodies with prescribed motion.
     pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Self {
         let linkages = Linkage::all(&scene.joints, places, given, moving);
         let mut of_joint = vec![0; scene.joints.len()];
@@ -134,7 +134,8 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// Returns the smaller of both step sizes without contacts, and of both with contacts.
+    /// Returns the element-wise minimum with other step sizes: the smaller step size to try without contacts, and the
+    /// smaller one with contacts.
     pub fn shortest(self, other: Self) -> Self {
         Self { free: self.free.min(other.free), pushed: self.pushed.min(other.pushed) }
     }
@@ -150,11 +151,11 @@ struct Guess {
 /// The work of forces and drives in a step, and the energy dissipated by dampers, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// The work of applied forces.
+    /// The work of applied forces in the step.
     pub forces: f64,
     /// The work of motors, servos and additional forces along joint coordinates.
     pub drives: f64,
-    /// The energy dissipated by dampers.
+    /// The energy dissipated by dampers in the step.
     pub damped: f64,
 }
 
@@ -175,11 +176,11 @@ pub enum Unsolved {
     TooLong,
     /// A coefficient of friction is negative or not finite.
     Friction {
-        /// The indices of both bodies among all bodies.
+        /// The indices of the two bodies in contact among all bodies.
         bodies: [usize; 2],
-        /// The value of the coefficient.
+        /// The value of the coefficient of friction, negative or not finite.
         mu: f64,
-        /// The position of the contact.
+        /// The position of the contact at which the coefficient of friction was evaluated.
         place: [f64; 3],
     },
 }
@@ -217,11 +218,11 @@ pub struct Island {
     /// times follow the sequential impact law, for comparison with a run that treats them as simultaneous.
     pub is_beside: bool,
     /// The velocity change by gravity within the step: a contact that closes more slowly is not an impact, but a
-    /// persistent contact.
+    /// sustained contact.
     kick: f64,
     /// Whether the step must not be divided further, and is attempted whatever its length.
     pub is_shortest: bool,
-    /// The accelerations of the island's bodies in the last step, where they are known.
+    /// The accelerations of the island's bodies in the last step, as far as they are known.
     accelerations: Vec<Option<Vector6<f64>>>,
     /// The result of the last attempt at the step, as initial guess of the next attempt.
     guess: Option<Guess>,

@@ -57,7 +57,7 @@ pub struct Joint {
 /// The mean reaction of a joint on its first body over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reaction {
-    /// The reaction force in world axes, in newtons.
+    /// The force of the joint on its first body in world axes, in newtons.
     pub force: Vector3<f64>,
     /// The reaction torque about the anchor, in newton metres.
     pub torque: Vector3<f64>,
@@ -312,7 +312,8 @@ impl Joint {
         both.into_iter().filter_map(moving).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// Returns the indices of the joint's bodies under the mapping `places`; `None` for the world.
+    /// Returns the image of the joint's two bodies under `places`, which maps an index in the multibody system to
+    /// another index, such as that among the moving bodies; `None` for the world, and for bodies without image.
     pub fn places(&self, places: &impl Fn(usize) -> Option<u32>) -> [Option<u32>; 2] {
         [places(self.bodies.0), self.bodies.1.and_then(places)]
     }
@@ -346,8 +347,8 @@ impl Alpha {
 }
 
 impl Equation {
-    /// Returns the value and the derivative of the equation, for given frames, lever arms and difference of the
-    /// anchors.
+    /// Returns the value and the derivative of the constraint equation, for given frames, lever arms and difference
+    /// of the anchors.
     pub fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
         let alpha = self.alpha.in_world(q);
         match self.beta {

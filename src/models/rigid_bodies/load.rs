@@ -41,7 +41,7 @@ pub struct Load {
     rows: usize,
     friction: Option<Cone>,
     bodies: Vec<Touched>,
-    /// The largest islands as `(root, bytes)`, at most `at_a_time` of them.
+    /// The largest islands as `(root, bytes)`, at most as many as are solved in parallel (`at_a_time`).
     largest: Vec<(u32, usize)>,
     /// The number of islands that are solved in parallel.
     at_a_time: usize,

@@ -3,15 +3,17 @@
 //! first, would use the same parts and have the same errors. The second run uses parts that are at least twice as
 //! long as those of the first run instead.
 
-/// Relative difference below which parts count as equally long: their ends are sums of binary fractions of a step.
+/// Relative difference below which parts of steps count as equally long: their ends are sums of binary fractions of a
+/// step.
 const WITHIN: f64 = 1e-6;
 
 /// The parts of the steps of a run, each as `[begin, end]`, in the order of time.
 #[derive(Clone, Debug, Default)]
 pub struct MadeParts {
-    /// The parts in which all bodies move together.
+    /// The parts of steps in which all bodies move together.
     whole: Vec<[f64; 2]>,
-    /// For each moving body, the parts of its island, if the island has joints or motion-dependent forces.
+    /// For each moving body, the parts into which its island divided the steps, if the island has joints or
+    /// motion-dependent forces.
     of_bodies: Vec<Vec<[f64; 2]>>,
 }
 
@@ -26,12 +28,13 @@ impl MadeParts {
         self.whole.push(part);
     }
 
-    /// Adds the parts of an island for each of its bodies.
+    /// Records the parts into which an island divided a step, for each body of the island.
     pub(super) fn add(&mut self, bodies: &[u32], parts: &[[f64; 2]]) {
         bodies.iter().for_each(|&body| self.of_bodies[body as usize].extend_from_slice(parts));
     }
 
-    /// Moves the parts that begin before the time `until` to `others`, replacing its parts.
+    /// Moves the parts of steps that begin before the time `until` to `others`, and discards what was in `others`
+    /// before.
     pub fn hand_over(&mut self, until: f64, others: &mut Self) {
         let move_parts = |from: &mut Vec<[f64; 2]>, to: &mut Vec<[f64; 2]>| {
             let over = from.partition_point(|[begin, _]| *begin < until);
@@ -42,19 +45,22 @@ impl MadeParts {
         self.of_bodies.iter_mut().zip(&mut others.of_bodies).for_each(|(from, to)| move_parts(from, to));
     }
 
-    /// Returns the length of the longest part of all bodies that overlaps the time interval `part`.
+    /// Returns the length of the longest part of a step in which all bodies move together that overlaps the time
+    /// interval `part`.
     pub(super) fn longest(&self, part: [f64; 2]) -> f64 {
         longest(&self.whole, part).unwrap_or(0.0)
     }
 
-    /// Returns the length of the longest part of the given bodies that overlaps the time interval `part`.
+    /// Returns the length of the longest part into which the islands of the given bodies divided their steps that
+    /// overlaps the time interval `part`.
     pub(super) fn longest_of(&self, bodies: &[u32], part: [f64; 2]) -> f64 {
         let of_bodies = bodies.iter().filter_map(|&body| longest(&self.of_bodies[body as usize], part));
         of_bodies.reduce(f64::max).unwrap_or_else(|| self.longest(part))
     }
 }
 
-/// Returns the length of the longest of the parts that overlap a time interval; `None` if none overlaps it.
+/// Returns the length of the longest of the given parts of steps among those that overlap a time interval; `None` if
+/// none overlaps it.
 fn longest(parts: &[[f64; 2]], [from, to]: [f64; 2]) -> Option<f64> {
     let overlaps = |&&[begin, end]: &&[f64; 2]| end.min(to) - begin.max(from) > WITHIN * (to - from);
     parts.iter().filter(overlaps).map(|[begin, end]| end - begin).reduce(f64::max)

@@ -126,15 +126,15 @@ pub struct Ground {
 /// world.
 #[derive(Clone, Copy, Debug)]
 pub struct Grounding {
-    /// The frame at the beginning of the part of the step.
+    /// The frame of the body at the beginning of the part of the step.
     pub start: Frame,
-    /// The mean frame over the part of the step.
+    /// The mean frame of the body over the part of the step.
     pub mean: Frame,
-    /// The frame at the end of the part of the step.
+    /// The frame of the body at the end of the part of the step.
     pub end: Frame,
-    /// The mean velocity and the mean angular velocity over the part of the step.
+    /// The mean velocity and the mean angular velocity of the body over the part of the step.
     pub velocities: (Vector3<f64>, Vector3<f64>),
-    /// The velocity and the angular velocity at the end of the part of the step.
+    /// The velocity and the angular velocity of the body at the end of the part of the step.
     pub at_end: (Vector3<f64>, Vector3<f64>),
 }
 
@@ -150,7 +150,7 @@ impl Grounding {
 }
 
 impl Ground {
-    /// Returns the motion over a part of the step, of length `h` from the time `t`.
+    /// Returns the motion of the body over a part of the step, of length `h` from the time `t`.
     pub fn over(&self, t: f64, h: f64, signals: &Signals) -> Grounding {
         let pose = |until: f64| {
             if until > self.t { self.by.end(&self.pose, &signals.over(self.t, until - self.t)) } else { self.pose }
@@ -175,14 +175,14 @@ impl Prescribed {
         Self { body, pose, end: pose, velocity: Vector3::zeros(), omega: Vector3::zeros() }
     }
 
-    /// Sets end pose and mean velocities for a step of length `h` from time `t`.
+    /// Sets the end pose and the mean velocities of the body for a step of length `h` from time `t`.
     pub fn begin(&mut self, by: &Prescription, signals: &Signals, t: f64, h: f64) {
         self.end = by.end(&self.pose, &signals.over(t, h));
         self.velocity = (self.end.translation.vector - self.pose.translation.vector) / h;
         self.omega = (self.end.rotation * self.pose.rotation.inverse()).scaled_axis() / h;
     }
 
-    /// Sets the pose and the velocities at time `t + passed`, given the pose `from` at time `t`.
+    /// Sets the pose and the velocities of the body at time `t + passed`, given the pose `from` at time `t`.
     pub fn at(&mut self, by: &Prescription, signals: &Signals, from: &Isometry3<f64>, [t, passed]: [f64; 2]) {
         self.pose = if passed > 0.0 { by.end(from, &signals.over(t, passed)) } else { *from };
         self.end = self.pose;

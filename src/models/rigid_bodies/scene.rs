@@ -75,7 +75,7 @@ impl Law {
         if self.patch.is_some() { 2 } else { 1 }
     }
 
-    /// Returns whether the law allows friction.
+    /// Returns whether the contact law allows friction.
     pub fn is_rough(&self) -> bool {
         self.friction > 0.0 || self.varying.is_some() || self.patch.is_some()
     }
@@ -95,17 +95,17 @@ pub struct Laws {
 }
 
 impl Laws {
-    /// Collects the laws of all pairs of a number of materials, by rows.
+    /// Collects the contact laws of all pairs of a number of materials, by rows.
     pub fn new(materials: usize, laws: Vec<Law>) -> Self {
         Self { materials, laws, coefficients: Vec::new(), grains: Vec::new(), patches: Vec::new() }
     }
 
-    /// Returns the law of a pair of materials.
+    /// Returns the contact law of a pair of materials.
     pub fn of(&self, a: usize, b: usize) -> Law {
         self.laws[a * self.materials + b]
     }
 
-    /// Returns whether the law of any pair of materials satisfies a predicate.
+    /// Returns whether the contact law of any pair of materials satisfies a predicate.
     pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
         self.laws.iter().any(such)
     }
@@ -144,9 +144,9 @@ pub struct MultibodySystem {
 /// Two bodies that overlap initially.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
-    /// The indices of both bodies in the system.
+    /// The indices of the two overlapping bodies in the system.
     pub bodies: [usize; 2],
-    /// The penetration depth, in metres.
+    /// The penetration depth of the two bodies, in metres.
     pub depth: f64,
 }
 

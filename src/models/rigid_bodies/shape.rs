@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 /// The shape of a body, with lengths in metres.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// A ball about the origin.
+    /// A ball about the origin of the body frame.
     Sphere {
         /// The radius of the ball.
         radius: f64,
@@ -23,7 +23,7 @@ pub enum Shape {
         /// Half of the distance between the centres of the caps.
         half_height: f64,
     },
-    /// A circular cylinder about the z axis.
+    /// A circular cylinder about the z axis of the body frame.
     Cylinder {
         /// The radius of the cylinder's base.
         radius: f64,

@@ -13,7 +13,7 @@ const ROUNDING: f64 = 64.0 * f64::EPSILON;
 /// The signals of a multibody system, compiled to one program.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
-    /// The program of all signals, each followed by its time derivative.
+    /// The compiled expressions of all signals, each followed by its time derivative.
     pub program: Tape,
     /// The number of signals of the system.
     pub count: usize,
@@ -30,9 +30,9 @@ pub struct SignalStep {
     pub end: Vec<f64>,
     /// The time derivatives of the signals at the end of the step.
     pub rates: Vec<f64>,
-    /// The integrals of the signals over the step.
+    /// The integrals of the signals over the time step.
     pub integrals: Vec<f64>,
-    /// The length of the time step.
+    /// The length of the time step over which the signals are integrated.
     pub h: f64,
 }
 

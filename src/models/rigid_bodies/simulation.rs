@@ -291,7 +291,7 @@ impl<'a> MoreauStepping<'a> {
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
-            // Keep the longest step sizes to try that the rejected attempt has found.
+            // Of the rejected attempt, keep only the longest step sizes that linkages should try next.
             for island in &self.tasks[..self.islands.len()] {
                 island.linkages.iter().for_each(|&linkage| self.carried[linkage as usize].parts = island.parts);
             }

@@ -6,16 +6,17 @@ use super::{ConvexSet, Workspace};
 /// An element `V` of the B-subdifferential of the projection onto `K` at one point, stored by the factors of `K`.
 #[derive(Clone, Debug, Default)]
 pub struct Derivative {
-    /// The part of `V` for the components in intervals, its diagonal: one in the interior of the interval, zero
-    /// otherwise.
+    /// The diagonal entries, for the components in intervals, of the derivative `V` of the projection onto `K`: one
+    /// in the interior of the interval, zero otherwise.
     intervals: Vec<f64>,
-    /// The parts of `V` for the blocks of `K`: concatenated matrices, each by columns.
+    /// The diagonal blocks, for the blocks of `K`, of the derivative `V` of the projection onto `K`: concatenated
+    /// matrices, each by columns.
     blocks: Vec<f64>,
 }
 
 impl Derivative {
-    /// Projects `x` onto `set` in place, and computes `V` at the original `x`. Allocates only in the first call for a
-    /// set.
+    /// Projects `x` onto `set` in place, and computes the element `V` of the B-subdifferential of the projection at
+    /// the original `x`. Allocates only in the first call for a set.
     pub fn linearise(&mut self, set: &ConvexSet, x: &mut [f64], work: &mut Workspace) {
         self.intervals.resize(x.len(), 0.0);
         for (i, (x, v)) in x.iter_mut().zip(&mut self.intervals).enumerate() {

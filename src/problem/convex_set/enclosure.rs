@@ -6,7 +6,7 @@ use super::face::{Elimination, Face};
 use super::polyhedron::Polyhedron;
 use numerics::Interval;
 
-/// The interval enclosure of a monitor of a face, by its unit.
+/// The interval enclosure of a monitor (event function) of a face of a block of `K`, in the unit of `z` or of `G`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MonitorRange {
     /// The enclosure of a distance to an inactive inequality, in the unit of `z`.

@@ -34,10 +34,10 @@ use super::polyhedron::{Polyhedron, dot};
 /// A face of a block of `K`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Face {
-    /// The interior of the block.
+    /// The interior of the block, where none of its inequalities is active.
     Interior,
-    /// The curved boundary without vertices. The number is the pivot for a ball; for a cone, 0 for the primal form of
-    /// the equations (in `z`), 1 for the dual form (in `G`).
+    /// The curved boundary of a ball or a cone without its apex. The number is the pivot for a ball; for a cone, 0
+    /// for the primal form of the equations (in `z`), 1 for the dual form (in `G`).
     Boundary(usize),
     /// A single point: the apex of a cone, or a ball of radius zero.
     Vertex,
@@ -45,7 +45,7 @@ pub enum Face {
     Edge(Vec<usize>),
 }
 
-/// A monitor function of a face: nonnegative as long as the face is active.
+/// A monitor (event function) of a face: nonnegative as long as the face is active.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Monitor {
     /// The distance to an inactive inequality, in the unit of `z`.
@@ -54,7 +54,7 @@ pub enum Monitor {
     Multiplier(f64),
 }
 
-/// The equations `Phi = R G + c` of a face at one point of a block of `k` members.
+/// The equations `Phi = R G + c` of a face at one point of a block that couples `k` components of `z`, its members.
 #[derive(Clone, Debug, Default)]
 pub struct FaceEquations {
     /// The number `k` of members of the block.

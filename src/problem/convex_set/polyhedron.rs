@@ -16,7 +16,8 @@ pub struct Polyhedron {
     offsets: Vec<f64>,
 }
 
-/// Maximum number of times that the support function moves its far point out by a factor of eight.
+/// Maximum number of times that the support function multiplies the distance of the point that it projects onto the
+/// polyhedron by eight.
 const LEAPS: usize = 40;
 
 impl Polyhedron {

@@ -91,8 +91,8 @@ impl Dense {
         Some(matrix.errors(&(response.to_g.abs() * of(sizes) + response.to_hidden.abs() * of(hidden))))
     }
 
-    /// Returns the linear response of the free variables to `G` and to the hidden constraints, with the current
-    /// derivatives of `system`; `None` if the equations are singular.
+    /// Returns the linear response of the free variables to residuals in `G` and in the hidden constraints, with the
+    /// current derivatives of `system`; `None` if the equations are singular.
     pub fn response(&mut self, system: &System<'_>, inside: &[usize]) -> Option<&Response> {
         if !self.is_known(system, inside) {
             self.response = self.response_of(system, inside);
@@ -100,7 +100,8 @@ impl Dense {
         self.response.as_ref()
     }
 
-    /// Whether the stored response belongs to the present face, free variables and derivatives.
+    /// Whether the stored linear response of the variables belongs to the present face, free variables and
+    /// derivatives.
     pub fn is_known(&self, system: &System<'_>, inside: &[usize]) -> bool {
         self.response.as_ref().is_some_and(|known| {
             known.jacobians == system.work.jacobians && known.inside == inside && known.blocks == system.face.blocks
@@ -214,8 +215,9 @@ struct Blocks {
     derivative: DMatrix<f64>,
 }
 
-/// Linear response of the variables to the equations of the face and to the hidden constraints: their error is
-/// `to_g Phi + to_hidden dPhi/dt`, except for equations in `z` alone, whose columns have other units.
+/// Linear response of the variables to residuals of the equations of the face and of the hidden constraints: the
+/// error of the variables is `to_g Phi + to_hidden dPhi/dt`, except for equations in `z` alone, whose columns have
+/// other units.
 pub struct Response {
     jacobians: u64,
     pub inside: Vec<usize>,
@@ -241,8 +243,9 @@ fn combinations(d: &DMatrix<f64>, has_blocks: bool) -> Option<(usize, DMatrix<f6
     Some((range.rank(RANK), combinations))
 }
 
-/// Returns the matrix and the right-hand side of the equations with the rows `V^T (D | G)` and
-/// `U^T (derivative | hidden)`.
+/// Returns the matrix and the right-hand side of the equations for the consistent variables: as many combinations of
+/// the rows of `D`, with the right-hand side `g`, as `D` has rank, and combinations of the rows of the hidden
+/// constraints (`derivative`, with the right-hand side `hidden`) for the left null space of `D`.
 fn combine(
     (d, has_blocks): (&DMatrix<f64>, bool),
     g: &DVector<f64>,

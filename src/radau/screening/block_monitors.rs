@@ -26,20 +26,21 @@ pub(super) struct BlockMonitors {
     monitors: Vec<MonitorRange>,
     /// The blocks whose monitors the box of the unknowns does not prove to keep their signs.
     open: Vec<usize>,
-    /// The linear forms of each block, with their reductions by the equations of the face.
+    /// The linear forms of `z` and `G` in the monitors of each block, with their reductions by the equations of the
+    /// face.
     moving: Vec<Vec<(FlatMonitor, Reduced)>>,
-    /// The face to which the linear forms belong.
+    /// The active face of `K` to which the linear forms of the blocks belong.
     face: Option<ActiveFace>,
-    /// Whether the linear forms are reduced by the equations of the face.
+    /// Whether the linear forms of the blocks are reduced by the equations of the active face of `K`.
     are_reduced: bool,
 }
 
-/// Data over a part of a step that takes the time `h`.
+/// Data of the screening over a part of a step; the part takes the time `h`.
 pub(super) struct Over<'a> {
     /// Which equations determine the free variables.
     pub told: Told,
     pub slopes: &'a Rows,
-    /// Values at the midpoint of the part.
+    /// Values of the unknowns and the rows at the midpoint of the part of the step.
     pub middle: &'a Point,
     /// The ranges of the rows of the problem over the part.
     pub rows: &'a [Interval],
@@ -98,7 +99,8 @@ impl BlockMonitors {
         self.open.is_empty()
     }
 
-    /// Whether no monitor of the blocks not proven so far falls below minus its limit, by the ranges of slopes.
+    /// Whether the ranges of slopes prove that no monitor falls below minus its limit, of those blocks that are not
+    /// proven so far.
     pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &Limits) -> bool {
         self.take_face(on.system);
         self.reduce(on, over);
@@ -160,7 +162,7 @@ impl BlockMonitors {
         }
     }
 
-    /// Updates the linear forms of the blocks to the face of `system`.
+    /// Updates the linear forms in the monitors of the blocks to the face of `system`.
     fn take_face(&mut self, system: &System<'_>) {
         if self.face.as_ref() == Some(&system.face) {
             return;
@@ -172,7 +174,7 @@ impl BlockMonitors {
         self.are_reduced = false;
     }
 
-    /// Reduces the linear forms by the equations of the face.
+    /// Reduces the linear forms in the monitors of the blocks by the equations of the face.
     fn reduce(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
         if std::mem::replace(&mut self.are_reduced, true) && on.system.constant_jacobian() {
             return;
@@ -200,11 +202,11 @@ impl BlockMonitors {
 
 /// A linear form of `z` and `G` over a part of a step.
 struct Form {
-    /// Value of the form at the midpoint of the part.
+    /// Value of the linear form at the midpoint of the part.
     value: f64,
-    /// Range of the slope of the form, with the part as the unit of time.
+    /// Range of the slope of the linear form over the part, with the part as the unit of time.
     slope: Interval,
-    /// Bound on the error of the values of the form.
+    /// Bound on the error of the values of the linear form.
     error: f64,
 }
 
@@ -215,8 +217,8 @@ impl Form {
     }
 }
 
-/// Returns the range of the Euclidean norm of some forms over the part. Only slopes along the vector of forms change
-/// the norm; they are small where that vector rotates, as a friction force of constant magnitude does.
+/// Returns the range over the part of the Euclidean norm of a vector of linear forms. The norm changes only by the
+/// slopes along that vector; they are small where the vector rotates, as a friction force of constant magnitude does.
 fn norm(forms: &[Form]) -> Interval {
     let sum = |terms: &mut dyn Iterator<Item = Interval>| terms.fold(Interval::point(0.0), |sum, term| sum + term);
     let by_box = sum(&mut forms.iter().map(|form| form.range().square())).sqrt();

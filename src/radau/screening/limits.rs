@@ -14,7 +14,7 @@ use crate::system::System;
 use crate::uncertainties::Uncertainties;
 use numerics::Interval;
 
-/// Limits of a block whose monitors are left out of the proof.
+/// Limits (infinite) of a block whose monitors are left out of the proof.
 const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
 
 /// Limits below which monitors count as zero, over the part of the step examined last.
@@ -27,7 +27,7 @@ pub(super) struct Limits {
     of_variables: Vec<[f64; 2]>,
     /// Blocks whose monitors are left out of the proof.
     left_out: Vec<bool>,
-    /// Least magnitudes of the derivatives over the part of the step.
+    /// Least magnitudes of the derivatives of the rows over the part of the step.
     slopes: Vec<f64>,
 }
 
@@ -79,8 +79,8 @@ impl Limits {
         if monitor.place == Activity::Inactive { of_z } else { of_g }
     }
 
-    /// Returns the change of a reduced monitor by errors of the states within their tolerances, if the free variables
-    /// follow the states.
+    /// Returns the change of a monitor by errors of the states within their tolerances; `form` is the monitor
+    /// [reduced](Reduced) by the equations of the free variables, which follow the states.
     pub fn of_form(&self, system: &System<'_>, form: &Reduced) -> f64 {
         form.least_error(&self.uncertainties.errors[..system.states])
     }
@@ -94,8 +94,8 @@ impl Limits {
         members.fold([0.0; 2], |sum, of| [sum[0].max(of[0]), sum[1] + of[1]])
     }
 
-    /// Leaves blocks whose monitors are curved on the face out of the proof; returns whether one of these blocks was
-    /// not left out before.
+    /// Leaves blocks whose monitors are curved (nonlinear functions of `z` and `G`) on the face out of the proof;
+    /// returns whether one of these blocks was not left out before.
     pub fn leave_out_curved(&mut self, system: &System<'_>) -> bool {
         let mut is_new = false;
         for (b, left_out) in self.left_out.iter_mut().enumerate() {
@@ -110,7 +110,7 @@ impl Limits {
     }
 }
 
-/// Whether the monitors of block `b` are curved on the face.
+/// Whether the monitors of block `b` on its face are curved: nonlinear functions of `z` and `G`.
 pub(super) fn has_curved_monitors(system: &System<'_>, b: usize) -> bool {
     let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
     !block.shape.is_flat(face) && !system.face.holds(&block.members)

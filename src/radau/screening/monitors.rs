@@ -50,11 +50,12 @@ pub(super) struct Enclosure {
     rows: Rows,
     middle: Point,
     ends: [Point; 2],
-    /// The reduced forms of the watched monitors, in the order of the monitors.
+    /// The forms of the monitors of variables in intervals, [reduced](Reduced) by the equations of the free
+    /// variables, in the order of the monitors.
     forms: Vec<Reduced>,
-    /// The face of the reduced forms, if the forms are constant on a face.
+    /// The active face of `K` to which the reduced forms of the monitors belong; `None` if the forms vary on a face.
     face: Option<ActiveFace>,
-    /// Magnitudes of the equations of the face: the rows of `Phi` that are not rates.
+    /// Magnitudes of the residuals of the equations of the active face of `K`: the rows of `Phi` that are not rates.
     residuals: Vec<f64>,
     /// Bounds on the distances of the unknowns from their polynomials.
     errors: Vec<f64>,
@@ -63,7 +64,8 @@ pub(super) struct Enclosure {
     /// Ranges of the rates `M^-1 F` over the box of the unknowns.
     rates: Vec<Interval>,
     of_blocks: BlockMonitors,
-    /// Indices of the watched monitors that the enclosure over the box does not prove.
+    /// Indices of the monitors of variables in intervals that the enclosure over the box does not prove to keep their
+    /// signs.
     left: Vec<usize>,
     /// Whether bisection into any reasonable number of parts would not prove the remaining monitors.
     is_hopeless: bool,
@@ -138,7 +140,8 @@ impl Enclosure {
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
-            // Variables that only hidden constraints determine are bounded by the slopes.
+            // If hidden constraints determine variables, the box alone proves nothing: all monitors are left to their
+            // slopes.
             told != Told::ByEquations || {
                 let monitor = &watched[at];
                 let lower = self.lower_end(system, monitor) + limits.of(monitor) - self.error_of(system, monitor);
@@ -168,7 +171,8 @@ impl Enclosure {
         found
     }
 
-    /// Evaluates the midpoint of the part; returns whether the values at the midpoint are finite.
+    /// Evaluates the unknowns and the rows at the midpoint of the part of the step; returns whether all values are
+    /// finite.
     fn know_middle(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
         self.middle.set(on.system, told, part, (t, h), 0.5);
         self.middle.is_finite
@@ -184,7 +188,7 @@ impl Enclosure {
         system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
     }
 
-    /// Updates the reduced forms of the monitors in `left`.
+    /// Updates the reduced forms of the monitors with the indices `left`.
     fn follow(&mut self, on: &mut OnFace<'_, '_>, told: Told, watched: &[Watched], left: &[usize]) {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
@@ -201,8 +205,8 @@ impl Enclosure {
         }
     }
 
-    /// Removes the monitors that the ranges of their slopes prove from `left`; returns whether one of the remaining
-    /// monitors may be negative at the midpoint.
+    /// Removes from `left`, the indices of unproven monitors, those that the ranges of the slopes prove to keep their
+    /// signs; returns whether one of the remaining monitors may be negative at the midpoint.
     fn may_fail(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -213,12 +217,12 @@ impl Enclosure {
         left: &mut Vec<usize>,
     ) -> bool {
         let n = on.system.states;
-        // Forms that include hidden constraints belong to states that satisfy their constraints, and have no error
-        // from violated constraints.
+        // Reduced monitors that include all hidden constraints belong to states that satisfy their constraints: no
+        // violation of these has to be allowed for.
         let has_errors = told != Told::ByHiddenConstraints;
         if has_errors {
-            // The equations of the free variables are bounded by their slopes as well: their values over the box are
-            // too wide for long steps.
+            // The residuals of the equations of the free variables are bounded by their slopes as well: the ranges of
+            // these residuals over the box are too wide for long steps.
             let system = &*on.system;
             let is_inside = |k: usize| system.face.places[k] == Activity::Inactive && system.set.block_of(k).is_none();
             for k in (0..system.unknowns - n).filter(|&k| is_inside(k)) {
@@ -275,7 +279,8 @@ impl Enclosure {
             may_fail |= !is_proven && suspect;
             // Over a box, the residual of a hidden constraint shrinks no faster than the box.
             self.is_hopeless |= with_hidden && part.length == 1.0 && !self.is_wide && {
-                // A monitor that happens to vanish at the midpoint is judged by its size elsewhere.
+                // Compare with the size of the monitor in the whole part, since its value at the midpoint may happen
+                // to vanish.
                 let elsewhere = match monitor.place {
                     Activity::Inactive => self.ranges[n + monitor.variable].width(),
                     _ => 0.0,

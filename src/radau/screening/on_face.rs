@@ -6,7 +6,7 @@ use crate::free_variables::FreeVariables;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
 
-/// Equations that determine the free variables on a face.
+/// Equations that determine the free variables on the active face of `K`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Told {
     /// The equations `G_I = 0` of the free variables suffice.

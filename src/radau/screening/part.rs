@@ -29,7 +29,7 @@ impl Part {
         }
     }
 
-    /// Keeps the first half of the part, and writes the second half to `second`.
+    /// Keeps the first half of the part of the step, and writes its second half to `second`.
     pub fn halve(&mut self, second: &mut Self) {
         self.length *= 0.5;
         (second.begin, second.length, second.count) = (self.begin + self.length, self.length, self.count);
@@ -44,7 +44,7 @@ impl Part {
         self.begin + 0.5 * self.length
     }
 
-    /// Writes the ranges of the unknowns over the part to `out`.
+    /// Writes the ranges of the unknowns over the part of the step to `out`.
     pub fn ranges(&self, out: &mut [Interval]) {
         let unknowns = self.coefficients.chunks_exact(self.count);
         unknowns.zip(out).for_each(|(coefficients, range)| *range = bernstein::range(coefficients));

@@ -22,7 +22,7 @@ use problem::{ForcingSlopes, Sums};
 pub(super) struct Rows {
     /// Derivatives of the rows with respect to the unknowns over the box, in the order of the pattern.
     pub jacobian: Vec<Interval>,
-    /// Derivatives of `G` with respect to time over the part.
+    /// Derivatives of `G` with respect to time over the part of the step.
     pub by_time: Vec<Interval>,
     /// The shared terms of the time derivatives of all rows, if these derivatives are sums of shared terms.
     pub terms: Vec<Interval>,

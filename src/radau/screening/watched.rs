@@ -1,5 +1,5 @@
-//! The monitors of a face that are watched over a step: for each variable in an interval, the quantities that must stay
-//! nonnegative while it keeps its activity.
+//! The monitors of a face that are examined over a step: for each variable in an interval, the quantities that must
+//! stay nonnegative while the variable keeps its activity.
 
 use crate::face::Activity;
 use crate::system::System;
@@ -74,7 +74,7 @@ impl Combination {
     }
 }
 
-/// Writes the monitors of the face, except those of blocks, to `out`.
+/// Writes the monitors of the active face of `K`, except those of blocks, to `out`.
 pub(super) fn watch(system: &System<'_>, out: &mut Vec<Watched>) {
     out.clear();
     for &k in &system.intervals {

@@ -11,10 +11,11 @@ use crate::stages::{Contraction, Newton, THETA};
 use crate::start::LONGER_GAP;
 use hybrid::{Automaton, Located, Proposal, Screened, Solved};
 
-/// Maximum number of halvings of a step along a curved face, before its stages are solved without the face.
+/// Maximum number of halvings of a step on a curved face of `K` at which Newton's method fails, before the stages are
+/// solved with the variational inequality coupled over all of them.
 const HALVINGS: usize = 12;
-/// Maximum number of halvings of a step whose end of face cannot be located, before its stages are solved without the
-/// face.
+/// Maximum number of halvings of a step in which the active face of `K` ends at a point that cannot be located,
+/// before the stages are solved with the variational inequality coupled over all of them.
 const SEARCHES: usize = 4;
 
 /// Data of the attempts at one step.
@@ -23,16 +24,16 @@ pub struct Attempts {
     /// The step size before, and after, the step was cut at a breakpoint.
     wished: f64,
     proposed: f64,
-    /// Number of solves of the stages that are left for the proposed size.
+    /// Number of further solves of the stages that are allowed before a new step size is proposed.
     solves: usize,
-    /// Number of halvings that are left in the search for the end of the face.
+    /// Number of further halvings that are allowed in the search for the end of the active face.
     searches: usize,
     /// Whether the form of the equations on curved faces has been swapped for the proposed step size.
     has_turned: bool,
     /// Whether the step was shortened to the part over which screening proved that no monitor changes sign.
     is_proven_part: bool,
-    /// Result of the screening of the last step that it could not prove, and the point up to which it excludes
-    /// violations.
+    /// Result of the last screening that did not prove the step free of switches, and the fraction of the step up to
+    /// which it excludes violations of monitors.
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
@@ -50,14 +51,15 @@ impl Attempts {
 pub struct Trial {
     pub(super) h: f64,
     iterations: usize,
-    /// Whether the variational inequality was solved over all stages, without a face.
+    /// Whether the variational inequality was solved coupled over all stages, instead of the equations of one active
+    /// face.
     pub(super) coupled: bool,
-    /// Whether all stages are on the face before the step.
+    /// Whether all stages are on the active face that the step began on.
     pub(super) is_one_face: bool,
-    /// Whether a monitor of the face is violated at a stage.
+    /// Whether a monitor of the active face is violated at a stage.
     violated: bool,
-    /// Whether the stages could be solved on the face; otherwise the face ends at a point that is still to be
-    /// located.
+    /// Whether the stages could be solved on the active face; otherwise the face ends within the step, at a point
+    /// that is still to be located.
     is_followed: bool,
     pub(super) between: Option<Between>,
 }
@@ -84,7 +86,7 @@ impl Automaton for Radau<'_> {
     type Error = StepError;
 
     fn propose(&mut self, attempts: &mut Attempts) -> Result<Proposal, StepError> {
-        // Between switches that accumulate, steps are too short to gain from more stages.
+        // In an accumulation of switches (Zeno), steps are too short to gain from more stages.
         if self.switching.is_accumulating() && self.orders.take_fewest() {
             self.forget_order();
         }
@@ -121,7 +123,7 @@ impl Automaton for Radau<'_> {
     }
 
     fn solve(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
-        // Leave the mode if the step is too small to advance the time.
+        // Give up the active face if the step is too small to advance the time.
         if attempts.solves == 0 || h < attempts.proposed && !self.clock.resolves(h) {
             return Ok(Solved::Lost);
         }
@@ -134,8 +136,8 @@ impl Automaton for Radau<'_> {
             }
             Newton::Slow(factor) if self.stage_vi.is_none() => self.fail(factor, RejectionCause::Slow, attempts),
             Newton::Failed(cause) if self.stage_vi.is_none() => self.fail(0.5, cause, attempts),
-            // The equations of a curved face may have no solution behind its end: locate the point at which that
-            // happens.
+            // Behind the end of a curved face, its equations may have no solution: locate the point at which the face
+            // ends.
             Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
                 if !std::mem::replace(&mut attempts.has_turned, true) && self.system.swap_primal_dual_form() {
                     self.factored = None;
@@ -213,7 +215,8 @@ impl Automaton for Radau<'_> {
                 Located::Retry(part * size)
             }
             EventTime::Nowhere if !step.is_followed => Located::Retry(0.5 * size),
-            // The step is proven up to shortly before the violation.
+            // Screening has proven the active face up to shortly before the violation: make that part of the step
+            // first.
             EventTime::Nowhere if attempts.proven >= LEAST && self.may_shorten() => {
                 attempts.is_proven_part = true;
                 Located::Retry(std::mem::take(&mut attempts.proven) * size)
@@ -298,7 +301,8 @@ impl Automaton for Radau<'_> {
             if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / h)) {
                 new = h;
             }
-            // A step cut at a switch or a breakpoint is no reason to reduce the step size wished for.
+            // A step that was cut at a switch or a breakpoint is no reason to propose smaller steps: return to the
+            // size before the cut.
             let is_cut = event.is_some() || self.breaks.after().is_some();
             self.h = if is_cut { attempts.wished } else { new };
             return Ok(true);
@@ -309,8 +313,8 @@ impl Automaton for Radau<'_> {
         let first = self.counts.accepted == 0;
         let seen = self.unseen.seen;
         self.shrink(h, RejectionCause::Error, |controller| match is_missed {
-            // Cut the step where the missed variation begins; a variation that only the sum over the parts of the
-            // step reveals begins nowhere.
+            // Cut the step where the variation of the rates that its stages missed begins; a variation that shows
+            // only in the sum over all parts of the step has no beginning.
             true if (LEAST..1.0).contains(&seen) => controller.cut(seen * h),
             true => controller.miss(s, h, error.min(1e10), iterations, most),
             false => controller.reject(s, h, error.min(1e10), iterations, most, first),
@@ -387,8 +391,8 @@ impl Radau<'_> {
         Ok(Solved::Rejected)
     }
 
-    /// Returns the first violation of a monitor that screening detects in a step of size `h`, whose stages are solved
-    /// again, and the point up to which screening excludes violations.
+    /// Solves the stages of a step of size `h` again, and returns the first violation of a monitor that screening
+    /// detects in it, and the point up to which screening excludes violations.
     fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);

@@ -125,8 +125,8 @@ impl Radau<'_> {
         let leaves_no_rest = !coupled && self.leaves_no_rest();
         let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
         let has_output = self.settings.interpolated && !coupled;
-        // The residual of equations that determine their variables shrinks with the step size, and a first step has
-        // no other slope to start from.
+        // On the first step, which has no other slope to start from, nonlinear equations are admissible if they
+        // determine their variables: their residuals shrink with the step size.
         let has_slope =
             has_output && (leaves_no_rest || !self.continues && self.switching.inside.tells_all(&self.system));
         if has_slope && !self.continues && self.last.end_slope.is_empty() {
@@ -271,7 +271,7 @@ impl Radau<'_> {
     }
 }
 
-/// Returns the root mean square of `e`, weighted by `weight`.
+/// Returns the root mean square of the components of `e`, each multiplied by its entry of `weight`.
 pub(super) fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
     mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)

@@ -168,7 +168,8 @@ impl Radau<'_> {
             .sqrt()
             / (n as f64).sqrt();
         let s = self.tableau().stages() as f64;
-        // A change of one tolerance per step is far too careful; the order determines the factor.
+        // A first step over which the states change by one tolerance would be far too careful; how much more is
+        // possible depends on the order.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
         let least = (1e-12 * span).max(f64::EPSILON * self.clock.t.abs());
         (reach / speed).min(1e-3 * span).max(least).min(span)

@@ -99,15 +99,16 @@ impl Radau<'_> {
         self.system.work
     }
 
-    /// Returns the work on affine problems, over the stages and for faces: the solver of the last one, their number,
-    /// and their pivots or iterations.
+    /// Returns the work on affine variational inequalities, both for stages and for the selection of faces: the name
+    /// of the solver, the number of problems solved, and the number of pivots or iterations.
     pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
         let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
         let last = if stages.solves > 0 { stages } else { faces };
         Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
-    /// Returns the unsuccessful attempts at affine problems of the stages, each with its number of occurrences.
+    /// Returns the unsuccessful attempts of the solver at affine variational inequalities of the stages, each with
+    /// its number of occurrences.
     pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
         self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
@@ -159,7 +160,7 @@ impl Radau<'_> {
                 }
             }
         }
-        // If variables were found, the bounds are already those at the states in `out`.
+        // If consistent variables were found, the moving bounds are already those at the states in `out`.
         if !self.system.bounded.is_empty() && (are_found || self.system.evaluate(t, out)) {
             self.system.project(out);
         }

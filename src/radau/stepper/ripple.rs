@@ -60,7 +60,8 @@ impl Radau<'_> {
         }
         let degrees = tableau.stages() - 1;
         let power = degrees as f64 / half(degrees) as f64;
-        // The power is two for all methods with an odd number of stages up to seven.
+        // The exponent of the decrease, `s - 1` divided by half of that, is two for all methods with an odd number of
+        // stages up to seven.
         let raise = |fall: f64| if power == 2.0 { fall * fall } else { fall.powf(power) };
         let Estimates { shifted, ripple, .. } = &mut self.estimates;
         for ((e, last), fall) in shifted[..states].iter_mut().zip(&ripple.last).zip(&ripple.fall) {

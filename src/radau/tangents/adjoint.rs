@@ -348,7 +348,8 @@ impl Adjoint {
                 Some(records) => records,
                 None => self.repeat(&segment, radau, tangents)?,
             };
-            // The derivatives of the number with respect to the states behind the switch at the end of the step.
+            // The derivatives of the differentiated number with respect to the states behind the switch that ends the
+            // step.
             let mut behind: Option<DVector<f64>> = None;
             for record in records.into_iter().rev() {
                 match record {
@@ -387,7 +388,8 @@ impl Adjoint {
         let mut begin = DVector::zeros(n);
         let mut stages = vec![DVector::zeros(n); s];
         stages[s - 1] += &costate.states;
-        // Adds `row` times the increment of the polynomial with the weights `of` of the stages.
+        // Adds to the row vectors of the stages, and of the beginning of the step, `row` times the derivative of the
+        // increment of the polynomial; `of` are the weights of the stages in that increment.
         let mut add_increment = |of: &[f64], row: &DVector<f64>, begin: &mut DVector<f64>| {
             for (stage, weight) in stages.iter_mut().zip(of) {
                 *stage += row * *weight;

@@ -17,7 +17,7 @@ use nalgebra::DMatrix;
 /// per direction.
 pub(super) type TimesOfVariables = Vec<(usize, Vec<f64>)>;
 
-/// A jump of the rates between two points.
+/// A jump of the rates at a switch.
 #[derive(Clone, Copy)]
 pub(super) struct Jump<'a> {
     /// The unknowns before and after the jump.
@@ -28,7 +28,7 @@ pub(super) struct Jump<'a> {
     pub none: &'a [f64],
 }
 
-/// Whether two lists of derivatives of a time belong to one switch.
+/// Whether the derivatives of two switching times agree, so that both times belong to one switch.
 pub(super) fn agree(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= AGREE * a.abs().max(b.abs()))
 }
@@ -45,7 +45,7 @@ impl Tangents {
     ) -> Option<Vec<Saltation>> {
         let (n, m) = (self.mass.nrows(), jump.ends[0].len() - self.mass.nrows());
         let [before, after] = jump.ends;
-        // The part of the jump of the rates that the variables alone cause.
+        // The part of the jump of the rates that the jump of the variables alone causes.
         let beside = [&before[..n], &after[n..]].concat();
         let [(left, _), (right, _)] = [before, &beside].map(|y| self.rates(t, y));
         let coupled = self.coupled(rows, m);
@@ -80,7 +80,8 @@ impl Tangents {
         (is_whole && are_apart).then(|| saltations.into_iter().map(|(_, own)| own).collect())
     }
 
-    /// Returns, for each variable, the first of the variables that equations of variables, or blocks, couple with it.
+    /// Returns, for each variable, a number that it shares with all variables coupled with it: by an equation of
+    /// variables (a row of `G` or a moving bound) or by a block. The number is the least index among these variables.
     fn coupled(&self, rows: &Rows, m: usize) -> Vec<usize> {
         let structure = self.problem.structure();
         let n = self.mass.nrows();

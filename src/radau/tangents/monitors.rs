@@ -46,7 +46,8 @@ impl Tangents {
         let of_variable = |k: usize| Ok((k, self.times_of(k, (&face, radau.face()), &rows, (&states, &slopes))?));
         let times: TimesOfVariables = variables.into_iter().map(of_variable).collect::<Result<_, NoDerivative>>()?;
         let is_one = times.iter().all(|(_, other)| agree(&times[0].1, other));
-        // Along a basis, which leads off constraints, monitors of one switch need not agree.
+        // A basis of the states has directions that lead off the constraints: along these, the monitors of one switch
+        // need not agree on the derivatives of its time.
         let apart = (!is_one).then(|| self.independent(t, &rows, &times, jump)).flatten();
         match apart {
             Some(saltations) => Ok(saltations),
@@ -95,7 +96,8 @@ impl Tangents {
             Activity::Boundary(_) => ray(structure, k, rows).ok_or(NoDerivative::Block)?,
             _ => vec![(k, 1.0)],
         };
-        // Returns the derivative of a row along a column, and the largest of its terms.
+        // Returns the derivative of a row of the problem along a column of derivatives of the unknowns, and the
+        // largest of its terms.
         let along = |row: usize, column: usize| -> (f64, f64) {
             let unknowns =
                 states.column(column).iter().chain(variables.column(column).iter()).copied().collect::<Vec<_>>();
@@ -150,7 +152,7 @@ impl Tangents {
         let mut right = -(by_directions + by_y.columns(0, n) * states);
         let inside: Vec<usize> = (0..m).filter(|&k| face.places[k] == Activity::Inactive).collect();
         if let Some(hidden) = hidden_combinations(&matrix, &inside) {
-            // Solve for variables on bounds first: the others depend on them.
+            // Solve for the derivatives of variables on bounds first: those of the other variables depend on them.
             let mut fixed = DMatrix::zeros(m, columns);
             (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
             let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
@@ -219,7 +221,7 @@ impl Tangents {
             let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
             let mut by = CENTRAL_DIFFERENCE * parts.fold(f64::INFINITY, f64::min);
             let in_time = if column + 1 == columns { 1.0 } else { 0.0 };
-            // If the states are at rest, they do not limit the difference in time.
+            // The shift in time of the difference is limited by the motion of the states, unless they are at rest.
             if in_time > 0.0 || !by.is_finite() {
                 by = by.min(CENTRAL_DIFFERENCE * span);
             }

@@ -91,9 +91,9 @@ impl<'a> DirectionSize<'a> {
 }
 
 impl Radau<'_> {
-    /// Bounds the next step by the error of derivatives in the last one, and returns the error in units of the
-    /// tolerances: `lacking` are the slopes that the polynomials of the derivatives lack at the beginning, times the
-    /// step size, with one direction per column, and `largest` the largest derivatives so far.
+    /// Bounds the next step by the error of the derivatives in the last one, and returns that error in units of the
+    /// tolerances. `lacking` are the slopes that the polynomials of the derivatives lack at the beginning of the
+    /// step, times the step size, one direction per column; `largest` are the largest derivatives so far.
     pub fn limit_next_step<'a>(
         &mut self,
         lacking: &DMatrix<f64>,
@@ -111,9 +111,9 @@ impl Radau<'_> {
         Some(error)
     }
 
-    /// Returns the size of the shortest step that is made for the sake of the derivatives. No step resolves
-    /// derivatives of a motion that ends with a fractional power of the time left, as the direction of a slip does;
-    /// finally the states alone decide.
+    /// Returns the size of the shortest step that is made for the sake of the derivatives. Near the end of a motion
+    /// that varies with a fractional power of the time left, as the direction of a slip does, no step resolves the
+    /// derivatives; there the step size follows from the states alone.
     fn shortest_of_derivatives(&self) -> f64 {
         self.clock.rounding(0.0) / KNOWN
     }

@@ -155,7 +155,7 @@ impl Radau<'_> {
         self.system.problem().enclose(times, &room.y, &mut room.values).then_some(())
     }
 
-    /// Returns the time interval of a part of a step.
+    /// Returns the interval of time that a part of a step takes.
     pub(super) fn times(&self, samples: &StepSamples, part: &Part) -> Interval {
         let at = |theta: f64| self.clock.t + theta.clamp(samples.end, 1.0 - samples.end) * samples.h;
         Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))

@@ -60,7 +60,8 @@ struct Read {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unreadable;
 
-/// The inode and the modification time of the file of tokens, which each change replaces as a whole.
+/// The inode and the modification time of the file of tokens, by which a change of the file is noticed: each change
+/// replaces the whole file.
 type Version = (u64, i64, i64);
 
 /// The interval between two checks whether the file of tokens has changed, which cost a system call each: a revoked
@@ -108,7 +109,8 @@ impl Tokens {
         if known.looked.elapsed() > STALE {
             known.looked = Instant::now();
             let version = version(&self.path);
-            // After a failure, read the file even if unchanged: its owner or mode may have been corrected.
+            // After a failed read, the file of tokens is read again even if it is unchanged, since its owner or mode
+            // may have been corrected.
             if version != known.version || known.rows.is_err() {
                 let rows = read(&self.path).map(Arc::new).map_err(|error| {
                     tracing::error!(%error, "the tokens cannot be read: does {} belong to this user?", self.path.display());
@@ -196,7 +198,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     Ok(changed)
 }
 
-/// Gives a file the owner of `folder`, if they differ.
+/// Changes the owner of a file to that of `folder`, if the two differ.
 fn belong_as(path: &Path, folder: &Path) -> io::Result<()> {
     let (file, folder) = (fs::metadata(path)?, fs::metadata(folder)?);
     if file.uid() != folder.uid() {

@@ -5,17 +5,17 @@
 use std::collections::HashMap;
 use std::mem;
 
-/// A cache of values by text, bounded in number.
+/// A cache that maps texts to values, with a bounded number of entries.
 #[derive(Debug)]
 pub struct Generations<T> {
     young: HashMap<Box<[u8]>, T>,
     old: HashMap<Box<[u8]>, T>,
-    /// The largest number of values in one of the two generations.
+    /// The largest number of values in each of the two generations of the cache.
     most: usize,
 }
 
 impl<T: Clone> Generations<T> {
-    /// Creates a cache with room for about `kept` values, and for two at least.
+    /// Creates a cache that keeps about `kept` values, and at least two.
     pub fn new(kept: usize) -> Self {
         Self { young: HashMap::new(), old: HashMap::new(), most: (kept / 2).max(1) }
     }

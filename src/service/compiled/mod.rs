@@ -37,7 +37,8 @@ const LARGEST: usize = 256 << 10;
 pub struct Compiled {
     texts: Mutex<Generations<Arc<Known>>>,
     structures: Mutex<Generations<Arc<Known>>>,
-    /// The texts for which a cached specification was recently used with other values of the parameters.
+    /// Hashes of the texts for which the cached programs of a specification of equal structure were recently used,
+    /// with other values of its parameters.
     bound: Mutex<Seen>,
 }
 
@@ -105,7 +106,8 @@ impl Compiled {
 /// but the compiled problem depends on them.
 fn is_of(structure: &Structure<'_>, specification: &Specification) -> bool {
     let Some(parameters) = specification.model().parameters() else { return false };
-    // Advice to formulate the problem differently quotes values of the parameters.
+    // A specification with advice to formulate its problem differently is excluded, since the advice quotes values of
+    // the parameters.
     let advised = specification.model().dvi().is_some_and(|model| model.kinks.as_set.is_some());
     let known = || parameters.names().iter().map(String::as_str).zip(parameters.values().iter().copied());
     let same = structure.parameters().count() == known().count()
@@ -150,7 +152,8 @@ mod tests {
             let (found, anew) = (&found.specification, &anew.specification);
             assert_eq!(serde_json::to_value(found.summary()).unwrap(), serde_json::to_value(anew.summary()).unwrap());
             assert_eq!(found.model().initial(), anew.model().initial(), "{m} {f}");
-            // A text that comes for the third time is found by its whole text.
+            // The third search for a text finds it by its whole text, with the value that the second search has
+            // stored.
             let again = [0, 1].map(|_| compiled.find(other.as_bytes()).unwrap());
             assert!(Arc::ptr_eq(&again[0], &again[1]), "{m} {f}");
         }

@@ -72,7 +72,7 @@ pub fn chapters(answer: &Value) -> Vec<Chapter> {
 /// The JSON Schema of a specification, parsed once.
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let text = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../api/specification.schema.json"));
-    // A test compares the schema file with the schema that the code generates.
+    // Parsing cannot fail: a test compares the schema file with the schema that the code generates.
     serde_json::from_str(text).unwrap_or_default()
 });
 

@@ -176,7 +176,8 @@ fn kind(schema: &Value) -> String {
     }
 }
 
-/// Returns the bounds and the default of a number as sentences, without those that its description already states.
+/// Returns the bounds and the default of a number in a schema as sentences, without those that the description of the
+/// number already states.
 fn bounds(schema: &Value) -> String {
     let bound = |key: &str, words: &str| schema.get(key).map(|value| format!(" {words} {value}."));
     let all = [

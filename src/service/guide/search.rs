@@ -48,8 +48,8 @@ pub fn search<'a>(chapters: &'a [Chapter], query: &str) -> Vec<Found<'a>> {
     found.into_iter().take(MOST).map(|(_, found)| found).collect()
 }
 
-/// Returns the text around a word. A text in lower case may differ in length from the original, so that the position
-/// of the word is counted in characters.
+/// Returns the part of a section's text around a word of the query. A text in lower case may differ in length from
+/// the original, so that the position of the word is counted in characters.
 fn excerpt(text: &str, lower: &str, word: &str) -> String {
     let place = lower.find(word).map_or(0, |at| lower.get(..at).map_or(0, |before| before.chars().count()));
     let start = place.saturating_sub(AROUND / 3);

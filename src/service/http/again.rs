@@ -109,7 +109,8 @@ pub async fn continue_job(
     let (start, ends) = match read {
         Ok(Some(last)) => last,
         Ok(None) => {
-            // Results without a trajectory have a reason, unless the solve was stopped before its first step.
+            // If the results have no trajectory, the job has a type of problem that cannot be continued, or was
+            // stopped before its first step.
             let why =
                 continued(&document, end, end, |_| None).err().filter(|why| matches!(why, NotContinuable::Problem(_)));
             return Err(refused(id, &why.map_or_else(|| "its trajectory is empty".to_owned(), |why| why.to_string())));

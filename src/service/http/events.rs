@@ -104,7 +104,8 @@ pub async fn follow(
             () = sink.gone() => return Err(Gone),
             ended = &mut settled => match ended {
                 Some(_) => break,
-                // The job was set aside at the stop of the service, for the next process to continue.
+                // The job was parked at the stop of the service, for the next process to continue; the stream ends
+                // without an end of the job.
                 None => return Ok(None),
             },
             _ = &mut closed => return Ok(None),

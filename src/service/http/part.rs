@@ -11,8 +11,8 @@ use std::io;
 
 /// The results of a job, or an excerpt of them.
 pub struct Part {
-    /// The trajectory of the whole results, as columns; if the values of the excerpt were copied, that of the
-    /// excerpt.
+    /// The trajectory as columns: that of the whole results, or that of the excerpt alone if its values were copied
+    /// to memory.
     pub columns: Box<dyn Columns>,
     /// The rows and fields that the response contains.
     pub selection: Selection,

@@ -25,7 +25,8 @@ const PIECE: usize = 128 * KIB;
 #[derive(Clone, Debug)]
 pub struct Room {
     free: Arc<Semaphore>,
-    /// The part of the budget that values of excerpts may take; the rest is always available to pieces of responses.
+    /// The part of the memory budget that the values of excerpts may take; the rest of the budget is always available
+    /// to pieces of responses.
     for_kept: Arc<Semaphore>,
     kib: u32,
 }
@@ -123,7 +124,8 @@ type NextPiece = io::Result<(Bytes, Option<Box<Unwritten>>)>;
 /// The body of a response that is generated in pieces.
 pub struct Pieces {
     room: Room,
-    /// The generator of the rest of the response, while no piece is being generated.
+    /// The generator of the rest of the response; `None` while it generates a piece on another thread, and at the
+    /// end.
     rest: Option<Box<Unwritten>>,
     /// The pending generation of the next piece.
     next: Option<Pin<Box<dyn Future<Output = NextPiece> + Send>>>,
@@ -140,8 +142,8 @@ async fn next_piece(mut answer: Box<Unwritten>, room: Room) -> NextPiece {
     let taken = room.take(PIECE).await;
     let work = move || {
         let mut bytes = Vec::with_capacity(PIECE);
-        // The piece is filled to its size: returning to the connection's task takes longer than generating a little
-        // more.
+        // The piece is filled as far as its size allows, since to return to the task of the connection takes longer
+        // than to generate a little more.
         loop {
             let before = bytes.len();
             let more = answer.write(&mut bytes)?;
@@ -189,7 +191,7 @@ mod tests {
         assert!(timeout(Duration::from_secs(60), &mut second).await.is_err());
         drop(first);
         assert!(second.await.is_some());
-        // A request for more than the whole budget gets the whole budget.
+        // A request for more than the whole memory budget of responses gets the whole budget.
         assert!(room.take(usize::MAX).await.is_some());
     }
 
@@ -204,7 +206,7 @@ mod tests {
         assert!(pieces.is_ok());
         kept.pop();
         assert!(room.keep(2 * KIB * KIB).is_some());
-        // A failed reservation takes nothing from the budget.
+        // A failed reservation takes nothing from the memory budget of responses.
         let all = Arc::clone(&room.free).try_acquire_many_owned(2 * KIB as u32);
         assert!(all.is_ok() && room.keep(1).is_none());
         drop((pieces, all));

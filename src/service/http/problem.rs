@@ -37,7 +37,7 @@ macro_rules! problems {
                 match self { $(Self::$kind => $title,)* }
             }
 
-            /// Returns when the problem occurs, and what to do about it.
+            /// Returns the explanation of the problem: when it occurs, and what to do about it.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$kind => $meaning,)* }
             }

@@ -142,7 +142,8 @@ impl Representation {
     }
 }
 
-/// The size in bytes up to which a response is not counted in the memory budget: its connection takes more memory.
+/// The size in bytes up to which a response is not counted in the memory budget of responses, since its connection
+/// takes more memory anyway.
 const UNCOUNTED: usize = 4 << 10;
 
 /// The largest number of values of a response that is generated at once, not in pieces.
@@ -166,8 +167,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
     }
 }
 
-/// Does `work` on results; if they are large, on a thread for blocking calls, with a limited number at a time and the
-/// clients taking turns.
+/// Does `work` on the results of a job; if the results are large, on a thread for blocking calls, when the client
+/// gets one of a limited number of permits.
 pub async fn run_blocking<T: Send + 'static>(
     shared: &Shared,
     client: Client,

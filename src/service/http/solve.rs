@@ -82,7 +82,8 @@ pub async fn solve(
     let wait = preferences.wait();
     let job = job(&shared, client, key, &document, wait.is_zero(), anew).await?;
     let ended = if wait.is_zero() {
-        // A job that was posted earlier, with the same idempotency key, may be in memory only.
+        // A job that was posted earlier under the idempotency key of this request may be in memory only, and is made
+        // durable here.
         shared.jobs.outlive(&job).await?;
         None
     } else {
@@ -204,7 +205,7 @@ impl Drop for AbandonGuard {
         if let Some(job) = self.job.take() {
             tracing::debug!(job.id = %job.id, "nobody knows job {} any more", job.id);
             let jobs = Arc::clone(&self.jobs);
-            // Without a runtime, the process is about to end, and the job with it.
+            // Without an async runtime, the process is about to end, and the job with it.
             if let Ok(runtime) = Handle::try_current() {
                 runtime.spawn(async move { jobs.forget(&job).await });
             }

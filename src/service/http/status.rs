@@ -93,7 +93,7 @@ impl StatusInfo {
         };
         let verdict = match &state {
             State::Accepted(_) | State::Running { .. } => None,
-            // Damaged results are not served, and neither is their verdict.
+            // Results that were found damaged on the disk are not served, and neither is the verdict on them.
             State::Ended(ended) => ended.verdict.clone().filter(|_| !ended.damaged),
         };
         let (started, finished) = match &state {

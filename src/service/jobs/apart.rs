@@ -41,12 +41,13 @@ pub fn is_sound(folder: &Path) -> bool {
     let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     let Ok(overlay) = Overlay::open(&folder.join("jobs.redb")) else { return true };
     let open = || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));
-    // The wait for the lock must end before the time limit of this process.
+    // The wait for the lock of the database must end before the time limit of this child process.
     let redb = match patiently(START / 2, open) {
         Ok(redb) => redb,
         Err(error) => return !is_damage(&error),
     };
-    // Rows of the first format have no digests to check: they are checked when the service converts them.
+    // Rows of jobs in the first format of the database have no digests; they are checked when the service converts
+    // them.
     guarded(|| tables::has_first_rows(&redb)).unwrap_or(false) || Database::looked_at(redb).is_sound()
 }
 
@@ -102,12 +103,12 @@ fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Resu
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
-    // The pipe stays open until the process has ended.
+    // The pipe to the standard input of the child process stays open until the process has ended.
     let _attending = process.stdin.take();
     let out = process.stdout.take();
     let reader = spawn(move || {
         let mut told = String::new();
-        // After a read error, the output so far is kept.
+        // After a read error, the output of the child process so far is kept.
         let _ = out.map(|mut out| out.read_to_string(&mut told));
         told
     });

@@ -11,7 +11,8 @@ use std::time::Duration;
 /// The limits on the jobs of a service.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// The largest number of solves that run to their end at a time, without those on relief workers.
+    /// The largest number of solves at a time that may run to their end, and not only for a first time slice; without
+    /// those on relief workers.
     pub workers: usize,
     /// The limits of the queue of waiting jobs.
     pub queue: Room,
@@ -36,8 +37,8 @@ impl Bounds {
 
     /// Returns the error for a full queue, with the time after which there should be room.
     pub fn admission_error(&self, intake: &Intake, full: Full) -> AdmissionError {
-        // The time is that in which a tenth of the places gets free, so that a client that comes back then finds a
-        // place even if other clients come back too.
+        // The time is that in which a tenth of the places in the queue becomes free, so that a client that repeats
+        // its request then finds a place, even if other clients repeat theirs too.
         match full {
             Full::Queue => AdmissionError::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
             Full::Bytes => AdmissionError::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
@@ -71,7 +72,8 @@ pub enum AdmissionError {
     Away,
 }
 
-/// The error for a full queue of checks, whose drain rate is not measured.
+/// The error for a full queue of checks of specifications; the rate at which checks leave their queue is not
+/// measured.
 impl From<Full> for AdmissionError {
     fn from(full: Full) -> Self {
         match full {

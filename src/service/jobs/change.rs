@@ -75,7 +75,7 @@ fn make<'a>(
             if let Some(document) = &change.document {
                 specifications.insert(id.number(), &**document)?;
             } else if jobs.get(id.number())?.is_none() {
-                // The change updates a job whose insertion failed, and is skipped.
+                // The row to update is missing: the insertion of the job failed, and the change is skipped.
                 continue;
             }
             jobs.insert(id.number(), seal(*id, record).as_slice())?;

@@ -52,7 +52,7 @@ struct Made {
 }
 
 impl Jobs {
-    /// Lets the worker solve a chunk of a sweep, or, if no chunk is left, ends the sweep.
+    /// Lets the worker of a supervisor solve a chunk of a sweep, or, if no chunk is left, ends the sweep.
     pub(super) async fn see_chunk_through(
         &self,
         place: usize,
@@ -99,7 +99,7 @@ impl Jobs {
             if chunks.rows() == 0 {
                 self.metrics.waited(job.created.clock.elapsed());
             }
-            // A sweep whose end could not be stored ends once more.
+            // A sweep that had ended, and whose end could not be stored, continues here and ends again.
             chunks.resume();
             if posted.is_some() {
                 chunks.set_document(posted);
@@ -262,7 +262,7 @@ impl Jobs {
         }
     }
 
-    /// Ends a sweep, if its chunks say that it is to end.
+    /// Ends a sweep, if no worker has a chunk of it, and it is complete, was asked to stop or cannot continue.
     pub(super) async fn settle(&self, job: &Arc<Job>, chunks: &Arc<Chunks>) {
         let Some(control) = job.control() else { return };
         let is_late = control.poll().is_some();
@@ -274,7 +274,8 @@ impl Jobs {
                 return self.store.park(job).await;
             }
             Settled::Broken(fault) => job.ended(Ending::Broken(fault)),
-            // For a part of a sweep, the process that divides the sweep makes the table, of the rows in the log.
+            // If this job is one chunk of a sweep that machines share, the table is made of all rows by the process
+            // that divides the sweep.
             Settled::Table(_) if chunks.is_part() => {
                 return self.store.conclude(job, job.ended(Ending::Successful)).await;
             }
@@ -306,7 +307,8 @@ impl Jobs {
         }
         job.log_end(&ended);
         self.store.conclude(job, ended).await;
-        // A job whose end could not be stored is parked, and makes its table again when it resumes.
+        // A job whose end could not be stored is parked (it will wait in the queue again), and makes its table again
+        // when it is resumed.
         let Some(ended) = job.settled().await else { return };
         chunks.set_document(None);
         *chunks.log() = RowLog::default();

@@ -1,7 +1,7 @@
-//! The chunks of a sweep: consecutive members that one worker solves as one task. The job of the sweep waits in the
-//! queue as long as there are members that no worker has; the worker that takes the job from the queue takes the next
-//! chunk, and the job returns to the end of its client's line. So a sweep has the share of one job, and as many
-//! workers as are free.
+//! The chunks of a parameter sweep: a member is the solve for one choice of the parameters, and a chunk is a range of
+//! consecutive members that one worker solves as one task. The job of the sweep waits in the queue as long as there
+//! are members that no worker has; the worker that takes the job from the queue takes the next chunk, and the job
+//! returns to the end of its client's line. So a sweep has the share of one job, and as many workers as are free.
 //!
 //! A chunk has as many members as its share of those left (guided self-scheduling: Polychronopoulos and Kuck 1987),
 //! and no more than fit in about the time [`TARGET`]; its worker begins no further member after that time, and
@@ -42,7 +42,7 @@ const UNMEASURED: usize = 256;
 /// each costs a worker or the whole time limit.
 const MOST_LOST: usize = 256;
 
-/// A range of members of a sweep that one worker solves as one task.
+/// A range of members of a parameter sweep, each one solve, that one worker solves as one task.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chunk {
     /// The range of members of the sweep that the chunk contains.
@@ -54,7 +54,7 @@ pub struct Chunk {
 /// The outcome of a chunk of a sweep.
 #[derive(Debug)]
 pub enum Solved {
-    /// The number of first members of the chunk that have rows, their accepted steps, and the size of the rows in
+    /// The first members of the chunk have rows: their number, their accepted steps, and the size of the rows in
     /// bytes.
     Rows { rows: usize, steps: u64, bytes: usize },
     /// The worker was lost after about this number of members.
@@ -72,7 +72,8 @@ pub enum Solved {
 /// The way in which a sweep is to end.
 #[derive(Debug, PartialEq)]
 pub enum Settled {
-    /// The sweep ends with its table; `None` if all members have rows, or else why some have none.
+    /// The sweep ends with the table of its rows; the value says why some members have no row, and is `None` if all
+    /// have one.
     Table(Option<Incomplete<'static>>),
     /// The sweep ends without a table, because of a fault.
     Broken(Fault),
@@ -107,13 +108,14 @@ struct Division {
     rows: usize,
     steps: u64,
     lost: usize,
-    /// The time per member in the last chunk in seconds, and the largest measured size of a row in bytes.
+    /// The time per member of the sweep in the last chunk, in seconds, and the largest measured size of a row, in
+    /// bytes.
     pace: Option<f64>,
     width: Option<f64>,
     broken: Option<Fault>,
     /// Whether the job of the sweep waits in the queue.
     is_queued: bool,
-    /// Whether the end of the sweep is being made, or has been made.
+    /// Whether the sweep has ended, or a caller is ending it (makes its table and stores its end).
     is_settled: bool,
 }
 
@@ -124,7 +126,7 @@ struct Open {
 }
 
 impl Chunks {
-    /// Creates the state of a sweep with all members open.
+    /// Creates the state of a sweep with all members open (without a row, and on no worker).
     pub fn new(facts: SweepFacts) -> Self {
         Self::restored(facts, RowLog::default(), false)
     }
@@ -176,7 +178,8 @@ impl Chunks {
         let fit = division.width.map_or(UNMEASURED, |width| (ROW_BYTES as f64 / width.max(1.0)) as usize);
         let most = within(target).unwrap_or(usize::MAX).min(fit);
         let count = share.max(within(LEAST * target).unwrap_or(1)).min(most).clamp(1, end - first);
-        // The size of a part was determined where the sweep was divided, so that the part is taken whole.
+        // A chunk of a sweep that machines share is taken whole: the process that divides the sweep has determined
+        // its size.
         let count = if self.is_part { end - first } else { count };
         if first + count < end {
             division.open(first + count..end, lost.clone());
@@ -196,7 +199,7 @@ impl Chunks {
         queues
     }
 
-    /// Whether there are members without a row that no worker has.
+    /// Whether the sweep has open members, which have no row and are on no worker.
     pub fn has_open(&self) -> bool {
         !self.division().open.is_empty()
     }
@@ -258,7 +261,8 @@ impl Chunks {
                 let done = if (1..end - start).contains(done) { *done } else { (end - start) / 2 };
                 division.open(start..start + done, None);
                 division.open(start + done..end, None);
-                // After the loss of a worker, the next chunks are small again.
+                // After the loss of a worker, the next chunks are small again, as the time per member is taken to be
+                // long.
                 division.pace = Some(time.as_secs_f64().max(TARGET.as_secs_f64()));
             }
             Solved::Late(lost) => {
@@ -275,12 +279,14 @@ impl Chunks {
         }
     }
 
-    /// Counts members that were lost in another process.
+    /// Counts members of the sweep that were lost in another process: they have no solution, since they made their
+    /// worker die or exceeded the time limit.
     pub fn lose(&self, members: usize) {
         self.division().lost += members;
     }
 
-    /// Returns the number of members that have been lost.
+    /// Returns the number of members of the sweep without a solution, because they made their worker die or exceeded
+    /// the time limit.
     pub fn lost(&self) -> usize {
         self.division().lost
     }
@@ -329,7 +335,7 @@ impl Chunks {
         }
     }
 
-    /// Returns the number of members that have rows.
+    /// Returns the number of members of the sweep that have rows in the log, which means that they are solved.
     pub fn rows(&self) -> usize {
         self.division().rows
     }
@@ -351,7 +357,8 @@ impl Chunks {
         self.is_dismissed.load(Relaxed)
     }
 
-    /// Makes the sweep end with the rows that it has when it is begun again; returns whether it has any.
+    /// Marks the sweep as dismissed, if it has rows, so that it ends with these rows when a worker takes it next;
+    /// returns whether it has rows.
     pub fn dismiss(&self) -> bool {
         let has_rows = self.rows() > 0;
         self.is_dismissed.fetch_or(has_rows, Relaxed);
@@ -379,13 +386,14 @@ impl Chunks {
 }
 
 impl Division {
-    /// Whether the members of a part, which one worker solves at a time, are to be solved: no worker has them, and
-    /// none has a row.
+    /// Whether the members of this chunk of a sweep that machines share are to be solved: no worker of this process
+    /// has the chunk, and no member has a row.
     fn begins_part(&self) -> bool {
         self.taken == 0 && self.rows == 0
     }
 
-    /// Whether no further chunk is to be begun, even if members are open.
+    /// Whether no further chunk of the sweep is to be begun, even if it has open members (without a row, and on no
+    /// worker).
     fn is_over(&self) -> bool {
         self.is_settled || self.broken.is_some() || self.lost > MOST_LOST
     }
@@ -396,7 +404,7 @@ impl Division {
         }
     }
 
-    /// Removes `members` from the open members.
+    /// Removes `members` from the open members of the sweep, which have no row and are on no worker.
     fn close(&mut self, members: &Range<usize>) {
         let within: Vec<usize> = self
             .open
@@ -554,7 +562,7 @@ mod tests {
         let sweep = chunks(10);
         let chunk = sweep.take(1).unwrap();
         assert!(sweep.queues() && !sweep.queues());
-        // The sweep does not end before the chunk that a worker has taken.
+        // The sweep does not end as long as a worker has a chunk of it.
         assert_eq!(sweep.settle(Some(Halt::Dismiss), false), None);
         sweep.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
         assert_eq!(sweep.settle(None, false), None);

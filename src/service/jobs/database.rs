@@ -45,7 +45,7 @@ pub struct Rows {
 /// a change, the database is rebuilt from what can be read.
 pub struct Database {
     open: Box<Open>,
-    /// The database of the library; `None` if it could not be reopened.
+    /// The open database of the database library; `None` if the database could not be reopened.
     redb: RwLock<Option<Redb>>,
     /// The place of the database file; `None` if the database is only inspected and must not be rebuilt.
     home: Option<Home>,

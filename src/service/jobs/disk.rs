@@ -309,7 +309,7 @@ mod tests {
         folder.0.join("results").join(format!("{id}.json"))
     }
 
-    /// Opens the folder as the next process does, once the writer thread of the last one has ended.
+    /// Opens the data folder as the next process does, once the writer thread of the previous `Disk` has ended.
     fn open(folder: &Folder) -> (Disk, Found) {
         Disk::open(&folder.0, None, &Metrics::default()).unwrap()
     }
@@ -358,7 +358,8 @@ mod tests {
                  \"diagnostics\":{{\"steps\":  7}}}}"
             )
         };
-        // The second text is then corrupted on the disk, and the third has spaces that the encoder does not write.
+        // The file of the second text gets another text, as if it had been corrupted on the disk; the third text has
+        // spaces that the encoder does not write, so that no columns encode it.
         let texts = [json(0.3), json(0.3), json(0.3).replace("0.1,", "0.1, ")];
         for (k, text) in texts.iter().enumerate() {
             let id = JobId::of_number(k as u128);
@@ -401,7 +402,8 @@ mod tests {
             ended: None,
             ..Record::example(Held::Table(Fingerprint::of(b"")))
         };
-        // The documents together are larger than the cache of the database.
+        // The specifications together are larger than the page cache of the database, so that they are read from the
+        // disk.
         let ids: Vec<JobId> = (0..100).map(JobId::of_number).collect();
         for id in &ids {
             let document = Some(Arc::clone(&document));

@@ -22,8 +22,8 @@ impl DrainRate {
         self.departures.push_back(now);
     }
 
-    /// Returns the time in which `jobs` jobs will leave at the current rate. The window of departures ends at `now`,
-    /// not at the latest departure, so that a stall lowers the rate. `None` before the first departure.
+    /// Returns the time in which `jobs` jobs will leave the queue at the current rate. The window of departures ends
+    /// at `now`, not at the latest departure, so that a stall lowers the rate. `None` before the first departure.
     pub fn time_for(&self, jobs: usize, now: Instant) -> Option<Duration> {
         let window = now.saturating_duration_since(*self.departures.front()?);
         let seconds = jobs as f64 * window.as_secs_f64() / self.departures.len() as f64;

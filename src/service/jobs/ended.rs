@@ -106,9 +106,9 @@ pub enum Held {
     File(Fingerprint),
     /// The results are stored as columns in a file of their own.
     Columns {
-        /// The fingerprint of the results as JSON.
+        /// The fingerprint (length and digest) of the results as JSON.
         json: Fingerprint,
-        /// The fingerprint of the index of the columns.
+        /// The fingerprint (length and digest) of the index of the columnar file.
         index: Fingerprint,
     },
 }

@@ -69,7 +69,8 @@ impl Files {
         let path = self.path(id, COLUMNS);
         match fs::hard_link(scratch, &path) {
             Ok(()) => sync(&self.folder),
-            // The existing file is of an earlier solve of the job, whose end was not recorded.
+            // The existing file has the results of an earlier solve of the job, whose end was not recorded in the
+            // database.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path)?;
                 fs::hard_link(scratch, &path)?;
@@ -85,7 +86,8 @@ impl Files {
         let unfinished = self.path(id, PART);
         let written = write_as(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, self.path(id, COLUMNS)));
         if written.is_err() {
-            // On a full disk, the unfinished file must not occupy the remaining space.
+            // The write may have failed on a full disk, where the unfinished file must not occupy the remaining
+            // space.
             let _ = fs::remove_file(&unfinished);
         }
         written?;

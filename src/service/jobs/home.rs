@@ -135,8 +135,8 @@ impl Home {
         if fs::hard_link(&self.path, &aside).is_err() {
             fs::copy(&self.path, &aside)?;
         }
-        // The identity is set before the rename: a check in between finds the new file missing from its path, and
-        // waits.
+        // The identity of the new file is recorded before the rename, so that a check in between finds the file
+        // missing from its path, and the database is not written meanwhile.
         *self.file.lock().unwrap_or_else(PoisonError::into_inner) = file;
         fs::rename(part, &self.path)?;
         *self.sums.lock().unwrap_or_else(PoisonError::into_inner) = sums;

@@ -13,11 +13,11 @@ use std::time::Duration;
 /// The limits on the ended jobs that are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Retention {
-    /// The largest number of ended jobs.
+    /// The largest number of ended jobs that are kept.
     pub jobs: usize,
     /// The largest total size of the specifications and results of ended jobs, in bytes.
     pub bytes: usize,
-    /// The longest time since the end of a job.
+    /// The longest time for which a job is kept after its end.
     pub age: Duration,
 }
 

@@ -84,7 +84,8 @@ impl Inspection {
                 found.damages(id, "results");
             }
         }
-        // Ids that are only in other tables have lost their rows: a page above the row in the tree cannot be read.
+        // Jobs whose ids are only in other tables than that of the rows have lost their rows: a page of the tree
+        // above the row cannot be read.
         for id in database.names().difference(&known) {
             found.damages(*id, "row");
         }

@@ -4,7 +4,9 @@
 //! At most `workers` jobs run to their end at a time. Some additional workers (`express`) give each job a *first time
 //! slice*, a short time in which most jobs end: a job that has not had its slice waits only for slices of other jobs,
 //! never for long runs. A job that has not ended in its slice continues if fewer than `workers` jobs run to their
-//! end. Otherwise it yields: it is stopped, and starts again from the beginning when another job has ended.
+//! end. Otherwise it yields: it is stopped, and starts again from the beginning when another job has ended. A *relief
+//! worker* is an additional worker: while `workers` jobs run to their end, it runs a job that has used up its slice,
+//! of a client that has no job running to its end.
 //!
 //! A restart costs at most the first slice again. To suspend the worker process instead would occupy its memory while
 //! the job waits, and a thousand jobs may wait; to let the job run beside the others would take a process for each.
@@ -23,14 +25,17 @@ use std::time::{Duration, Instant};
 pub struct Intake {
     pub queue: FairQueue<Arc<Job>>,
     pub running: usize,
-    /// The number of running jobs on relief workers.
+    /// The number of jobs that run on relief workers, which run the long jobs of clients that have no long job
+    /// running.
     relieved: usize,
-    /// The number of jobs that run to their end, without those on relief workers.
+    /// The number of jobs that may run to their end, and not only for a first time slice; without those on relief
+    /// workers.
     long: usize,
     /// The counts of running jobs, for each client that has any.
     of: HashMap<Client, Running>,
     spent: Spent,
-    /// The largest number of jobs that may run to their end at a time, without those on relief workers.
+    /// The largest number of jobs at a time that may run to their end, and not only for a first time slice; without
+    /// those on relief workers.
     workers: usize,
     pub draining: bool,
     pub drain_rate: DrainRate,
@@ -40,18 +45,18 @@ pub struct Intake {
 #[derive(Debug, Default)]
 struct Running {
     all: usize,
-    /// The number of the client's jobs that run to their end, on relief workers or not.
+    /// The number of the client's jobs that may run to their end, and not only for a first time slice, on any worker.
     long: usize,
 }
 
-/// The terms under which a job runs.
+/// The terms under which a worker runs a job: for a first time slice only, or to the end of the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     /// The job is in its first time slice, after which it may have to yield its worker.
     First,
-    /// The job runs to its end, on an ordinary worker.
+    /// The job may run to its end, on a worker that is not a relief worker.
     Long,
-    /// The job runs to its end, on a relief worker.
+    /// The job may run to its end, on a relief worker: an additional one for a client that has no long job running.
     Relief,
 }
 
@@ -59,17 +64,17 @@ pub enum Lane {
 #[derive(Debug)]
 pub struct Taken {
     pub job: Arc<Job>,
-    /// The next chunk of members, if the job is a sweep that has one left.
+    /// The next chunk of the sweep (a range of its members), if the job is a sweep that has one left.
     pub chunk: Option<Chunk>,
     pub lane: Lane,
 }
 
-/// The terms under which a job runs, which change when its first time slice ends.
+/// The terms under which a job runs (for a first time slice, or to its end), which change when the slice ends.
 #[derive(Debug)]
 pub struct LaneCell(Mutex<Lane>);
 
 impl LaneCell {
-    /// Creates a cell with `lane`, the terms under which a job starts.
+    /// Creates a cell for a job that starts under the terms `lane`.
     pub fn of(lane: Lane) -> Self {
         Self(Mutex::new(lane))
     }
@@ -128,14 +133,14 @@ impl Intake {
         Some(self.begin(job, lane))
     }
 
-    /// Whether `workers` jobs run to their end, and another job that has used up its first time slice waits, whose
-    /// client has no job that runs to its end.
+    /// Whether a waiting job needs a relief worker: `workers` jobs run to their end, and the waiting job has used up
+    /// its first time slice, while no job of its client runs to its end.
     pub fn wants_relief(&self) -> bool {
         let waits_in_vain = |client: Client, job: &Arc<Job>| job.has_had_slice() && !has_long(&self.of, client);
         self.long >= self.workers && self.queue.any(waits_in_vain)
     }
 
-    /// Takes a job that needs relief (see [`Intake::wants_relief`]) for a relief worker.
+    /// Takes a waiting job that needs a relief worker (see [`Intake::wants_relief`]) for such a worker.
     pub fn relieve(&mut self) -> Option<Taken> {
         if !self.wants_relief() {
             return None;
@@ -156,7 +161,8 @@ impl Intake {
         may
     }
 
-    /// Updates the counts for a job that has left its worker after `time`.
+    /// Updates the counts of running jobs, and the worker time of the client, for a job that has left its worker
+    /// after `time`.
     pub fn depart(&mut self, job: &Job, lane: Lane, time: Duration) {
         let now = Instant::now();
         self.running -= 1;

@@ -272,7 +272,8 @@ impl Job {
         Self { chunks: None, ..job }
     }
 
-    /// Creates a job that another process has admitted and this process is to solve, with the chunks of a sweep.
+    /// Creates a job that another process has admitted and this process is to solve, with its chunks if it is a
+    /// sweep.
     pub(super) fn taken_on(id: JobId, record: Record, chunks: Option<Chunks>, document: Arc<[u8]>) -> Self {
         let job = Self::recovered(id, Record { ended: None, ..record }, chunks);
         let state = State::Accepted(Some(Arc::clone(&document)));
@@ -312,7 +313,7 @@ impl Job {
         }
     }
 
-    /// Restores a job that an earlier process admitted, with the chunks of an unfinished sweep.
+    /// Restores a job that an earlier process admitted, with its chunks if it is a sweep that has not ended.
     pub(super) fn recovered(id: JobId, record: Record, chunks: Option<Chunks>) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
         let Record { crashes, crashes_alone, shortages_alone, .. } = record;
@@ -421,15 +422,15 @@ impl Job {
         if lifecycle.parked || !matches!(lifecycle.state, State::Accepted(_)) {
             return None;
         }
-        // Consume a pending notification: a request to stop that came as the last attempt ended does not apply to the
-        // attempt that begins.
+        // Consume a pending notification: a request to stop that came as the last attempt at the job ended does not
+        // apply to the attempt that begins.
         pin!(self.halted.notified()).as_mut().enable();
         let (started, control) = (Moment::now(), Arc::new(control));
         lifecycle.state = State::Running { started, control: Arc::clone(&control), halt: None, on_trial };
         Some(control)
     }
 
-    /// Ends the trial of a running job, which may then run to its end.
+    /// Ends the first time slice of a running job, which may then run to its end.
     pub(super) fn stay(&self) {
         if let State::Running { on_trial, .. } = &mut self.lock().state {
             *on_trial = false;
@@ -483,7 +484,8 @@ impl Job {
         }
     }
 
-    /// Creates the record of an end at the current time, with the times and the progress of the running solve.
+    /// Creates the record of an end of the job at the current time, with the times and the progress of the running
+    /// solve.
     pub(super) fn ended(&self, ending: Ending) -> Ended {
         let finished = Moment::now();
         match &self.lock().state {

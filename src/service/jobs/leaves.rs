@@ -28,7 +28,8 @@ const HEAD: usize = 4;
 const END: usize = 4;
 const KEY: usize = 16;
 
-/// The longest value that is considered, in bytes: longer than a specification may be by default.
+/// The longest value of a table that is looked for on the pages, in bytes: longer than a specification may be by
+/// default.
 const LONGEST: u64 = 64 << 20;
 
 /// A database file, read page by page.

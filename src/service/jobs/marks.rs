@@ -16,13 +16,14 @@ use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// The prefix of the file name, which ends with the number of the service's start.
+/// The prefix of the name of a file of marks, which ends with the number of the service's start.
 const PREFIX: &str = "running-";
 
-/// The size of a worker's slot, in bytes: an id and a line feed.
+/// The size of a worker's slot in the file of marks, in bytes: the id of a job and a line feed.
 const SLOT: usize = 37;
 
-/// The size of the header, in bytes: two slots, since versions before 0.2 read the whole file as slots.
+/// The size of the header of a file of marks, in bytes: that of two slots, since versions before 0.2 read the whole
+/// file as slots.
 const HEAD: usize = 2 * SLOT;
 
 /// The open file of the marks of one process.
@@ -47,7 +48,7 @@ impl Marks {
         Ok(entries.iter().filter_map(|entry| Some((number(entry)?, entry.path()))).collect())
     }
 
-    /// Creates a file without marks.
+    /// Creates a file for the marks of running jobs, without marks.
     ///
     /// # Errors
     /// The file cannot be created.

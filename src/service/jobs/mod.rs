@@ -103,16 +103,18 @@ pub struct Jobs {
     intake: Mutex<Intake>,
     /// Wakes an idle worker when a job has arrived.
     arrival: Notify,
-    /// Wakes a relief worker when a job may need relief.
+    /// Wakes a relief worker, an additional worker for the long jobs of clients that have none running, when such a
+    /// job may wait.
     relief: Notify,
     store: Store,
-    /// The connection to the servers over which jobs are shared, with the known jobs; `None` if jobs are not shared.
+    /// The connection to the NATS servers over which jobs are shared with other machines, and the jobs known there;
+    /// `None` if jobs are not shared.
     far: Option<Far>,
-    /// Held exclusively, at first, by a job that was running when an earlier process died, and shared by all other
-    /// jobs: see [`Jobs::apart`].
+    /// A lock that a job which was running when an earlier process died holds exclusively, at first, so that it runs
+    /// alone; all other jobs share the lock: see [`Jobs::apart`].
     suspects: RwLock<()>,
     idle: Notify,
-    /// Wakes supervisors that wait for a job, when they are to end.
+    /// Wakes the supervisors of workers that wait for a job, when the supervisors are to end.
     dismissed: Notify,
     is_dismissed: AtomicBool,
     /// The shortest start-up time of a worker, in nanoseconds.
@@ -143,7 +145,8 @@ impl Jobs {
         Ok(Self::of(bounds, solver, queue, store, metrics))
     }
 
-    /// Creates the jobs that are shared over `far`; jobs removed from memory to make room are sent to `forgotten`.
+    /// Creates the collection of the jobs that are shared with other machines over the connection `far`; jobs that
+    /// are removed from memory to make room are sent to `forgotten`.
     fn far(
         bounds: Bounds,
         solver: Solver,
@@ -214,7 +217,7 @@ impl Jobs {
         }
     }
 
-    /// Returns the limits of one task on a worker.
+    /// Returns the limits (steps, memory, time, size of the result) of one task on a worker.
     pub fn limits(&self) -> Limits {
         let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
         Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
@@ -242,7 +245,8 @@ impl Jobs {
         let answer = {
             let mut intake = self.lock();
             self.admit(&intake, client, document.len())?;
-            // The lock of the intake is held, since a worker that takes the job must find it in the store.
+            // The intake stays locked until the job is in the store, where a worker that takes the job from the queue
+            // must find it.
             if let Some(first) = self.store.index().insert(&job)? {
                 return known(first);
             }
@@ -340,7 +344,7 @@ impl Jobs {
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
         if let Some(chunks) = job.chunks.as_ref().filter(|chunks| chunks.is_dismissed()) {
-            // The sweep waited with rows: it can end with its table without a worker.
+            // A sweep that waited, and has rows, can end without a worker: its table is made of these rows.
             self.begin_sweep(job, chunks, Lane::Long);
         }
         self.stop_chunks(job, Halt::Dismiss).await;
@@ -407,8 +411,8 @@ impl Jobs {
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                // The wall-clock time limit bounds the remaining time, except for sweeps, whose limit is that of each
-                // chunk.
+                // The wall-clock time limit of a job bounds its remaining time; for a sweep, that limit is the limit
+                // of each chunk.
                 let most = if job.chunks.is_some() { Duration::MAX } else { self.bounds.wall.saturating_sub(spent) };
                 Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
@@ -463,7 +467,8 @@ impl Jobs {
         self.store.is_writable() && self.near().is_ok()
     }
 
-    /// Wakes a relief worker if a job needs relief: its first time slice is over, and others occupy all workers.
+    /// Wakes a relief worker if a job waits for one: the job has used up its first time slice, and jobs of other
+    /// clients occupy all workers.
     fn call_relief(&self, intake: &Intake) {
         if intake.wants_relief() {
             self.relief.notify_one();
@@ -492,7 +497,8 @@ pub fn is_damage(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::InvalidData
 }
 
-/// Returns the job that was posted earlier under a key, or an error if it is to be durable and not yet on the disk.
+/// Returns `job`, which was posted earlier under an idempotency key, or an error if it is being written to the disk
+/// for the first time.
 fn known(job: Arc<Job>) -> Result<Arc<Job>, AdmissionError> {
     if job.lock().persistence == Persistence::Storing { Err(AdmissionError::KeyInUse) } else { Ok(job) }
 }

@@ -11,7 +11,7 @@ use std::ops::Bound;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The size of a page of the view, in bytes.
+/// The size of a page of the view of the database file, in bytes.
 const PAGE: u64 = 4096;
 
 /// A file and the pages written over it in memory; clones share both.

@@ -6,7 +6,7 @@
 use super::Client;
 use std::collections::{HashMap, VecDeque};
 
-/// The limit of the queue that is reached.
+/// The limit of a fair queue that a further item would exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Full {
     /// The largest number of waiting items is reached.
@@ -17,7 +17,7 @@ pub enum Full {
     Share,
 }
 
-/// The limits of the queue.
+/// The limits of a fair queue of waiting items, with one line of items per client.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     /// The largest number of waiting items.
@@ -28,7 +28,7 @@ pub struct Room {
     pub bytes: usize,
 }
 
-/// An item of the queue that takes memory while it waits.
+/// An item of a fair queue, which takes memory while it waits.
 pub trait Heavy {
     /// Returns the size of the item, in bytes.
     fn bytes(&self) -> usize;

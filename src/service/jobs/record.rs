@@ -49,7 +49,7 @@ pub struct Record {
 
 #[cfg(test)]
 impl Record {
-    /// Creates the row of a job whose results are at `held`.
+    /// Creates, for tests, the row of an ended job whose results are at `held`.
     pub fn example(held: super::Held) -> Self {
         let ended = Ended { held: Some(held), ..Ended::unsolved(super::Ending::Successful) };
         Self {
@@ -88,7 +88,7 @@ impl Job {
 }
 
 impl Record {
-    /// Creates the row of `job` in its state `lifecycle`; the end is missing.
+    /// Creates the row of `job` in its state `lifecycle`, without the end, which `Record::ended` adds.
     pub fn of(job: &Job, lifecycle: &Lifecycle) -> Self {
         // A sweep that has progressed since the death of a process did not cause that death.
         let is_cleared = job.chunks.as_ref().is_some_and(|chunks| chunks.has_progressed());

@@ -19,13 +19,13 @@ use std::ops::Range;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The bytes with which the record of a chunk begins.
+/// The bytes with which the record of a chunk begins in the file of rows.
 const MARK: [u8; 8] = *b"dvi rows";
 
-/// The number of integers in the header of a record.
+/// The number of integers in the header of the record of a chunk.
 const NUMBERS: usize = 4;
 
-/// The size of the header of a record, in bytes.
+/// The size of the header of the record of a chunk, in bytes.
 const HEAD: usize = MARK.len() + 8 * NUMBERS + LENGTH;
 
 /// The record of a finished chunk of a sweep.
@@ -38,11 +38,11 @@ pub struct Record {
     place: Place,
 }
 
-/// The place of the rows of a chunk.
+/// The place of the rows of a chunk: the file of the log, or memory.
 #[derive(Debug)]
 enum Place {
     Memory(Vec<u8>),
-    /// The rows are in the file, from this offset on.
+    /// The rows of the chunk are in the file of the log, from this offset on.
     File {
         offset: u64,
         bytes: usize,
@@ -85,7 +85,7 @@ impl RowLog {
         Ok(Self { file: Some(file), ..log })
     }
 
-    /// Adds a finished chunk, with its rows as bytes, in memory.
+    /// Adds a finished chunk with its rows, as bytes, to the log, in memory only.
     pub fn append(&mut self, members: Range<usize>, steps: u64, rows: Vec<u8>) {
         self.records.push(Record { members, steps, place: Place::Memory(rows) });
     }
@@ -193,7 +193,7 @@ fn is_apart(one: &Range<usize>, other: &Range<usize>) -> bool {
     one.end <= other.start || other.end <= one.start
 }
 
-/// Encodes the integers of the header of a record as bytes.
+/// Encodes the integers of the header of the record of a chunk as bytes.
 fn numbers(members: &Range<usize>, steps: u64, rows: &[u8]) -> [u8; 8 * NUMBERS] {
     let mut bytes = [0; 8 * NUMBERS];
     let numbers = [members.start as u64, members.end as u64, steps, rows.len() as u64];

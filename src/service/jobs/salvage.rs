@@ -89,7 +89,8 @@ impl Source<'_> {
         }
     }
 
-    /// Whether each value found belongs to the current state of its job.
+    /// Whether every value in this source belongs to the current state of its job; pages of a database that cannot be
+    /// opened may contain values of earlier states.
     fn is_present(&self) -> bool {
         matches!(self, Self::Tables(_))
     }
@@ -256,7 +257,7 @@ where
     failed.into_inner().map_or(Ok(wanted), Err)
 }
 
-/// Rows that wait to be written to a table.
+/// Rows that wait in memory to be written to a table of the new database.
 struct Rows<'a, V: Value + 'static> {
     into: &'a Redb,
     table: TableDefinition<'static, u128, V>,

@@ -30,12 +30,12 @@ impl Taken {
         if self.boot == earlier.boot { self.count.saturating_sub(earlier.count) } else { 0 }
     }
 
-    /// Returns the count as a line of at most 68 bytes.
+    /// Returns the count of kills for lack of memory, with the boot id, as a line of at most 68 bytes.
     pub fn line(&self) -> String {
         format!("boot {} ended {}", self.boot, self.count)
     }
 
-    /// Parses a line written by [`Taken::line`].
+    /// Parses a count of kills for lack of memory from a line written by [`Taken::line`].
     pub fn read(line: &str) -> Option<Self> {
         let (boot, count) = line.strip_prefix("boot ")?.split_once(" ended ")?;
         Some(Self { boot: boot.to_owned(), count: count.trim().parse().ok()? })
@@ -50,7 +50,7 @@ pub struct Shortage(Mutex<Known>);
 struct Known {
     /// The count up to which kills are attributed: to workers of this service, or to processes of others.
     accounted: Option<Taken>,
-    /// The count at the latest call of [`Shortage::look`].
+    /// The count of kills for lack of memory at the latest call of [`Shortage::look`].
     seen: Option<Taken>,
 }
 

@@ -91,8 +91,8 @@ impl Jobs {
         let begun = Instant::now();
         // After a panic, the job goes to a worker, where the panic happens again and is reported.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(&known.specification, &control))).ok()?;
-        // Work after a run, such as its comparison with other runs, is also cut short at the time limit, and the
-        // status does not show that.
+        // Work that follows the solve, such as a comparison with further solves, is also cut short at the time limit,
+        // which the status of the solution does not show.
         if solution.status != Status::Completed || control.poll().is_some() {
             return None;
         }

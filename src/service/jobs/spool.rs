@@ -96,7 +96,7 @@ impl Source for OnDisk {
     }
 
     fn fetch(&self, offset: u64, length: u64) {
-        // Without a length, the system would prefetch everything up to the end of the file.
+        // A length of zero is skipped: the system would take it to mean everything up to the end of the file.
         let Some(length) = NonZeroU64::new(length) else { return };
         // The advice to prefetch is only a hint: if it fails, the reads are slower.
         let _ = fadvise(&self.0, offset, Some(length), Advice::WillNeed);
@@ -109,7 +109,7 @@ impl Source for OnDisk {
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// The path of the scratch file.
+    /// The path of the scratch file with results of a job.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -137,7 +137,7 @@ impl Spool {
         Self { path, memory: Vec::new(), file: None }
     }
 
-    /// Ends the writing, and returns the place of the bytes.
+    /// Ends the writing of the results, and returns the place where they are stored.
     pub fn end(mut self) -> Backing {
         match self.file.take() {
             Some((_, scratch)) => Backing::Scratch(Arc::new(scratch)),
@@ -162,7 +162,7 @@ impl Spool {
         }
     }
 
-    /// Reads the first `length` bytes of the file back into memory.
+    /// Reads the first `length` bytes of the results from their file back into memory.
     fn take_back(&mut self, file: &File, length: u64) -> io::Result<()> {
         self.memory.resize(usize::try_from(length).map_err(io::Error::other)?, 0);
         file.read_exact_at(&mut self.memory, 0)

@@ -75,7 +75,8 @@ impl Store {
             if let Some(ended) = &mut record.ended
                 && ended.damaged
             {
-                // Damaged results are verified again, since they may have been restored.
+                // Results that were found damaged earlier are verified again, since the data folder may have been
+                // restored from a backup.
                 ended.damaged = ended.held.as_ref().is_some_and(|held| disk.verify(id, held).is_err());
             }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
@@ -88,7 +89,8 @@ impl Store {
                     Some(Chunks::restored(facts, log, record.dismissed))
                 }
                 Some(_) => {
-                    // The last process ended before it had removed the rows of the sweep.
+                    // The last process of the service ended before it had removed the rows of this sweep, which has
+                    // ended.
                     disk.remove_rows(id);
                     None
                 }
@@ -124,7 +126,7 @@ impl Store {
     /// Reports that a job is deleted to the task that removes it from other machines, if there is such a task.
     pub fn let_go(&self, job: &Arc<Job>) {
         if let Some(elsewhere) = &self.elsewhere {
-            // Sending fails only if the receiver has ended, as the process does.
+            // Sending fails only if the task that receives deleted jobs has ended, at the end of the process.
             let _ = elsewhere.send(Arc::clone(job));
         }
     }
@@ -296,7 +298,8 @@ impl Store {
     /// The disk did not accept the change, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if job.lock().is_ending {
-            // If the pending write of the end is refused, the job may be solved again.
+            // The end of the job is being written. If the disk refuses it, the job may be solved again, and can be
+            // dismissed after this wait.
             self.flush().await;
         }
         let place = if job.is_durable() { self.passage().await } else { Ok(None) };
@@ -364,10 +367,10 @@ impl Store {
         job.wake();
     }
 
-    /// Waits until all changes sent so far have been made.
+    /// Waits until all changes that have been sent to the database so far are on the disk.
     pub async fn flush(&self) {
         if let Ok(Some(place)) = self.passage().await {
-            // A failure has been reported to the sender of the failed change.
+            // A failure is ignored here, since it has been reported to the sender of the failed change.
             let _ = place.send(Change::default(), drop).written().await;
         }
     }
@@ -462,7 +465,8 @@ impl Store {
         let mut stored = Vec::new();
         for job in jobs {
             let mut lifecycle = job.lock();
-            // From here on, the removal is the only change of the job that goes to the disk.
+            // Under this lock, the job becomes one that is not durable: its removal is the last change of the job
+            // that is sent to the disk.
             if lifecycle.is_durable() {
                 stored.push(job.id);
                 self.let_go(&job);

@@ -124,7 +124,7 @@ pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option
         for row in jobs.iter()? {
             let (number, sealed) = row?;
             let id = JobId::of_number(number.value());
-            // The row stays unchanged if it is damaged.
+            // The row of a job stays unchanged if it is damaged.
             if let Some(row) = unseal(id, sealed.value()).and_then(|row| with_columns(row, || file(id))) {
                 changed.push((number.value(), seal(id, &row)));
             }

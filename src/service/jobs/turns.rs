@@ -6,7 +6,7 @@ use super::queue::{FairQueue, Full, Heavy, Room};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// A number of permits, and the queue of those that wait for one.
+/// A number of permits to do work that is not a job, and the queue of those that wait for a permit.
 #[derive(Debug)]
 pub struct Turns {
     state: Mutex<State>,
@@ -30,7 +30,7 @@ impl Heavy for Waiting {
     }
 }
 
-/// A permit; dropping it returns it.
+/// A permit to do work that is not a job; when it is dropped, the next client in the queue gets it.
 #[derive(Debug)]
 pub struct Turn {
     turns: Option<Arc<Turns>>,
@@ -59,11 +59,12 @@ impl Turns {
             state.waiting.push(client, Waiting { bytes, place });
         }
         self.hand_out();
-        // The permit is always given: the queue outlives those that wait in it, and drops none of them.
+        // The permit is always given in the end, since the queue outlives those that wait in it, and drops none of
+        // them.
         given.await.map_err(|_| Full::Queue)
     }
 
-    /// Gives the free permits to the next in the queue.
+    /// Gives the free permits to the clients that come next in the queue.
     fn hand_out(self: &Arc<Self>) {
         loop {
             let next = {

@@ -23,7 +23,8 @@ struct Jobs {
 }
 
 impl Unsaved {
-    /// Creates room for `bound` bytes of results, and for a single end whatever its size.
+    /// Creates an empty list of refused ends, with room in memory for `bound` bytes of results, and for a single end
+    /// whatever its size.
     pub fn new(bound: usize) -> Self {
         Self { bound, jobs: Mutex::default() }
     }
@@ -89,7 +90,7 @@ impl Unsaved {
 }
 
 impl Lifecycle {
-    /// Returns the reported end of the job, if it has ended.
+    /// Returns the end that the job reports to clients, if it has ended.
     pub fn ended(&self) -> Option<&Arc<Ended>> {
         match &self.state {
             State::Ended(ended) => Some(ended),

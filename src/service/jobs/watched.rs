@@ -108,8 +108,8 @@ impl StorageBackend for Watched {
         self.file.set_len(length)?;
         if let Some(sums) = &mut *sums {
             sums.resize(length.div_ceil(BLOCK) as usize, None);
-            // The last block before or after the change of length has become complete or cut: its checksum is
-            // unknown.
+            // The change of length has extended or cut the block at the former or the new end of the file, so that
+            // the checksum of that block is unknown.
             if let Some(last) = sums.get_mut((before.min(length) / BLOCK) as usize) {
                 *last = None;
             }
@@ -147,7 +147,8 @@ impl StorageBackend for Watched {
     fn try_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         let locked = self.file.try_lock_range(start, end)?;
         if locked {
-            // The file is locked against other writers, and nothing has been read yet.
+            // The checksums are computed here, since the file is now locked against other writers, and nothing has
+            // been read from it yet.
             self.sum_up()?;
         }
         Ok(locked)

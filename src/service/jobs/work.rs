@@ -35,7 +35,7 @@ pub(super) struct Assignment<'a> {
     /// The members to solve, if the job is a chunk of a sweep.
     pub members: Option<&'a Members>,
     pub limits: Limits,
-    /// Called at the end of the first time slice.
+    /// Called at the end of the first time slice of the job.
     pub over: &'a (dyn Fn() + Sync),
 }
 
@@ -65,8 +65,8 @@ impl Jobs {
         !self.is_dismissed.load(Relaxed)
     }
 
-    /// Returns the next job for a worker; `None` if no job waited, after a wait for an arrival, or if workers have
-    /// been dismissed.
+    /// Returns the next job for a worker. If no job waits, returns `None` once a job arrives, the idle worker dies or
+    /// the workers are dismissed.
     async fn next(&self, supervisor: &mut Supervisor) -> Option<Taken> {
         let mut arrival = pin!(self.arrival.notified());
         // The notification is registered before the queue is read, so that an arrival in between is not missed.
@@ -98,7 +98,7 @@ impl Jobs {
             let next = {
                 let mut intake = self.lock();
                 let next = intake.relieve();
-                // Another relief worker may find a job as well.
+                // A further job may wait for a relief worker, and another relief worker is woken for it.
                 self.call_relief(&intake);
                 next
             };
@@ -111,7 +111,7 @@ impl Jobs {
         let Taken { job, chunk, lane } = taken;
         match &job.chunks {
             Some(chunks) => {
-                // The remaining members of the sweep are for other workers.
+                // Another worker is woken to take the remaining members of the sweep.
                 self.arrival.notify_one();
                 self.see_chunk_through(place, supervisor, (&job, chunks), chunk, lane).await;
             }
@@ -133,7 +133,8 @@ impl Jobs {
                 }
             }
         }
-        // The job is not a suspect, or it is one and the other jobs have not ended in time.
+        // The job is not a suspect, or it is a suspect for which the other jobs have not ended in time, so that it
+        // runs beside them.
         let _beside_others = self.suspects.read().await;
         work.await
     }
@@ -167,8 +168,8 @@ impl Jobs {
             intake.drain_rate.departed(Instant::now());
         }
         self.announce_if_idle(&intake);
-        // The client may have no running job any more, or a running job may occupy a worker: another job may need
-        // relief.
+        // A waiting job may need a relief worker now: its client may have no running job any more, or this job may
+        // have become one that runs to its end.
         self.call_relief(&intake);
     }
 
@@ -200,7 +201,7 @@ impl Jobs {
         self.dismissed.notify_waiters();
     }
 
-    /// Waits until workers are dismissed.
+    /// Waits until the workers are dismissed, each to end after its current job.
     async fn dismissed(&self) {
         loop {
             let dismissed = self.dismissed.notified();
@@ -292,7 +293,7 @@ impl Jobs {
                     Left::Columns(Prints { json, index }) => {
                         Results::Columns(Long { backing: spool.end(), json, index })
                     }
-                    // The worker was not asked for a part of a sweep.
+                    // Rows are the results of a chunk of a sweep, which the worker was not asked for.
                     Left::Rows(..) => return broken(Fault::Defect, "defect"),
                 };
                 Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(results)).into())
@@ -309,7 +310,7 @@ impl Jobs {
                 Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed).into()),
                 Some(Halt::Yield) | None => broken(Fault::Overran, "overran"),
             },
-            // The signal went to the whole service unit, which is about to stop.
+            // The signal that killed the worker went to all processes of the service, which is about to stop.
             Err(Death::Killed(_)) if job.is_durable() && self.is_draining() => Outcome::Stopped,
             Ok(Finished::Refused(errors, false)) => {
                 let errors = String::from_utf8_lossy(&errors);

@@ -100,7 +100,7 @@ impl Writer {
         self.changes.clone().reserve_owned().await.map(WriteSlot).map_err(|_| Unwritable)
     }
 
-    /// Whether the latest change failed, or the next one is bound to fail.
+    /// Whether the latest change to the database failed, or the next one is bound to fail.
     pub fn has_failed(&self) -> bool {
         self.failed.load(Relaxed) || self.changes.is_closed() || !self.database.is_in_place()
     }
@@ -113,7 +113,7 @@ struct Scribe {
     reserve: Reserve,
     seconds: Histogram,
     failed: Arc<AtomicBool>,
-    /// Whether jobs have been deleted since the reserve was freed.
+    /// Whether jobs have been deleted since the reserved disk space was freed.
     freed: bool,
     /// The number of bytes that the latest refused group of changes was to add.
     wanted: usize,

@@ -74,7 +74,7 @@ export class Editor {
   #marked = 0; // number of errors that are marked
   #written = null; // the text that a slider wrote and the view does not show yet
   #later = null;
-  #follows = false; // whether the view is being updated to that text
+  #follows = false; // whether the view is being updated to the text that a slider wrote
 
   // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter; `schema()` fetches the JSON Schema for
   // completion and explanations, when the editor is first used.

@@ -106,7 +106,7 @@ export const rounded = (value) => Number(value.toPrecision(SIGNIFICANT));
 export class Knobs {
   #root;
   #turned;
-  #rows = new Map(); // the rows of the sliders: pointer to {knob, slider, told, low, high}
+  #rows = new Map(); // the rows of the sliders: pointer to {knob, slider, told (shows the number), low, high}
 
   // `turned(pointer, value, done)` is called with each new value; `done` is true when the slider is released.
   constructor(root, turned) {

@@ -210,7 +210,8 @@ mod tests {
                 };
                 assert!(name.is_empty() || FILES.iter().any(|file| file.name == name), "{}: {module}", file.name);
             }
-            // `standalone.js` writes a file of its own, which needs no service and is subject to no policy.
+            // `standalone.js` contains the source of a separate HTML file, to which the content security policy does
+            // not apply.
             if file.name == "standalone.js" {
                 continue;
             }

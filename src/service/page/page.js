@@ -57,12 +57,12 @@ let shown = null; // the run in view: {id, text, specification, label, verdict, 
 let ghost = null; // the run that was in view before a slider moved, drawn behind the current one
 let other = null; // the run with which the run in view is compared
 let followed = null; // the id of the job whose progress is in view
-let leave = null; // the function that stops following that job
+let leave = null; // the controller that stops the stream of events of the job whose progress is in view
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
-let behind = null; // the run in view, as long as its texts and tables are those of an earlier run
-let resting = null; // the timer after which texts and tables are updated
+let behind = null; // the run whose curves are in view, while the texts and tables are those of an earlier run
+let resting = null; // the timer after which texts and tables are updated to the curves
 let marking = null; // the timer after which the answer in view is marked as old
 let awaited = null; // the text of the example whose answer is to be scrolled into view
 
@@ -74,7 +74,7 @@ let pause = null;
 function textChanged() {
   if (filling) return;
   dragging = false;
-  ghost = null; // the ghost belongs to another text than the one that a slider changed
+  ghost = null; // the ghost, the curves of an earlier run, belongs to a text that a slider has changed, not to this one
   byId("shared").textContent = "";
   markStale();
   clearTimeout(pause);

@@ -47,9 +47,9 @@ const place = () => ({ start: null, from: null, to: null, children: new Map() })
 
 // Sets the offsets of `root` and of the positions below it. Of members with the same key the last counts.
 function find(text, root) {
-  const open = []; // the objects and lists around the scan: {place, index}, the index of a list only
+  const open = []; // the objects and lists around the current token: {place, index}, with the index for lists only
   let keyed = false; // whether the key of a member has been read, and its value comes next
-  let member = null; // the position of that member, if it is wanted
+  let member = null; // the position (see `place`) of the member whose value comes next, if it is wanted
   const token = /"(?:[^"\\]|\\.)*"?|[{}[\],:]|[^\s{}[\],:"]+/gs;
   for (const { 0: found, index: at } of text.matchAll(token)) {
     const inside = open.at(-1);

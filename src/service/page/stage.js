@@ -11,7 +11,7 @@ import { Refused, solveNow } from "./service.js";
 
 const AT_ONCE = 1.5; // seconds that an answer may have taken for its film to be computed without request
 const PAUSE = 150; // milliseconds without a newer answer before a film is computed
-const FRAMES = 100; // number of times from which an answer serves as its own film
+const FRAMES = 100; // number of times from which an answer is drawn as a film without a further solve
 const LONGEST = 60; // seconds that the solve of a film may take
 const FOLLOWS = 50; // milliseconds between two pictures while a slider is dragged
 
@@ -70,7 +70,7 @@ export class Stage {
     const cost = run.diagnostics.wall_seconds ?? 0;
     const make = () => this.#make(kind, specification, text);
     if (cost <= AT_ONCE) {
-      // If a slider is about to move again, its answers come first, so that the film is delayed.
+      // If a slider is about to move again, the solves for its values come first: the solve of the film is delayed.
       this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
       return;
     }
@@ -79,8 +79,8 @@ export class Stage {
     this.#place.replaceChildren(element("button", { type: "button", click: make }, `Draw the picture (solves again, about ${seconds(cost)})`));
   }
 
-  // Follows a slider that is dragged: some of its answers are drawn, if an answer is its own film. The last answer is
-  // drawn when the slider rests.
+  // While a slider is dragged, draws some of the answers to its values, if an answer contains all that its film would
+  // contain. The last answer is drawn when the slider rests.
   follow(run) {
     clearTimeout(this.#later);
     const now = performance.now();

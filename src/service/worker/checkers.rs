@@ -43,7 +43,7 @@ impl Checkers {
     }
 
     /// Checks a specification document, concurrently with other checks, whose number the caller limits. Dropping the
-    /// future stops the check. `turn` is dropped when the worker is free again.
+    /// future stops the check. `turn`, the caller's permit for a check, is dropped when the worker is free again.
     pub async fn check(self: &Arc<Self>, document: Arc<[u8]>, limits: Limits, turn: impl Send + 'static) -> Checked {
         let waits = Waits(Arc::default());
         let (checkers, asked) = (Arc::clone(self), Arc::clone(&waits.0));

@@ -83,7 +83,8 @@ impl Confinement {
     }
 }
 
-/// Sets a soft and a hard limit; returns the limit, or `None` if the system refuses.
+/// Sets the soft and the hard limit of a resource of this process to `value`; returns the limit, or `None` if the
+/// system refuses.
 fn limit(resource: Resource, value: u64) -> Option<u64> {
     setrlimit(resource, Rlimit { current: Some(value), maximum: Some(value) }).ok().map(|()| value)
 }

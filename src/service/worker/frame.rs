@@ -72,7 +72,7 @@ fn parts(lengths: [u8; HEAD]) -> io::Result<(usize, usize)> {
 /// A decoder of a stream of frames: input is appended to its buffer, and complete frames are taken from the buffer.
 #[derive(Debug, Default)]
 pub struct Decoder {
-    /// The input that has not been decoded; new bytes are appended.
+    /// The bytes of the stream that have not been decoded; new bytes are appended.
     pub buffer: Vec<u8>,
 }
 

@@ -46,7 +46,7 @@ const LAST_WORDS: usize = 4 << 10;
 pub const FAIR: u32 = 4;
 const LOWERED: i32 = 10;
 
-/// A duration that is longer than any deadline.
+/// A duration that stands for the time limit of a task without a limit.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
 /// A task for a worker: to solve or to check a specification document.
@@ -103,7 +103,8 @@ pub enum Left {
     Text(Vec<u8>),
     /// Long results, written in the columnar format to [`Task::long`], with their fingerprints.
     Columns(Prints),
-    /// The rows of the first members of a part of a sweep: the number of rows, and the rows as bytes.
+    /// The rows of the members of a sweep that the task has solved, from its first member on: their number, and the
+    /// rows as bytes.
     Rows(usize, Vec<u8>),
 }
 
@@ -163,7 +164,7 @@ impl Link {
 
     /// Waits until the idle worker has closed its pipe, which means that it has died.
     pub async fn closed(&mut self) {
-        // Late reports about earlier tasks are ignored.
+        // Reports that come late, about earlier tasks of the worker, are ignored.
         while self.receive().await.is_ok() {}
     }
 
@@ -213,7 +214,8 @@ impl Link {
                         progress.relay(watch.control);
                     }
                     Ok((Report::Piece { .. }, bytes)) => {
-                        // The solve has stopped in time; sending its results may take longer than the deadline.
+                        // The worker sends results, so that its solve has stopped in time; to send the results may
+                        // take longer than the deadline.
                         end = end.max(Instant::now() + OVERRUN);
                         // A worker checks the size limit itself, so that exceeding it is a defect of the worker.
                         written += bytes.len();
@@ -322,7 +324,8 @@ impl Link {
         Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
     }
 
-    /// Ends the process by `how`, on a thread for blocking calls: freeing gigabytes of memory takes a while.
+    /// Ends the process of the worker by calling `how`, on a thread for blocking calls, since to free gigabytes of
+    /// memory takes a while.
     async fn end<T: Send + 'static>(&mut self, how: impl FnOnce(&mut Process) -> T + Send + 'static) -> Option<T> {
         let mut process = self.process.take()?;
         spawn_blocking(move || how(&mut process)).await.ok()
@@ -346,7 +349,7 @@ impl Process {
         Ok(Self { child, words, listener: Some(listener) })
     }
 
-    /// Waits a limited time for the end of the process, then kills it; returns the cause of its death.
+    /// Waits a limited time for the end of the worker's process, then kills it; returns the cause of its death.
     fn death(&mut self) -> Death {
         let start = std::time::Instant::now();
         while start.elapsed() < END && matches!(self.child.try_wait(), Ok(None)) {
@@ -359,9 +362,9 @@ impl Process {
         }
     }
 
-    /// Kills the process, if it has not ended, and returns its last output on standard error.
+    /// Kills the process of the worker, if it has not ended, and returns its last output on standard error.
     fn kill(&mut self) -> String {
-        // `kill` fails if the process has ended.
+        // `kill` fails if the process of the worker has ended, which is harmless.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if let Some(listener) = self.listener.take() {

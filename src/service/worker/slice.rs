@@ -10,15 +10,15 @@ use std::future::pending;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// The limit of the elapsed time of a slice, as a multiple of its CPU time. On a machine with more runnable processes
-/// per processor than this, a slice gets less CPU time.
+/// The limit of the elapsed time of a first time slice, as a multiple of its CPU time. On a machine with more
+/// runnable processes per processor than this, a slice gets less CPU time.
 const CROWDED: u32 = 4;
 
 /// The first time slice of a task of a worker.
 pub struct Slice<'a> {
     /// The CPU time that the slice lasts.
     pub time: Duration,
-    /// Called when the slice is over.
+    /// Called when the first time slice of the task is over.
     pub over: &'a (dyn Fn() + Sync),
 }
 
@@ -68,7 +68,7 @@ impl SliceClock {
         let had = effort(self.worker).zip(self.before).map(|(now, before)| now.saturating_sub(before));
         let earliest = had.map(|had| now + time.saturating_sub(had));
         self.next = match self.solving_since {
-            // If the system reports no CPU time, the elapsed time counts.
+            // If the system reports no CPU time of the worker, the elapsed time counts as the time of the slice.
             Some(since) => Some(earliest.unwrap_or(now).min(since + time * CROWDED)),
             None => earliest,
         };

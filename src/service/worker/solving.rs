@@ -19,7 +19,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The time of a part of a sweep is at least this multiple of the time that it takes to read the specification.
+/// The time limit of a part of a sweep (a range of its members) is at least this multiple of the time that it takes
+/// to read the specification.
 const BEGINNING: u32 = 8;
 
 /// The function that solves a specification, called by worker processes, and by the front process for inline solves.
@@ -110,7 +111,8 @@ impl<W: Write> Desk<W> {
         frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
     }
 
-    /// Makes a document the current task, reports its receipt, and returns its assignment as a check.
+    /// Begins a task of the worker with a specification document, reports the receipt of the document, and returns
+    /// the assignment for the solver thread, as a check of the document.
     fn begin(&self, task: u64, limits: Limits, origin: Origin, document: Vec<u8>) -> io::Result<Assignment> {
         let begun = Instant::now();
         let control = Arc::new(within(begun, limits.wall()));
@@ -119,7 +121,8 @@ impl<W: Write> Desk<W> {
         Ok(Assignment { task, limits, origin, document, solve: false, members: None, control, begun })
     }
 
-    /// Begins the solve of a task, with a control that replaces that of its check and is cancelled if that one was.
+    /// Begins the solve of a task: `control` replaces the control of the check that comes before a solve, and is
+    /// cancelled if the check was cancelled.
     fn begin_solve(&self, number: u64, control: &Arc<Control>) -> io::Result<()> {
         if let Some(task) = &mut *self.task() {
             if task.control.poll().is_some() {
@@ -162,8 +165,8 @@ fn within(begun: Instant, time: Option<Duration>) -> Control {
     }
 }
 
-/// Performs assignments until there are no more, or until a panic, after which the state of the process is not
-/// trusted.
+/// Performs the assignments of the solver thread until there are no more, or until a panic, after which the state of
+/// the process is not trusted.
 fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
     for assignment in assigned {
         let task = assignment.task;
@@ -240,15 +243,15 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     desk.report(&Report::Solved { task, columns, rows: None, solved, progress, resident }, &rest)
 }
 
-/// Converts an order for a part of a sweep; the time limit of the part is at least `least`.
+/// Converts an order for a part of a sweep (a range of its members); the time limit of the part is at least `least`.
 fn chunk(members: Members, least: Duration) -> SweepChunk {
     let Members { first, end, lost, seconds } = members;
     let within = Duration::try_from_secs_f64(seconds).unwrap_or_default().max(least);
     SweepChunk { members: first..end, lost: lost.map(|Lost { code, message }| (code, message)), within: Some(within) }
 }
 
-/// Solves a part of a sweep, and sends its rows. The wall-clock time that the client allows is that of the whole
-/// sweep, which the front process enforces.
+/// Solves a part of a sweep (a range of its members), and sends the rows of its members. The wall-clock time that the
+/// client allows is that of the whole sweep, which the front process enforces.
 fn solve_members<W: Write>(
     desk: &Desk<W>,
     solver: &Solver,

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// A callback for the events in the lives of workers.
+/// A callback for the events in the lives of worker processes, such as a start or a death.
 pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
 
 /// An event in the life of a worker process.

@@ -21,23 +21,24 @@ use numerics::Bracket;
 const FIRST: f64 = 0.02;
 const LONGEST: f64 = 0.05;
 const SHORTEST: f64 = 1e-9;
-/// First step behind a border between two structures of the solution.
+/// Length of the first continuation step behind a border between two structures of the solution.
 const AGAIN: f64 = 1e-3;
 /// Growth factor of a step (`GROWTH`) after `STREAK` successive steps with at most `FEW` corrections each: near a
 /// border, steps that do not grow immediately halve the distance to it.
 const GROWTH: f64 = 1.5;
 const STREAK: usize = 3;
 const FEW: usize = 4;
-/// Largest number of Newton corrections of one point.
+/// Largest number of Newton corrections of one point of the branch.
 const CORRECTIONS: usize = 8;
 /// Least cosine of the angles between successive tangents and the chord of their points: a sharper turn needs shorter
 /// steps, and so does a jump to another piece of the curve that is nearly parallel.
 const LEAST_COSINE: f64 = 0.9;
-/// Largest number of iterations in the location of an event (`TRIALS`), and the width to which it is located,
-/// relative to the step.
+/// Largest number of iterations in which an event on the branch is located (`TRIALS`), and the width of the interval
+/// to which it is located, relative to the step along the branch.
 const TRIALS: usize = 60;
 const WIDTH: f64 = 1e-9;
-/// Largest distance of a point from the plane in which it is sought, relative to the step.
+/// Largest distance of a point of the branch from the plane at the distance `ds` along the tangent in which Newton's
+/// method seeks it, relative to `ds`.
 const ON_PLANE: f64 = 1e-3;
 /// Singular values below this fraction of the largest count as zero, as in the search for a single orbit.
 const RANK: f64 = 1e-8;
@@ -58,7 +59,7 @@ pub struct Evaluation<W> {
     pub spectrum: Vec<[f64; 2]>,
     /// Whether the point solves the problem itself, and not only the equations of its structure.
     pub is_admissible: bool,
-    /// Whether the solution is isolated, according to its spectrum.
+    /// Whether the solution at this parameter is isolated, according to its eigenvalues or multipliers.
     pub is_single: bool,
 }
 
@@ -73,12 +74,13 @@ pub trait Family {
     /// The reason why the equations have no value or no derivative.
     fn evaluate(&mut self, w: &[f64], p: f64, near: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure>;
 
-    /// Returns a solution with another structure, at or slightly behind the border `at`, near the point `towards` and
-    /// `p`.
+    /// Returns a solution with another structure than that of `at`, the last point before a border: one at or
+    /// slightly behind the border, near the unknowns `towards` and the parameter `p`.
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)>;
 
-    /// Returns the solution in terms of other unknowns, if they suit it better; `_way`, a change of the unknowns and
-    /// the parameter along the branch, is converted too.
+    /// Returns the solution `_at` in terms of other unknowns if these suit it better, such as the states at another
+    /// point of a periodic orbit. `_way`, a change of the unknowns and of the parameter along the branch, is
+    /// converted too.
     fn by_others(&mut self, _at: &Solved<Self::Word>, _way: (&[f64], f64)) -> Option<ByOthers<Self::Word>> {
         None
     }
@@ -90,7 +92,7 @@ pub trait Family {
     fn is_stopped(&self) -> bool;
 }
 
-/// A solution in terms of other unknowns.
+/// A solution in terms of other unknowns, such as the states at another point of a periodic orbit.
 pub struct ByOthers<W> {
     pub w: Vec<f64>,
     /// The change of the new unknowns along the branch.
@@ -114,7 +116,7 @@ pub struct Solved<W> {
 /// A test function of the spectrum and the tangent at a point, whose changes of sign are events.
 pub type Test = fn(&[[f64; 2]], &DVector<f64>) -> f64;
 
-/// An event on the branch.
+/// An event on a branch of solutions, such as a bifurcation or a change of structure.
 #[derive(Clone, Debug)]
 pub struct Found<W> {
     pub at: Solved<W>,
@@ -123,10 +125,10 @@ pub struct Found<W> {
     pub what: What<W>,
 }
 
-/// The kind of an event on a branch.
+/// The kind of an event on a branch of solutions.
 #[derive(Clone, Debug)]
 pub enum What<W> {
-    /// A test function changed sign; its index.
+    /// A test function, given by its index, changed sign.
     Test(usize),
     /// The structure of the solution changed; the new structure, if one was found.
     Border(Option<W>),
@@ -172,7 +174,7 @@ impl Scales {
     }
 }
 
-/// The continuation of a branch of a family of equations.
+/// The pseudo-arclength continuation of a branch of solutions of a family of equations.
 pub struct Continuation<'f, F: Family> {
     family: &'f mut F,
     scales: Scales,
@@ -295,7 +297,8 @@ impl<'f, F: Family> Continuation<'f, F> {
         curve.points.push(self.by_best(point));
     }
 
-    /// Converts a point to the unknowns that suit it best.
+    /// Expresses a point of the branch in terms of those unknowns that suit it best, such as the states at another
+    /// point of a periodic orbit.
     fn by_best(&mut self, point: Solved<F::Word>) -> Solved<F::Word> {
         let n = point.w.len();
         let way: Vec<f64> = (0..n).map(|i| point.tangent[i] * self.scales.of(i)).collect();
@@ -385,7 +388,8 @@ impl<'f, F: Family> Continuation<'f, F> {
             if !(before.is_finite() && behind.is_finite()) || before == 0.0 || before.signum() == behind.signum() {
                 continue;
             }
-            // The bracket expects a function that falls from positive to negative values.
+            // The bracketing root finder expects a function that falls from positive to negative values: the sign of
+            // the test function is changed if it rises.
             let sign = before.signum();
             let mut bracket = Bracket::new((0.0, sign * before), (ds, sign * behind));
             let mut best = next.clone();
@@ -441,8 +445,8 @@ impl<F: Family> Continuation<'_, F> {
         if self.way(last, &point).dot(&point.tangent) < 0.0 {
             point.tangent = -point.tangent;
         }
-        // The tangent may point to either side: the branch continues on the side that has a solution of this
-        // structure.
+        // The tangent may have the wrong sign: the branch continues in that of the two directions in which a step
+        // leads to a solution with the structure `word`.
         for _ in 0..2 {
             if self.step(&point, AGAIN).is_ok_and(|(next, _)| next.word == point.word) {
                 return Some(point);

@@ -22,9 +22,9 @@ use utoipa::ToSchema;
 /// The plan of a continuation: the kind of solutions, the parameter and its interval.
 #[derive(Clone, Debug)]
 pub struct BranchPlan {
-    /// The kind of solutions: periodic orbits or steady states.
+    /// The kind of solutions on the branch: periodic orbits or steady states.
     pub of: BranchOf,
-    /// The index of the parameter.
+    /// The index of the parameter that varies along the branch.
     pub parameter: usize,
     /// The name of the parameter that varies along the branch.
     pub name: String,
@@ -32,7 +32,7 @@ pub struct BranchPlan {
     pub from: f64,
     /// The value of the parameter at which the branch ends.
     pub to: f64,
-    /// The largest number of points.
+    /// The largest number of points of the branch.
     pub points: usize,
 }
 
@@ -41,7 +41,7 @@ pub struct BranchPlan {
 pub enum BranchOf {
     /// Periodic orbits, and their period as a function of the parameters if it is given.
     Orbits(Periodic, Option<Tape>),
-    /// Steady states.
+    /// Branches of steady states.
     Rests,
 }
 

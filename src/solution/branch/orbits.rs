@@ -38,7 +38,7 @@ fn name(model: &Bindable<'_>, of: &Passed) -> Option<String> {
     }
 }
 
-/// The settings and the analysis of the runs.
+/// The settings of the runs over one period, and the structural analysis of the problem.
 #[derive(Clone, Copy)]
 struct How<'a> {
     settings: &'a Settings,
@@ -128,7 +128,8 @@ impl Orbits<'_> {
         self.run((&from, period), p, after)
     }
 
-    /// Makes a run over a period from a cut, which is `after` the beginning of the period.
+    /// Makes a run over one period that begins at the cut of the orbit, at the time `after` after the start time of
+    /// the plan.
     fn run(&mut self, (from, period): (&[f64], f64), p: f64, after: f64) -> Result<Shot, Failure> {
         if !(period > 0.0 && period.is_finite()) {
             return Err(self.failure(format!("the period is {period:?} where the parameter is {p:?}")));
@@ -139,13 +140,14 @@ impl Orbits<'_> {
         model.subject(self.how.settings).shoot(&plan, (from, period), &[self.parameter], self.control)
     }
 
-    /// Returns the plan of runs from a cut, which is `after` the beginning of the period.
+    /// Returns the plan of runs that begin at the cut of the orbit, at the time `after` after the start time of the
+    /// given plan.
     fn plan_from(&self, after: f64) -> Plan {
         Plan { start: self.plan.start + after, ..self.plan.clone() }
     }
 
     /// Returns the states of an orbit at the beginning of its period, and the period; `None` if the run from the cut
-    /// to there fails.
+    /// of the orbit (the point at which the continuation lets the period begin) to there fails.
     fn at_beginning(&mut self, point: &Solved<CutOpen>) -> Option<(Vec<f64>, f64)> {
         let (from, period) = self.start(&point.w, point.p);
         let after = point.word.after;
@@ -195,7 +197,7 @@ impl Family for Orbits<'_> {
         let residual = DVector::from_fn(n, |i, _| (shot.to[i] - shot.from[i]) / shot.scale[i]);
         let mut spectrum = shot.multipliers();
         if self.periodic.phase.is_some() {
-            // The multiplier that belongs to a free phase is always 1.
+            // An orbit with a free phase always has a multiplier 1: the nearest to 1 is removed.
             let off = |value: &[f64; 2]| (value[0] - 1.0).hypot(value[1]);
             let nearest = (0..spectrum.len()).min_by(|a, b| off(&spectrum[*a]).total_cmp(&off(&spectrum[*b])));
             nearest.map(|nearest| spectrum.remove(nearest));

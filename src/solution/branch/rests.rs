@@ -50,7 +50,7 @@ pub fn follow_rests(
     let mut plan = plan.clone();
     plan.observables.bind(&rests.values_at(at));
     plan.initial = last.map_or_else(|| bound.initial.clone(), |point| point.w[..bound.initial.len()].to_vec());
-    // The remainder that Newton's method leaves of a state that is zero is removed.
+    // Newton's method ends at a small nonzero value for a state that is exactly zero: such values are set to zero.
     for (x, atol) in plan.initial.iter_mut().zip(&settings.atol) {
         *x = if x.abs() < AT_ZERO * atol { 0.0 } else { *x };
     }
@@ -77,7 +77,7 @@ struct Rests<'a> {
     plan: &'a Plan,
     settings: &'a Settings,
     parameter: usize,
-    /// The length of the parameter interval.
+    /// The length of the parameter interval of the continuation.
     span: f64,
     /// The size of the unknowns at the beginning of the branch.
     size: f64,
@@ -88,9 +88,9 @@ struct Rests<'a> {
 
 /// The equation of one variable on an active face, and the inequality that the face requires.
 struct Sided {
-    /// The residual of the equation, which is zero on the face.
+    /// The residual of the equation, which is zero if the variable is on the active face.
     value: f64,
-    /// The margin of the inequality; negative if the solution is not on this face.
+    /// The margin of the inequality; negative if the solution is not on this active face.
     margin: f64,
 }
 
@@ -196,7 +196,8 @@ impl Family for Rests<'_> {
     }
 
     fn beyond(&mut self, at: &Solved<ActiveFace>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, ActiveFace)> {
-        // The variable that leaves the face first is the one with the largest violation slightly behind the border.
+        // The variable whose activity changes at the border is the one that violates its inequality on the old active
+        // face most, slightly behind the border.
         let model = self.bound(p).ok()?;
         let (_, sided) = self.rows(&model, towards, &at.word);
         let (k, _) = sided.iter().enumerate().min_by(|a, b| a.1.margin.total_cmp(&b.1.margin))?;

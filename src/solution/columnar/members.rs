@@ -20,7 +20,7 @@ pub trait Members: Send + Sync {
     /// Returns the table without rows: names, counts, provenance.
     fn head(&self) -> &Table;
 
-    /// Returns the number of parts.
+    /// Returns the number of parts into which the rows of the table are divided.
     fn parts(&self) -> usize;
 
     /// Returns the values of a column in a part.
@@ -93,7 +93,7 @@ impl Members for Table {
 /// The index of the parts of a stored table.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PartsIndex {
-    /// The table without its rows.
+    /// The table without its rows: names, counts, provenance.
     head: Table,
     parts: Vec<PartIndex>,
 }
@@ -109,7 +109,7 @@ struct PartIndex {
 #[derive(Debug, Default)]
 pub struct PartsWriter {
     index: Option<PartsIndex>,
-    /// Rows that do not fill a part yet.
+    /// Rows that have been added but do not fill a part of the table yet.
     rest: Option<Table>,
 }
 
@@ -168,7 +168,7 @@ pub fn write_parts(table: &Table, out: &mut impl Write) -> io::Result<Option<Par
     writer.end(out)
 }
 
-/// A table in its stored form.
+/// The table of a sweep in its stored form, read one column of one part at a time.
 pub struct StoredMembers {
     source: Arc<dyn Source>,
     index: PartsIndex,

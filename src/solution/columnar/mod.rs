@@ -30,10 +30,10 @@ use std::io;
 
 /// Columns of equal length: the times of a trajectory, then its fields.
 pub trait Columns: Send + Sync {
-    /// Returns the number of times.
+    /// Returns the number of times of the trajectory.
     fn rows(&self) -> usize;
 
-    /// Returns the names of the fields.
+    /// Returns the names of the fields of the trajectory.
     fn names(&self) -> Vec<&str>;
 
     /// Returns the values of a column at the given rows; column 0 contains the times, and the fields follow.
@@ -64,9 +64,9 @@ pub trait Columns: Send + Sync {
 /// The rows from `first` to before `end`, one in `every`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rows {
-    /// The index of the first row.
+    /// The index of the first row of the range.
     pub first: usize,
-    /// The index after the last row.
+    /// The index after the last row of the range.
     pub end: usize,
     /// The distance between consecutive rows, at least one.
     pub every: usize,
@@ -78,7 +78,7 @@ impl Rows {
         Self { first: rows.saturating_sub(1), end: rows, every: 1 }
     }
 
-    /// Returns the number of rows.
+    /// Returns the number of rows of the range.
     pub fn len(&self) -> usize {
         self.end.saturating_sub(self.first).div_ceil(self.every)
     }

@@ -21,7 +21,8 @@ pub struct JsonPieces {
 }
 
 impl JsonPieces {
-    /// Creates the JSON of a selection, with everything other than columns from `skeleton`.
+    /// Prepares the JSON of the selected fields and rows; everything in it other than columns is taken from
+    /// `skeleton`.
     pub fn new(selection: Selection, skeleton: Skeleton) -> Self {
         Self { selection, skeleton, next: None, of_table: None }
     }
@@ -124,7 +125,7 @@ fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     out.write_all(b"[")
 }
 
-/// A selection in a table format, written piece by piece.
+/// The selected fields and rows of a solution in a table format (such as CSV), written piece by piece.
 pub struct TablePieces {
     selection: Selection,
     table: Box<dyn Table>,
@@ -133,7 +134,7 @@ pub struct TablePieces {
 }
 
 impl TablePieces {
-    /// Creates the table of a selection.
+    /// Prepares the table of the selected fields and rows.
     pub fn new(selection: Selection, table: Box<dyn Table>) -> Self {
         Self { selection, table, next: 0 }
     }
@@ -172,7 +173,7 @@ pub fn write_whole(columns: &dyn Columns, skeleton: &Skeleton, out: &mut dyn Wri
 }
 
 impl Selection {
-    /// Selects all rows and fields.
+    /// Selects all rows and fields of a solution.
     pub fn whole(columns: &dyn Columns) -> Self {
         let rows = Rows { first: 0, end: columns.rows(), every: 1 };
         Self { fields: (0..columns.names().len()).collect(), rows }

@@ -18,11 +18,11 @@ const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 /// The JSON text at the beginning of a table of a sweep whose columns are stored separately.
 const EMPTY_TABLE: &str = "\"table\":{\"columns\":{}";
 
-/// The JSON of a solution with empty columns, also those of the table of a sweep.
+/// The JSON of a solution in which the columns of the trajectory, and those of the table of a sweep, are empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
-/// A solution whose diagnostics, table and study are kept as JSON text.
+/// The members of a solution, of which diagnostics, table and study are kept as JSON text and not parsed.
 #[derive(Serialize, Deserialize)]
 struct Parts<'a> {
     #[serde(default)]
@@ -146,13 +146,13 @@ impl Skeleton {
         found.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a solution has a trajectory"))
     }
 
-    /// Returns the JSON text.
+    /// Returns the JSON text of the solution without its columns.
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// Returns the text before the times, between times and fields, and after the fields. The search cannot match
-    /// within a JSON string, whose quotes are escaped.
+    /// Returns the text before the times, between times and fields, and after the fields. Quotes within JSON strings
+    /// are escaped, so that no string can contain the text that marks these positions.
     pub fn around_columns(&self) -> [&str; 3] {
         let start = self.0.find(EMPTY).unwrap_or_default();
         let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
@@ -189,8 +189,8 @@ impl Skeleton {
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, table, ..solution })
     }
 
-    /// Whether the solution has the table of a sweep. The search cannot match within a JSON string, whose quotes are
-    /// escaped.
+    /// Whether the solution has the table of a sweep. Quotes within JSON strings are escaped, so that no string can
+    /// contain the text that is searched for.
     pub fn has_table(&self) -> bool {
         self.0.contains("\"table\":{\"columns\":")
     }

@@ -17,7 +17,7 @@ const BLOCK: usize = 63;
 /// Rows per chunk in the earlier stored forms, which have chunks of 8 KiB instead of blocks.
 const CHUNK: usize = 1024;
 
-/// Bytes per number and per checksum.
+/// Bytes per number of a column, and per checksum of a block.
 const WIDTH: usize = size_of::<f64>();
 
 /// Bytes that are read at once if the requested blocks are close to one another.
@@ -41,7 +41,7 @@ struct Index {
     /// Checksums of the chunks of the times, then of the chunks of each field, in the stored forms without blocks.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     checksums: Vec<u64>,
-    /// The index of the table of a sweep.
+    /// The index of the parts of the table of a sweep, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     members: Option<PartsIndex>,
     skeleton: String,
@@ -68,7 +68,7 @@ impl Layout {
         Self::Blocks(checksum(skeleton.text().as_bytes()))
     }
 
-    /// Returns the number of rows of a full block.
+    /// Returns the number of rows of a full block (or chunk) of a column.
     fn rows(&self) -> usize {
         match self {
             Self::Chunks(_) => CHUNK,
@@ -241,7 +241,8 @@ impl Stored {
         self.members.as_ref().map_or(columns, StoredMembers::end)
     }
 
-    /// Returns the offset of a column in bytes, or the end of the columns for the number of columns.
+    /// Returns the offset in bytes of the column with the index `column`; if this is the number of columns, the
+    /// offset of their end.
     fn start_of(&self, column: usize) -> u64 {
         let length = self.rows * WIDTH + self.blocks() * self.layout.tail();
         (column * length) as u64
@@ -252,7 +253,7 @@ impl Stored {
         self.rows.div_ceil(self.layout.rows())
     }
 
-    /// Returns the range of rows in a block.
+    /// Returns the range of rows whose numbers are in a block of a column.
     fn rows_of(&self, block: usize) -> Range<usize> {
         let start = block * self.layout.rows();
         start..(start + self.layout.rows()).min(self.rows)
@@ -275,8 +276,8 @@ impl Stored {
         bytes.and_then(|bytes| self.layout.numbers(column * self.blocks() + block, bytes)).ok_or_else(changed)
     }
 
-    /// Calls `visit` for every block of a column that contains some of `rows`, with its numbers and these rows relative
-    /// to the block.
+    /// Calls `visit` for every block of a column that contains some of `rows`, with the numbers of the block and the
+    /// range of those rows, counted from the beginning of the block.
     fn visit(&self, column: usize, rows: Rows, mut visit: impl FnMut(&[[u8; WIDTH]], Rows)) -> io::Result<()> {
         let (mut bytes, mut next, end) = (Vec::new(), rows.first, rows.end.min(self.rows));
         let distance = rows.every.saturating_mul(WIDTH);

@@ -18,7 +18,7 @@ impl<'a> Best<'a> {
         Self { run, refinement, steps }
     }
 
-    /// Returns the estimated error in units of the tolerance.
+    /// Returns the estimated error of this run in units of the tolerance.
     fn scaled(&self) -> f64 {
         self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
@@ -86,8 +86,8 @@ impl Coarse {
         self.growths >= GROWTHS
     }
 
-    /// Returns the refinement from this run to the run `fine` with twice as many steps, and the distances of the
-    /// variables.
+    /// Returns the evidence of the refinement from this run to the run `fine`, which has twice as many steps, and the
+    /// distance of each variable between the two runs.
     pub fn refined(&self, fine: &Self, plan: &Plan, rtol: f64, atol: &[f64], halvings: i32) -> (Refinement, Vec<f64>) {
         let mean = |coarse: &[f64], fine: &[f64]| {
             let pairs = coarse.iter().zip(fine.iter().skip(1).step_by(2));

@@ -13,13 +13,14 @@ use convolution::{Activity, SegmentSettings, Segments};
 use models::ConvolutionModel;
 use problem::{Control, Dvi};
 
-/// Largest number of runs with decreasing tolerances.
+/// Largest number of runs by segments, each with a tenth of the tolerance of the previous one.
 const RUNS: usize = 4;
 /// The tolerance of the first run relative to the requested one, and the factor of the tolerance from run to run.
 const FIRST: f64 = 0.1;
 const NEXT: f64 = 0.1;
 
-/// The reason why a uniform mesh is needed instead of segments, and the best run by segments, if there were two.
+/// The reason why a uniform mesh is needed instead of segments, and the best run by segments, if there were at least
+/// two to compare.
 pub(super) struct Unsettled {
     pub why: String,
     pub best: Option<Solution>,
@@ -88,7 +89,7 @@ pub(super) fn integrate(
     Err(unsettled(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"), best))
 }
 
-/// Returns the diagnostics known before the run by segments.
+/// Returns the diagnostics known before a run by segments between located switches.
 pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "convolution",
@@ -107,12 +108,12 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     diagnostics
 }
 
-/// A run by segments, with named outputs.
+/// A run by segments between located switches, with named outputs.
 struct SegmentedRun<'p> {
     segments: Segments<'p>,
     names: &'p [String],
-    /// Number of elements reported. The first element is computed immediately, since `z` at the start comes from its
-    /// basis functions.
+    /// Number of elements that the run has reported as made. The first element is computed before it is reported,
+    /// since `z` at the start comes from the basis functions of this element.
     told: usize,
     start: f64,
     ends: Vec<f64>,
@@ -189,7 +190,7 @@ impl Stepper for SegmentedRun<'_> {
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
         if self.segments.outputs(t, out).is_err() {
-            // A value between two nodes that is not finite is ignored: the values at the last node are reported.
+            // If a value between two nodes is not finite, the values at the last node are reported instead.
             out[..self.names.len()].copy_from_slice(&self.ends);
         }
     }

@@ -44,7 +44,7 @@ pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Writ
 pub struct MembersPieces {
     form: MembersForm,
     verdict: Verdict,
-    /// The index of the next part.
+    /// The index of the part of the rows that is written next.
     part: usize,
     arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
     #[cfg(feature = "parquet")]

@@ -17,7 +17,7 @@ use factorisation::Singular;
 use nalgebra::DMatrix;
 /// Components of a singular vector below this value count as zero: the accuracy of singular vectors.
 const PART: f64 = 1e-6;
-/// The confidence level of the intervals.
+/// The confidence level of the intervals of fitted parameters.
 const CONFIDENCE: f64 = 0.95;
 /// The two-sided 5 % quantile of the standard normal distribution.
 const NORMAL: f64 = 1.959_963_984_540_054;
@@ -43,7 +43,7 @@ pub struct Intervals {
     pub singular_values: Vec<f64>,
     /// The combinations of relative changes that the data do not determine, with one coefficient per parameter.
     pub undetermined: Vec<Vec<f64>>,
-    /// Whether each parameter is held at a bound.
+    /// Whether each fitted parameter is at one of its bounds and is held there.
     pub held: Vec<bool>,
 }
 

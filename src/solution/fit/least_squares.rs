@@ -82,7 +82,7 @@ impl Loss {
 pub struct Residuals {
     /// The residuals `r`, in standard deviations of the data.
     pub values: DVector<f64>,
-    /// The Jacobian `J`, with a column for each parameter.
+    /// The Jacobian `J` of the residuals, with a column for each parameter.
     pub jacobian: DMatrix<f64>,
     /// The Euclidean norm of the errors of the residuals, in standard deviations of the data.
     pub noise: f64,
@@ -93,9 +93,9 @@ pub struct Residuals {
 pub struct Minimum {
     /// The parameters at the end of the search.
     pub point: Vec<f64>,
-    /// The residuals at the end of the search, `point`.
+    /// The residuals at the parameters `point`.
     pub residuals: Residuals,
-    /// The loss at the end of the search, `point`.
+    /// The loss at the parameters `point`.
     pub loss: f64,
     /// The distance to the minimum that the linearised problem predicts, in standard errors.
     pub distance: f64,
@@ -112,7 +112,7 @@ pub struct LeastSquares<'a> {
     pub lower: &'a [f64],
     /// The upper bounds of the parameters, possibly infinite.
     pub upper: &'a [f64],
-    /// The loss of the residuals.
+    /// The loss (such as the sum of squares) that is minimised over the residuals.
     pub loss: Loss,
     /// Whether residuals are in units of known standard deviations; otherwise the standard deviation is estimated from
     /// the residuals.
@@ -121,7 +121,7 @@ pub struct LeastSquares<'a> {
     pub rank: f64,
 }
 
-/// The linearised problem at a point, over the free parameters.
+/// The linearised least-squares problem at a point, over the free parameters (those not held at a bound).
 struct Linear {
     free: Vec<usize>,
     /// The lengths of the weighted columns of `J`: the diagonal of `D`.
@@ -133,8 +133,8 @@ struct Linear {
 
 impl LeastSquares<'_> {
     /// Searches for a minimum from `start`, a point within the bounds with the residuals `first`. `evaluate` returns
-    /// `None` at a point without residuals; the search ends when `goes_on`, which is called before each evaluation,
-    /// returns false.
+    /// the residuals at a point, or `None` if they cannot be computed there; the search ends when `goes_on`, which is
+    /// called before each evaluation, returns false.
     pub fn minimise(
         &self,
         start: Vec<f64>,
@@ -176,7 +176,8 @@ impl LeastSquares<'_> {
                     damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(LESS);
                     growth = 2.0;
                 }
-                // The predicted decrease is below the errors of the residuals.
+                // The predicted decrease of the loss is below its errors, which are due to the errors of the
+                // residuals.
                 Some(_) if predicted <= (here.noise * here.noise).max(ROUNDING * loss) && distance <= allowed => {
                     return Minimum { point, residuals: here, loss, distance, allowed, runs };
                 }

@@ -59,7 +59,8 @@ impl Axis {
         (self.exponent != 0).then(|| format!("×10{}", raised(self.exponent)))
     }
 
-    /// Returns ticks at round numbers in order, with about `about` intervals and at most half as many again.
+    /// Returns ticks at round numbers, in increasing order. The number of intervals between them is near `about`, and
+    /// at most half as large again.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let wanted = (self.high - self.low) / about.max(1) as f64;
         let power = wanted.log10().floor();

@@ -13,11 +13,11 @@ const TOP: f64 = 70.0;
 /// Heights in pixels of the axes, and of the foot below the axes.
 const HEIGHT: f64 = 330.0;
 const FOOT: f64 = 60.0;
-/// The radius of a mark, in pixels.
+/// The radius of the mark of a point, in pixels.
 const RADIUS: f64 = 3.5;
 /// Space above the axes for the crosses of runs without an answer, in pixels.
 pub(super) const CROSSES: f64 = 14.0;
-/// Largest number of decades with a label each.
+/// Largest number of decades of an axis at which each decade has a label.
 const MOST_LABELS: i32 = 10;
 
 /// A curve of a double logarithmic plot, with its marks.
@@ -78,7 +78,7 @@ pub(super) struct Decades {
 }
 
 impl Decades {
-    /// Creates an axis over all decades of the values.
+    /// Creates a logarithmic axis over all decades in which the values lie.
     pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };

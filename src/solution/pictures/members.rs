@@ -31,7 +31,7 @@ const SCALE: f64 = 96.0;
 const WORDS: f64 = 210.0;
 /// Largest number of characters of a mode word; mode words usually differ in their first modes.
 const WORD: usize = 28;
-/// Number of steps in the drawn colour scale.
+/// Number of rectangles of uniform colour that make up the drawn colour scale.
 const STEPS: usize = 48;
 
 /// Draws the table of a sweep as an SVG document.
@@ -67,10 +67,10 @@ pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> Strin
         .to_string()
 }
 
-/// The drawing of a table between title and remarks.
+/// The main part of the plot of a table, between the title above it and the remarks below it.
 struct Drawn {
     group: Group,
-    /// Height in pixels of the rows of the legend except the first.
+    /// Height in pixels of all rows of the legend but the first, by which the plot is higher.
     extra: f64,
     below: Option<String>,
 }
@@ -338,7 +338,7 @@ impl<'t> Colours<'t> {
     }
 }
 
-/// The colour that the rarer modes share.
+/// The colour of a map that the rarer modes share.
 const OTHER: &str = "#9198a1";
 
 /// Returns the colour of mode number `k`: the colours of Okabe and Ito, then lighter ones.

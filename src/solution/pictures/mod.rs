@@ -93,7 +93,7 @@ pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write)
     writeln!(out, "{picture}")
 }
 
-/// Distributes the fields over panels.
+/// Distributes the fields of the answer over the panels of the plot.
 fn panels(fields: &[Field]) -> Vec<Vec<&Field>> {
     let mut fields: Vec<&Field> = fields.iter().take(MOST_PANELS * MOST_LINES).collect();
     let lines = fields.len().div_ceil(MOST_PANELS).max(1);

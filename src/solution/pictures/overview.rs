@@ -24,25 +24,25 @@ const LABEL: f64 = 30.0;
 /// The arrangement of the panels in an overview.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrangement {
-    /// Number of panels in a row.
+    /// Number of panels in a row of the overview.
     pub columns: usize,
     /// The height of a panel between its axes, in pixels.
     pub height: f64,
-    /// The radius of a mark, in pixels.
+    /// The radius of the mark of a run, in pixels.
     pub radius: f64,
 }
 
-/// The arrangement of many small panels.
+/// The arrangement of an overview with many small panels.
 pub const SMALL: Arrangement = Arrangement { columns: 4, height: 92.0, radius: 2.0 };
-/// The arrangement of few large panels.
+/// The arrangement of an overview with few large panels.
 pub const LARGE: Arrangement = Arrangement { columns: 2, height: 190.0, radius: 3.0 };
 
-/// The texts of an overview.
+/// The texts of an overview of errors: title and labels of the axes.
 #[derive(Clone, Copy, Debug)]
 pub struct Words<'a> {
     /// The title, for screen readers; also drawn if `titled` is set.
     pub title: &'a str,
-    /// Whether the title is drawn.
+    /// Whether the title of the overview is drawn.
     pub titled: bool,
     /// The label of the ordinate of all panels.
     pub ordinate: &'a str,

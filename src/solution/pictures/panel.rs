@@ -7,7 +7,7 @@ use super::thinning::thin;
 use crate::Field;
 use svg::node::element::Group;
 
-/// Largest number of lines in a panel.
+/// Largest number of lines (fields) in one panel of a plot.
 pub const MOST_LINES: usize = COLOURS;
 
 /// Height of the names above the lines of a panel, in pixels.

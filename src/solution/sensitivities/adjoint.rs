@@ -36,7 +36,7 @@ pub(super) const MOST_STORED: usize = 64 << 20;
 /// The number whose gradient is requested: a single definition at the end, or a single integral.
 #[derive(Clone, Debug)]
 pub struct Objective {
-    /// The objective as the only definition or integral of the user, with its derivatives.
+    /// The objective, as a set of observables that has it as the only definition or integral, with its derivatives.
     pub observables: Observables,
 }
 
@@ -95,13 +95,13 @@ impl Resolution {
 /// together.
 #[derive(Clone, Copy, Debug)]
 struct Compared {
-    /// The derivative in that direction computed from the gradient.
+    /// The derivative in the direction of all parameters and initial values together, computed from the gradient.
     swept: f64,
-    /// The derivative in that direction that was propagated along the run.
+    /// The derivative in the direction of all parameters and initial values together, propagated along the run.
     followed: f64,
     /// The largest term of the scalar product of gradient and direction, in absolute value.
     terms: f64,
-    /// The sum of the absolute values of all terms of the derivative, before terms cancel.
+    /// The sum of the absolute values of all terms of the directional derivative, before terms cancel.
     made_of: f64,
 }
 
@@ -118,7 +118,7 @@ impl Compared {
 }
 
 impl Gradient {
-    /// Writes the gradient and its check into an answer.
+    /// Writes the gradient of the objective, and the check of it, into an answer.
     pub(crate) fn put(self, plan: &Plan, ended: &mut Ended) {
         let Some(asked) = &plan.sensitivities else { return };
         let solution = &mut ended.solution;
@@ -164,7 +164,7 @@ pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Di
     };
     let moves = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter)).map_or(0.0, |k| speeds[k]);
     let is_parametric = by.iter().any(|by| matches!(by, By::Parameter(_)));
-    // The speed of each parameter already contains the scale of the parameter.
+    // The speed of each parameter along the direction already contains the size of the parameter.
     let shifted = is_parametric.then(|| shifted_by(model, CENTRAL_DIFFERENCE, moves)).transpose()?;
     Ok(Directions {
         initial: &initial * DMatrix::from_column_slice(speeds.len(), 1, speeds),
@@ -360,7 +360,7 @@ mod tests {
 
     #[test]
     fn rounding_of_what_cancels_is_permitted_and_a_wrong_gradient_is_not() {
-        // Terms of size one cancel up to rounding.
+        // A derivative whose terms, of size one, cancel up to rounding errors passes the check.
         let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
         assert!(rest.off() < 1e-6, "{}", rest.off());
         // A difference of a millionth of the terms exceeds rounding errors.

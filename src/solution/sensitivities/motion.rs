@@ -25,7 +25,8 @@ pub(crate) struct FollowedMotion<'p> {
     by: Vec<String>,
     names: &'p [String],
     pub events: Vec<EventSlope>,
-    /// Number of events beyond the largest number that the answer contains.
+    /// Number of events whose times are differentiated, but which the answer leaves out since it contains the largest
+    /// number already.
     pub left_out: u64,
     /// The stored steps and the objective, in adjoint mode; derivatives are then propagated in a single direction, in
     /// which all parameters and initial values move together.
@@ -36,13 +37,13 @@ pub(crate) struct FollowedMotion<'p> {
 struct Swept {
     adjoint: Adjoint,
     back: SweptBack,
-    /// The derivatives of an objective that is an integral with respect to all states and directions, for its changes
-    /// at jumps.
+    /// If the objective is an integral, the derivatives of its integrand with respect to all states and directions,
+    /// for the changes of the derivatives at jumps of the states.
     jumps: ObservedSlopes,
 }
 
 impl Jump {
-    /// Converts a jump to the user's time.
+    /// Converts a jump of the states, whose time counts from the start of the motion, to the user's time.
     fn of(start: f64, passed: Jumped) -> Self {
         Self { t: start + passed.t, before: passed.before, after: passed.after, times: passed.times }
     }
@@ -224,13 +225,14 @@ fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> R
         terms: Box::new(along),
         mu: of_mu,
         restitution: of_restitution,
-        // The speed of each parameter already contains the scale of the parameter.
+        // The speed of each parameter along the direction already contains the size of the parameter, so that the
+        // size of the direction is 1.
         sizes: vec![1.0],
         shifted: vec![shifted],
     })
 }
 
-/// Returns the motion with its parameters above and below their values; parameter `k` changes by `by * speed(k)`.
+/// Returns two motions, in which each parameter `k` is increased and decreased by `by * speed(k)`.
 fn shifted_by(
     model: &MechanicalModel,
     by: f64,
@@ -246,8 +248,8 @@ fn shifted_by(
     Ok(ShiftedMotion { by, systems: [system(by)?, system(-by)?] })
 }
 
-/// Returns the directions of differentiation of parameters and initial values, for a motion in the time since its
-/// start.
+/// Returns the directions of differentiation that belong to parameters and initial values, for a motion whose time
+/// counts from its start.
 pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let mut directions = unshifted(model, by, start)?;
     if model.parameters.is_none() || !model.structure().depends_on_time {
@@ -262,8 +264,8 @@ pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Resu
     Ok(directions)
 }
 
-/// Returns the directions of differentiation of parameters and initial values, without the systems that are shifted
-/// along them.
+/// Returns the directions of differentiation that belong to parameters and initial values, without mechanical systems
+/// at changed parameter values.
 fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, contacts, count) = (2 * structure.coordinates, structure.contacts.len(), by.len());

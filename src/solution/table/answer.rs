@@ -9,7 +9,7 @@ use std::io;
 /// The reason why a table has fewer rows than members were requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Incomplete<'a> {
-    /// A code of the reason, for programs.
+    /// A code of the reason why rows are missing, for programs.
     pub code: &'static str,
     /// The reason why rows are missing, in words.
     pub why: &'a str,

@@ -2,7 +2,7 @@
 //! such as the numbers of successive members or a constant count, takes no memory per row; other columns take one,
 //! two or four bytes per row, depending on the largest count.
 
-/// The value of a missing count.
+/// The value that stands for a missing count.
 pub const MISSING: u32 = u32::MAX;
 
 /// A column of counts, one per row; [`u32::MAX`] if missing.
@@ -15,7 +15,7 @@ pub struct Counts {
 
 #[derive(Clone, Debug)]
 enum Kept {
-    /// The sequence `first`, `first + step`, and so on.
+    /// The arithmetic sequence `first`, `first + step`, and so on, one count per row.
     Run {
         first: u32,
         step: u32,
@@ -47,7 +47,7 @@ impl PartialEq for Counts {
 }
 
 impl Counts {
-    /// Returns the number of rows.
+    /// Returns the number of rows of the column.
     pub fn len(&self) -> usize {
         match &self.kept {
             Kept::Run { len, .. } => *len,
@@ -57,7 +57,7 @@ impl Counts {
         }
     }
 
-    /// Whether there are no rows.
+    /// Whether the column has no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -81,7 +81,7 @@ impl Counts {
         (0..self.len()).filter_map(|row| self.get(row))
     }
 
-    /// Reserves space for additional rows.
+    /// Reserves space for additional rows of the column.
     pub fn reserve(&mut self, rows: usize) {
         self.room = self.len() + rows;
         match &mut self.kept {
@@ -92,7 +92,7 @@ impl Counts {
         }
     }
 
-    /// Appends a count.
+    /// Appends a count to the column.
     pub fn push(&mut self, value: u32) {
         if let Kept::Run { first, step, len } = &mut self.kept {
             match *len {
@@ -141,12 +141,12 @@ impl Counts {
     }
 }
 
-/// Returns the count in one byte, if it fits.
+/// Returns a count as one byte, if it fits into one.
 fn byte(value: u32) -> Option<u8> {
     if value == MISSING { Some(u8::MAX) } else { u8::try_from(value).ok().filter(|value| *value < u8::MAX) }
 }
 
-/// Returns the count in two bytes, if it fits.
+/// Returns a count as two bytes, if it fits into two.
 fn short(value: u32) -> Option<u16> {
     if value == MISSING { Some(u16::MAX) } else { u16::try_from(value).ok().filter(|value| *value < u16::MAX) }
 }

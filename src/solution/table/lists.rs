@@ -27,17 +27,17 @@ impl Lists {
         self.length
     }
 
-    /// Returns the number of rows.
+    /// Returns the number of rows of the column of lists.
     pub fn len(&self) -> usize {
         self.rows
     }
 
-    /// Whether there are no rows.
+    /// Whether the column of lists has no rows.
     pub fn is_empty(&self) -> bool {
         self.rows == 0
     }
 
-    /// Returns the list in a row.
+    /// Returns the list of numbers in a row of the column.
     pub fn get(&self, row: usize) -> Option<&[f64]> {
         if row >= self.rows {
             return None;
@@ -65,12 +65,12 @@ impl Lists {
         }
     }
 
-    /// Reserves space for additional rows.
+    /// Reserves space for additional rows of the column of lists.
     pub fn reserve(&mut self, rows: usize) {
         self.values.reserve_exact(rows.saturating_mul(self.length));
     }
 
-    /// Returns all numbers, one list after the other.
+    /// Returns the numbers of all rows, one list after the other.
     pub fn values(&self) -> &[f64] {
         &self.values
     }

@@ -116,7 +116,7 @@ fn cut_off() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "these are no rows of a table")
 }
 
-/// The bytes that have not been read yet.
+/// The bytes of a table that have not been read yet.
 struct Rest<'b>(&'b [u8]);
 
 impl<'b> Rest<'b> {
@@ -161,7 +161,7 @@ impl<'b> Rest<'b> {
 
     fn words(&mut self, rows: usize) -> io::Result<Words> {
         let count = self.count()?;
-        // Each text takes at least four bytes.
+        // Each text of a column takes at least four bytes, which limits the number of texts.
         let mut known = Vec::with_capacity(count.min(self.0.len() / 4));
         for _ in 0..count {
             let length = self.count()?;

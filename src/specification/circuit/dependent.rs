@@ -1,6 +1,6 @@
-//! Laws of elements controlled by voltages and currents: controlled sources, amplifiers, comparators, transformers and
-//! switches. They are lowered once the voltages and currents of the circuit are known as expressions in its states and
-//! variables.
+//! Laws of elements controlled by voltages and currents: controlled sources, amplifiers, comparators, transformers
+//! and switches. Their equations are written once all voltages and currents of the circuit are known as expressions
+//! in its states and variables.
 
 use super::faults::Names;
 use super::lowering::Circuit;
@@ -34,8 +34,8 @@ pub(super) enum Compared<'a> {
     Between((usize, usize)),
 }
 
-/// Lowers the laws of all controlled elements; each controlling quantity (`drives`) comes with the index of its
-/// element.
+/// Writes the equations of all controlled elements; `drives` are their controlling quantities, each with the index of
+/// its element.
 pub(super) fn laws(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],

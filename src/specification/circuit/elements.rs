@@ -116,8 +116,8 @@ impl<'a> Circuit<'a> {
                     );
                 }
                 let (primary_law, secondary_law) = match swapped {
-                    // The laws of the windings with the ratio n are v_1 = n v_2 and i_2 = -n i_1 if `swapped`, else
-                    // v_2 = v_1/n and i_1 = -i_2/n.
+                    // A transformer with the ratio n has the laws v_1 = n v_2 and i_2 = -n i_1 if `swapped`, else v_2
+                    // = v_1/n and i_1 = -i_2/n, for its primary winding 1 and its secondary winding 2.
                     true => {
                         drives.push((k, Drive::WindingVoltage { other: of(secondary), factor: ratio }));
                         drives.push((k + 1, Drive::WindingCurrent { other: k, factor: ratio }));
@@ -159,7 +159,8 @@ impl<'a> Circuit<'a> {
         Law::Switch { closed, withstand: value }
     }
 
-    /// Returns a constant of element `k` as a graph node; `otherwise` is its default.
+    /// Returns a constant of element `k` as a node of the expression graph; `otherwise` is the default of the
+    /// constant.
     fn constant(
         &self,
         k: usize,
@@ -228,7 +229,8 @@ impl<'a> Circuit<'a> {
     }
 }
 
-/// Returns the quantity of an element that a key of its component sets.
+/// Returns which quantity of an element a key of the component sets: `volts` sets the initial value of a capacitor,
+/// for example.
 fn quantity(key: &str) -> Quantity {
     match key {
         "volts" | "amperes" => Quantity::Start,

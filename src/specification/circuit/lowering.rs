@@ -1,4 +1,4 @@
-//! Lowering of named components to the elements of a circuit.
+//! Translation of named components to the numbered nodes and elements of a circuit.
 
 use super::components::{Component, Transformer};
 use super::dependent;
@@ -131,7 +131,7 @@ impl<'a> Circuit<'a> {
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.member(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
             let left: Vec<usize> = (0..count).filter(is_transformer).filter(|&k| !swapped[k]).collect();
-            // The transformers that the errors name; all that are left, if the errors name none.
+            // The transformers to swap: those that the errors name, or else all that have not been swapped yet.
             let named: Vec<usize> = left.iter().copied().filter(|&k| is_named(k)).collect();
             let turned = if named.is_empty() { left } else { named };
             let errors = first.get_or_insert(errors);

@@ -17,14 +17,14 @@ use expression::{ExpressionError, Node, Tape};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 
-/// Highest admissible index: above it, solutions need not exist.
+/// Highest admissible index of a kernel: above it, solutions need not exist.
 const HIGHEST_INDEX: f64 = 2.0;
 
 /// A kernel, its index, and its leading coefficient matrix at `t = 0`.
 pub type Lowered = (Kernel, f64, DMatrix<f64>);
 
 impl KernelOfTime {
-    /// Lowers a kernel of `m` rows and columns; returns `None` if there are errors.
+    /// Builds the kernel, of `m` rows and columns, from its description; reports errors and then returns `None`.
     pub(super) fn lower(&self, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Lowered> {
         match (&self.fractional, &self.entries) {
             (Some(fractional), None) => {

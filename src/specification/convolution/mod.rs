@@ -111,7 +111,7 @@ impl Written for ConvolutionProblem {
             lowering.errors.push(error.expected("at least one variable"));
             return (lowering, None);
         }
-        // `q` and the kernel are lowered before the variables are bound, since neither may depend on variables.
+        // Read `q` and the kernel before the names of the variables are bound, since neither may depend on variables.
         let mut inequality = Vec::with_capacity(m);
         for (name, variable) in self.variables.iter() {
             inequality.push(lowering.node_or_zero(&variable.q, &variables.key(name).key("q")));

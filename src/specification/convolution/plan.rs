@@ -18,7 +18,7 @@ const MOST_UNKNOWNS: usize = 2_000;
 /// Default number of steps of the first run, and of the last run of a sequence of halved step sizes.
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
-/// Default number of polynomials per element of the mesh.
+/// Default number of polynomials per element of the time mesh.
 const POLYNOMIALS: usize = 5;
 
 /// Returns the settings of a run of a problem with memory.
@@ -76,7 +76,7 @@ pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize
     steps.saturating_mul(numbers_a_step(model, specification.method().stages)).saturating_add(adapted)
 }
 
-/// Measured number of values per variable for the meshes and singular functions of an adaptive run.
+/// Measured number of values that an adaptive run stores per variable, for its meshes and singular functions.
 const OF_MESHES: usize = 4000;
 
 /// Refuses a run that would not fit into memory.

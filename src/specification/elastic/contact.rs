@@ -30,7 +30,8 @@ pub struct ElasticContact {
     pub friction: Option<Expression>,
 }
 
-/// A potential contact node: its displacement, the displacements that carry its mass, and its position.
+/// A potential contact node: the index of its displacement normal to the obstacle; the displacements of its
+/// neighbours, to which its mass is moved, since contact nodes have no mass; and its position.
 struct Meeting {
     displacement: usize,
     carriers: Vec<usize>,

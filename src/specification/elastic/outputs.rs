@@ -66,7 +66,7 @@ pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidi
     Names { states: names, variables }
 }
 
-/// Lowers the outputs of an elastic body other than unknowns.
+/// Builds the outputs of an elastic body other than its unknowns: probes, contact forces, energies.
 pub(super) fn lower(
     probes: &[Probe],
     continuum: &Continuum,

@@ -89,7 +89,7 @@ const SLIP_SPEED: &str = "slip_speed";
 
 const FACETS: u64 = 8;
 
-/// Lowers contacts and joints of a system with `n` coordinates.
+/// Reads the expressions of the contacts and joints of a system with `n` coordinates as graph nodes.
 pub(super) fn lower(
     contacts: &[Contact],
     joints: &[Joint],
@@ -190,8 +190,8 @@ impl Friction {
         None
     }
 
-    /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters, time or
-    /// state.
+    /// Reads the friction law of a contact. Returns it with the graph node of the coefficient of friction, if the
+    /// coefficient depends on parameters, time or state.
     fn lower(
         &self,
         n: usize,
@@ -288,7 +288,7 @@ pub(super) fn kink(contact: &str, coefficient: Node, states: &[String], graph: &
     })
 }
 
-/// Lowers an expression that must depend on coordinates and may not depend on velocities.
+/// Parses a constraint function, which must depend on coordinates and may not depend on velocities, to a graph node.
 fn holonomic(expression: &Expression, what: &str, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Node {
     let Some(node) = lowering.node(expression, place) else { return lowering.graph.constant(1.0) };
     let inputs = lowering.graph.inputs(node);

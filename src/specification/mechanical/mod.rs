@@ -117,7 +117,8 @@ impl Written for MechanicalProblem {
     fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         if self.interpenetration == Interpenetration::Resolve {
-            // The resolved initial state is not an expression in the parameters, so these cannot be bound anew.
+            // An initial state that was moved to resolve violations is not an expression in the parameters, so the
+            // parameters cannot be bound to other values.
             lowering.keep_values();
         }
         let n = self.coordinates.len();

@@ -102,7 +102,8 @@ impl Model for DviModel {
             Stages::Auto => MOST_STAGES,
         };
         let structure = self.structure();
-        // The analysis is repeated on active faces after the run, when the solvers are no longer in use.
+        // The structural analysis is repeated after the run, on the active faces of `K` that occurred; by then the
+        // memory of the solvers is free.
         let analysed = if structure.variables > 0 { analysis_numbers(structure.unknowns()) } else { 0 };
         let run = run_numbers(structure, stages);
         // The sensitivity equations of all stages form one dense matrix.
@@ -166,7 +167,7 @@ fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
             let error = SpecificationError::new("/problem", "index_too_high", detail);
             errors.push(error.expected(expected));
         }
-        // Only constant matrices decide at the start whether the states jump at a bound.
+        // Whether the states jump when a bound is reached can only be decided in advance if the Jacobian is constant.
         Some(2.0)
             if model.structure().has_impulses()
                 && model.structure().constant_jacobian

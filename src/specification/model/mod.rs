@@ -103,7 +103,8 @@ pub trait Model: Any + Debug + Send + Sync {
     /// The reason why the global error cannot be estimated; `None` if it can.
     fn no_global_error(&self) -> Option<&'static str>;
 
-    /// Memory estimate for the contacts at the start; counting stops far beyond `most` bytes.
+    /// Estimates the memory for the contacts of rigid bodies at the start; contacts are counted until the estimate is
+    /// far beyond `most` bytes.
     fn load(&self, _most: usize, _control: &Control) -> Load {
         Load::default()
     }
@@ -125,7 +126,7 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Short name of the method with the given choice of stages, for a table.
     fn method_name(&self, stages: Stages) -> String;
 
-    /// Returns the quantities that a study of the problem may vary.
+    /// Returns the quantities that a work-precision study of the problem may vary.
     fn varied(&self) -> Varied;
 }
 
@@ -153,7 +154,7 @@ pub enum By {
     Step,
 }
 
-/// The quantities that a study of a problem type may vary.
+/// The quantities that a work-precision study of a problem type may vary.
 #[derive(Clone, Copy, Debug)]
 pub struct Varied {
     /// Whether runs can be controlled by a tolerance.
@@ -180,12 +181,12 @@ pub enum WithStages {
     Never,
 }
 
-/// A family of increasingly accurate runs.
+/// A family of increasingly accurate runs of a work-precision study.
 #[derive(Clone, Copy, Debug)]
 pub struct Ladder {
     /// The accuracy setting that is refined from run to run.
     pub by: By,
-    /// Suffix to the name of the method in the name of the family of runs.
+    /// Suffix that is appended to the name of the method to name the family of runs.
     pub name: &'static str,
     /// Numbers of Radau IIA stages to compare; if empty, the stages of the specified method.
     pub stages: &'static [Stages],
@@ -208,7 +209,7 @@ fn refuse(key: &str, detail: &str, expected: &str, errors: &mut Errors) {
     errors.push(error.expected(expected));
 }
 
-/// Refuses the keys for impacts, which only mechanical systems have.
+/// Refuses the keys of `method` for impacts, in a problem other than a mechanical system.
 fn refuse_impacts(method: &Method, errors: &mut Errors) {
     for (key, given) in [("impacts", method.impacts.is_some()), ("impact_law", method.impact_law.is_some())] {
         if given {

@@ -13,14 +13,15 @@ use solution::{Diagnostics, Plan, Solution};
 
 /// Default relative residual of the contact law: many redundant contacts do not allow more digits.
 const TOLERANCE: f64 = 1e-10;
-/// Multiple of the memory limit at which the count of contacts stops: the solve cannot fit any more.
+/// The estimate of memory for contacts stops counting at this multiple of the memory limit, since the solve is
+/// certain not to fit.
 const FAR_BEYOND: usize = 1000;
-/// Number of bytes at which the count of contacts stops, the size of the address space.
+/// Largest number of bytes up to which the estimate of memory for contacts counts, the size of the address space.
 const ENOUGH: usize = 1 << 47;
 /// Number of values in the state of a body: position, quaternion, velocity, angular velocity.
 const NUMBERS_A_BODY: usize = 13;
-/// Number of values stored for an output that is compared with a run with longer steps: its sums, and its values in
-/// the compared steps.
+/// Number of values stored for each output in the comparison of a run with a run of longer steps: the sums of the
+/// output over time, and its values in the steps compared.
 const NUMBERS_COMPARED: usize = 50;
 
 impl Model for MultibodySystem {
@@ -96,8 +97,8 @@ impl Model for MultibodySystem {
     }
 
     fn numbers(&self, specification: &Specification) -> usize {
-        // Two states and their changes, and for each output the values that are compared with a run with longer
-        // steps.
+        // Two states of all bodies and the changes of these states; for each output, the values stored to compare the
+        // run with a run of longer steps.
         let outputs = if self.runs(specification) > 1 { self.output_names().len() } else { 0 };
         let compared = NUMBERS_COMPARED * outputs;
         4 * NUMBERS_A_BODY * self.bodies.len() + compared

@@ -37,8 +37,8 @@ pub struct Directions {
 }
 
 impl PerDirection {
-    /// Lowers one function for each of `dimension` directions; a single expression applies to several directions only
-    /// if `spreads` is true.
+    /// Returns the coefficient in each of `dimension` directions as a function of time and space. A single expression
+    /// applies to several directions only if `spreads` is true.
     pub(super) fn lower(
         &self,
         dimension: usize,

@@ -218,7 +218,7 @@ impl ObstacleProblem {
     }
 }
 
-/// Lowers an expression to a function of time and space; a faulty expression becomes zero.
+/// Translates an expression to a function of time and space; a faulty expression becomes zero.
 fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Field {
     let node = lowering.node_or_zero(expression, place);
     Field::new(&mut lowering.graph, node)

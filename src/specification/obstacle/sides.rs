@@ -39,7 +39,7 @@ pub enum BoundaryCondition {
 }
 
 impl Boundary {
-    /// Lowers the conditions on all sides of a domain in `dimension` directions.
+    /// Reads the boundary conditions on all sides of a domain in `dimension` directions.
     pub(super) fn lower(&self, dimension: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Condition> {
         let given = [&self.x_min, &self.x_max, &self.y_min, &self.y_max, &self.z_min, &self.z_max];
         for (side, condition) in Side::all(3).zip(given) {

@@ -85,7 +85,8 @@ pub struct BodyMotion {
 }
 
 impl BodyMotion {
-    /// Lowers the motion, and sets the initial pose and velocities of the body `lowered`.
+    /// Reads the expressions of a prescribed motion, and sets the initial pose and velocities of the moved body
+    /// `lowered`.
     pub(super) fn lower(
         &self,
         body: &RigidBody,

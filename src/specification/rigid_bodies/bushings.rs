@@ -48,7 +48,7 @@ pub struct Bushing {
     pub rotational_damping: Option<Vector>,
 }
 
-/// Lowers the bushings whose description is valid.
+/// Returns the bushings whose description is valid, and reports errors in the others.
 pub(super) fn lower(
     bushings: &[Bushing],
     bodies: &[Body],

@@ -266,7 +266,8 @@ impl Reading<'_, '_> {
         }
     }
 
-    /// Returns the index of the varying coefficient of friction with the terms `a` and `b`, which is compiled once.
+    /// Returns the index of a varying coefficient of friction, the geometric mean of `a` and `b`, or `a` if both are
+    /// equal. Each pair of expressions is compiled once.
     fn coefficient(&mut self, a: Node, b: Node) -> u32 {
         if let Some(&known) = self.known.get(&(a, b)) {
             return known;
@@ -334,8 +335,8 @@ struct Directions<'a> {
     axes: Option<AxesOfForce>,
 }
 
-/// Returns the contact law of every pair of materials; the last material is that of bodies without one. `inputs` is
-/// the number of inputs of expressions before those of a coefficient of friction.
+/// Returns the contact law of every pair of materials; the last material is that of bodies without one. The graph
+/// inputs on which a coefficient of friction may depend, besides `t`, have the indices from `inputs` on.
 pub(super) fn lower(
     contacts: &BodyContacts,
     materials: &Ordered<Material>,

@@ -56,7 +56,8 @@ pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
         .collect()
 }
 
-/// Lowers the forces. Kinks and jumps in them are allowed without a warning, since fixed steps step over them.
+/// Compiles the expressions of the forces. Kinks and jumps in them are allowed without a warning, since fixed steps
+/// step over them.
 pub(super) fn lower(
     forces: &[BodyForce],
     bodies: &[Body],
@@ -157,7 +158,8 @@ fn action(
     Some(action)
 }
 
-/// Returns the values, followed by their derivatives with respect to the inputs `DERIVED` of the first body.
+/// Returns the components of a force and a torque, followed by their derivatives with respect to the inputs `DERIVED`
+/// (position, velocity and angular velocity) of the body that they act on.
 fn outputs(graph: &mut Graph, values: &[Node]) -> Result<Vec<Node>, ::expression::ExpressionError> {
     let zero = graph.constant(0.0);
     let mut outputs = values.to_vec();

@@ -147,7 +147,7 @@ pub(super) fn refuse_torn(
     }
 }
 
-/// Lowers the joints whose description is valid.
+/// Returns the joints whose description is valid, and reports errors in the others.
 pub(super) fn lower(
     joints: &[BodyJoint],
     bodies: &[Body],

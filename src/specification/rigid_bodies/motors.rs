@@ -94,7 +94,7 @@ impl JointLimits {
     }
 }
 
-/// The functions of time of a rigid-body problem, collected while the problem is lowered.
+/// The functions of time of a rigid-body problem, collected while the problem is translated to its model.
 #[derive(Debug, Default)]
 pub(super) struct Functions {
     nodes: Vec<Node>,

@@ -34,7 +34,7 @@ pub struct BodySpring {
     pub rest_length: Option<Expression>,
 }
 
-/// Lowers the springs whose description is valid.
+/// Returns the springs whose description is valid, and reports errors in the others.
 pub(super) fn lower(
     springs: &[BodySpring],
     bodies: &[Body],

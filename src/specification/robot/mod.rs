@@ -234,7 +234,7 @@ fn shown(place: Place) -> String {
     format!("line {}, column {}", place.line, place.column)
 }
 
-/// The members of a scene to which the bodies and joints of a robot are added.
+/// The JSON members of a scene, to which the bodies and joints of a robot are added.
 struct Scene<'a> {
     members: &'a mut Vec<(String, Json)>,
     origins: &'a mut Origins,
@@ -272,7 +272,7 @@ impl Scene<'_> {
                 append_to(contacts, "pairs", written.pairs);
             }
         }
-        // Of the description only `pose` stays, since a sweep names the numbers in it.
+        // Keep only the member `pose` of the description, since a sweep may vary the numbers in it.
         let is_start = |(key, _): &(String, Json)| key == "pose";
         if let Some((_, Json::Object(given))) = self.members.iter_mut().find(|(key, _)| key == ROBOT) {
             given.retain(is_start);

@@ -21,7 +21,8 @@ pub(super) struct Poses<'j> {
 pub(super) struct JointStart {
     pub position: f64,
     pub velocity: f64,
-    /// Whether the joint starts elsewhere than in the description, whose position is beyond the limits of the joint.
+    /// Whether the joint starts at another position than that of the description, because the latter lies beyond the
+    /// limits of the joint.
     pub is_moved: bool,
 }
 

@@ -192,14 +192,15 @@ impl Shape {
             Self::Box { size } => object([("box", object([("size", vector(size))]))]),
             Self::Capsule { radius, length } => object([("capsule", round(*radius, *length))]),
             Self::Cylinder { radius, length } => object([("cylinder", round(*radius, *length))]),
-            // An ellipsoid that could touch others is refused while reading, so that a ball can stand for it.
+            // A ball can replace an ellipsoid, which touches nothing: ellipsoids that could touch other shapes have
+            // been refused.
             Self::Ellipsoid { radii } => object([("sphere", object([("radius", number(radii.max()))]))]),
             Self::HalfSpace => object([("half_space", object([("normal", vector(&Vector3::z()))]))]),
         }
     }
 }
 
-/// Members of a scene that a robot is translated into, in the order of its bodies and joints.
+/// The JSON members of a scene that a robot is translated into, in the order of the bodies and joints of the robot.
 #[derive(Debug, Default)]
 pub(super) struct Written {
     pub bodies: Vec<Json>,

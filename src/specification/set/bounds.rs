@@ -34,7 +34,7 @@ impl LoweredSet {
         }
     }
 
-    /// Sets a constant bound, or registers a moving bound.
+    /// Sets a constant bound, or registers a moving bound, one that varies with `t` or the states.
     pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Pointer<'_>, lowering: &Lowering) {
         match lowering.graph.value(node) {
             Some(value) => {
@@ -51,7 +51,7 @@ impl LoweredSet {
     }
 }
 
-/// Lowers a bound in `t` and the states alone; a constant bound must be finite.
+/// Parses a bound, an expression in `t` and the states alone, to a graph node; a constant bound must be finite.
 pub(super) fn bound_node(
     bound: &Expression,
     states: usize,

@@ -73,7 +73,8 @@ pub struct PolyhedronBlock {
     pub b: Vec<Expression>,
 }
 
-/// The set `K`, its moving bounds with their pointers, and its bounds that depend on parameters.
+/// The set `K`; its moving bounds, which vary with `t` or the states, with their JSON pointers; and its constant
+/// bounds that depend on parameters.
 #[derive(Debug)]
 pub(super) struct LoweredSet {
     pub set: ConvexSet,
@@ -107,7 +108,7 @@ impl Block {
         }
     }
 
-    /// Returns the pointer to the names of the block's variables.
+    /// Returns the JSON pointer to the list of the names of the block's variables.
     fn names<'a>(&self, place: &'a Pointer<'a>) -> Pointer<'a> {
         match self {
             Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),
@@ -116,8 +117,8 @@ impl Block {
     }
 }
 
-/// Lowers the blocks of a problem with `states` states; `pointer` returns the JSON pointer at which a variable is
-/// declared.
+/// Builds the set `K` from its blocks, for a problem with `states` states; `pointer` returns the JSON pointer at
+/// which a variable is declared.
 pub(super) fn lower(
     blocks: Option<&[Block]>,
     states: usize,

@@ -90,7 +90,7 @@ impl LoweredSet {
     }
 }
 
-/// Reports a block with too few or too many variables; returns whether their number is right.
+/// Reports a block with too few or too many variables; returns whether the number of its variables is right.
 fn is_size_right(members: usize, least: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> bool {
     let right = (least..=MOST_MEMBERS).contains(&members);
     if !right {

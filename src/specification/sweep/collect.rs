@@ -1,5 +1,5 @@
-//! The values collected from each member of a sweep: reducers of expressions along the dense output, and of located
-//! events.
+//! The values collected from each member of a sweep by reducers, such as the maximum of an expression along the dense
+//! output or the number of located events.
 
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
@@ -190,13 +190,14 @@ pub fn lower(
     reducers.program = Tape::compile(&lowering.graph, &nodes);
     reducers.inputs = nodes.iter().map(|&node| outputs_in(&lowering, node)).collect();
     let mut found = lowering.errors;
-    // Errors in parameters and definitions are reported where the problem is lowered.
+    // Errors in parameters and definitions are reported when the problem is translated to its model.
     found.retain(|pointer| pointer.starts_with("/sweep"));
     errors.append(found);
     reducers
 }
 
-/// The state of lowering the reducers of a sweep.
+/// The state while the reducers of a sweep are read: their graph nodes so far, the names in scope, and the time
+/// horizon.
 struct Lowered<'a, 'c> {
     lowering: Lowering<'c>,
     nodes: Vec<Node>,

@@ -68,7 +68,7 @@ impl Design {
         &self.ranges
     }
 
-    /// Whether the members form a full grid.
+    /// Whether the members form a full grid, the Cartesian product of the points of all ranges.
     pub fn is_grid(&self) -> bool {
         matches!(self.kind, Kind::Grid)
     }

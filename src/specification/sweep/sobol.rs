@@ -4,12 +4,13 @@
 //! x_k = b_1 v_1 + b_2 v_2 + ...  (mod 2),    k = b_1 + 2 b_2 + 4 b_3 + ..
 //! ```
 //!
-//! with direction numbers `v_j` of the recurrence of a primitive polynomial (Joe and Kuo 2008, *Constructing Sobol sequences with
-//! better two-dimensional projections*, SIAM J. Sci. Comput. 30; file new-joe-kuo-6, the first dimensions). The scrambling flips
-//! digit `i` by a random bit that depends on the digits before it (Owen 1995, *Randomly permuted (t,m,s)-nets and
-//! (t,s)-sequences*): each point is uniform, the net is kept, and means of smooth functions over `N = 2^m` points have a standard
-//! error of `O(N^-3/2)`, never one worse than a constant times that of random points. Bits are hashes of seed, dimension and
-//! digits, so that a point depends on its number alone.
+//! with direction numbers `v_j` of the recurrence of a primitive polynomial (Joe and Kuo 2008, *Constructing Sobol
+//! sequences with better two-dimensional projections*, SIAM J. Sci. Comput. 30; file new-joe-kuo-6, the first
+//! dimensions). The scrambling flips digit `i` by a random bit that depends on the digits before it (Owen 1995,
+//! *Randomly permuted (t,m,s)-nets and (t,s)-sequences*): each point is uniform, the net is kept, and means of smooth
+//! functions over `N = 2^m` points have a standard error of `O(N^-3/2)`, and never one above a constant times that of
+//! random points. The random bits are hashes of seed, dimension and preceding digits, so that a point depends on its
+//! number alone.
 //!
 //! The sequence is implemented here in ten lines because, of the crates examined, one returns points in single
 //! precision and the other has no scrambling.
@@ -19,7 +20,7 @@ const DIGITS: u32 = 52;
 /// Number of binary digits of the index of a point.
 const BITS: usize = 32;
 
-/// Largest number of dimensions.
+/// Largest number of dimensions of a sequence.
 pub const MOST_DIMENSIONS: usize = INITIAL.len() + 1;
 
 /// Initial direction numbers `m`, one per degree of the polynomial, and its inner coefficients, from the second

@@ -148,7 +148,8 @@ fn swept(json: &Json) -> Vec<(String, Vec<Step>, Option<Range>)> {
     columns.iter().enumerate().filter_map(entry).collect()
 }
 
-/// Turns every swept number into a parameter with a numerical value. Unknown names are reported.
+/// Replaces every swept number of the document by a new parameter with the numerical value of the number. Unknown
+/// names are reported.
 pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<Target> {
     let swept = swept(json);
     if swept.is_empty() {

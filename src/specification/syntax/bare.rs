@@ -14,7 +14,7 @@ const WORDS: [(&str, &[&str]); 3] = [
     ("null", &["null", "none", "undefined", "nil", "nothing", "missing"]),
 ];
 
-/// Words for numbers that are not finite.
+/// Words, such as `NaN`, that other languages have for numbers that are not finite.
 const NO_NUMBERS: [&str; 6] = ["nan", "inf", "infinity", "-inf", "-infinity", "+infinity"];
 
 /// Returns the text of an entry: up to a comma or closing bracket outside parentheses, or the end of the line.

@@ -59,7 +59,8 @@ impl<'t> Range<'t> {
             let end = |text: &str| whole(text, &size).map_err(wrong);
             let (first, last) = match range.split_once("..") {
                 Some((first, last)) => (end(first)?, end(last)?),
-                // A single value beside the range of another index, as at the edge of a grid.
+                // The index has a single value, and another index has a range, as in `x[0, 1..n]`, the edge of a
+                // grid.
                 None => (end(range)?, end(range)?),
             };
             if first > last {
@@ -79,7 +80,8 @@ impl<'t> Range<'t> {
         self.indices.iter().map(|(name, ..)| *name)
     }
 
-    /// Returns a single element whose indices are not plain numbers, as in `x[n + 1]`.
+    /// Returns the range of a single element, such as `x[n + 1]`; `None` if all indices are plain numbers or an index
+    /// cannot be evaluated.
     fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
         let parts: Vec<&str> = inside.split(',').collect();
         let values: Option<Vec<i64>> = parts.iter().map(|part| whole(part, &size).ok()).collect();

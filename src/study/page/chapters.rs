@@ -7,7 +7,8 @@ use crate::report::{
 use serde_json::Value;
 use std::fmt::Write as _;
 
-/// Returns a table with a row for each system.
+/// Returns a table with a row for each system: its reference, the least errors of its runs, and how many runs have an
+/// answer and are trusted.
 pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let least = |error: fn(&Errors) -> Option<f64>| {
@@ -37,8 +38,9 @@ pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     table(&head, rows)
 }
 
-/// A table of the systems of which other programs were reported to give a wrong answer, or none: the thread, what happens
-/// there, and the least error here.
+/// Returns a table of the systems on which, by a public thread, another program gives a wrong answer or none. A row
+/// has the thread, the failure reported there, the least error of this program's trusted runs, and the source of the
+/// reference values.
 pub fn reported(chapters: &[Chapter]) -> String {
     let rows = chapters.iter().filter_map(|chapter| {
         let reported = chapter.reported.as_ref()?;
@@ -276,8 +278,8 @@ fn row(ladder: &Ladder, run: &Run, fixed: bool) -> [String; 11] {
     ]
 }
 
-/// Describes how and where run times were measured; a `fixed` report, which must not depend on its machine, says
-/// neither.
+/// Describes how run times were measured, and on which machine. For a `fixed` report, which must not depend on the
+/// machine, it only says that run times are left out.
 pub fn conditions(chapters: &[Chapter], fixed: bool) -> String {
     if fixed {
         return "<p>Made without times, machine and date: the abscissa of the figures is the number of accepted steps.</p>".to_owned();

@@ -1,4 +1,5 @@
-//! Measurement of ladders of runs: each run is solved once for its answer, then again for its run time.
+//! Measurement of ladders, series of runs of one method from coarse to fine: each run is solved once for its answer,
+//! then again for its run time.
 
 use super::reference::{Reference, switch_times};
 use super::{Errors, Ladder, MOST_STEPS, Outcome, ROUNDING, Run, WRONG};
@@ -15,8 +16,9 @@ pub const LONG: f64 = 0.5;
 /// Time limit of one run.
 pub const LONGEST: Duration = Duration::from_secs(20);
 
-/// Measures one ladder from its coarsest rung. After a run that was stopped at its time limit, finer runs are not
-/// tried; the rungs of the second list follow only if the answers of the first are still [`WRONG`].
+/// Measures one ladder: runs of one method at the tolerances or step sizes `rungs`, from coarse to fine. After a run
+/// that was stopped at its time limit, no finer run is tried. The rungs `finer` follow only while the error of the
+/// last run is still above [`WRONG`].
 pub fn ladder(
     method: String,
     specification: &Specification,
@@ -39,7 +41,8 @@ pub fn ladder(
     Ladder { method, runs }
 }
 
-/// Whether a run was not stopped and has no answer, or a wrong one.
+/// Whether smaller steps than those of a run should be tried: its answer is wrong or missing, but the run was not
+/// stopped at its time limit.
 fn needs_finer(run: &Run) -> bool {
     let error = run.errors.as_ref().and_then(Errors::of_states);
     !matches!(run.outcome, Outcome::Stopped | Outcome::NotTried) && error.is_none_or(|error| error > WRONG)

@@ -11,7 +11,7 @@ use solution::Status;
 use specification::Specification;
 use std::time::Instant;
 
-/// Numbers of elements, relative to those of the example.
+/// Numbers of elements of the meshes, relative to the number in the example.
 const FACTORS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Relative tolerance of the runs in time.
 const RTOL: f64 = 1e-7;

@@ -30,13 +30,13 @@ use std::time::Instant;
 
 /// Relative tolerances of the runs with adaptive steps.
 pub const TOLERANCES: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
-/// Numbers of fixed steps in the time horizon. With one stage the method is implicit Euler, the first-order time
-/// stepping of other programs.
+/// Numbers of fixed steps in the time horizon. One-stage Radau IIA at fixed steps is implicit Euler, the first-order
+/// time stepping of other programs.
 pub const STEPS: [f64; 4] = [100.0, 400.0, 1600.0, 6400.0];
-/// Finer fixed steps in the horizon, for methods whose answers are still wrong at all of [`STEPS`], as where a problem is
-/// stiff.
+/// Numbers of further, smaller fixed steps in the time horizon, for methods whose answers are wrong at all of
+/// [`STEPS`], for instance because the problem is stiff.
 pub const FINER_STEPS: [f64; 2] = [25_600.0, 102_400.0];
-/// The error of the states from which an answer is wrong, whatever its tolerance or step.
+/// The relative error of the states above which an answer counts as wrong, whatever its tolerance or step size.
 pub const WRONG: f64 = 1e-2;
 /// Largest number of steps of a run.
 const MOST_STEPS: u64 = 1_000_000;
@@ -74,20 +74,20 @@ pub struct Chapter {
     pub semidiscrete: bool,
     /// Results on finer and coarser meshes, if the system has a mesh.
     pub meshes: Vec<Mesh>,
-    /// Runs of this program, one ladder per method.
+    /// Runs of this program: for each method one ladder, a series of runs from coarse to fine.
     pub ladders: Vec<Ladder>,
-    /// Runs of other programs, one ladder per method.
+    /// Runs of other programs: for each method one ladder, a series of runs from coarse to fine.
     pub peers: Vec<Ladder>,
     /// Conditions (machine and date) of the measurement.
     pub conditions: Conditions,
 }
 
-/// Runs of one method that differ in their tolerance or step size alone.
+/// A ladder: runs of one method that differ in their tolerance or step size alone.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Ladder {
     /// Name of the method; for another program, with the name of the program.
     pub method: String,
-    /// Runs of the ladder, from the coarsest to the finest.
+    /// The runs, in the order from the coarsest to the finest.
     pub runs: Vec<Run>,
 }
 
@@ -188,7 +188,8 @@ impl Run {
     }
 }
 
-/// Runs all ladders of one system. Returns `None` if no ladder fits the system.
+/// Measures all ladders (series of runs of one method, from coarse to fine) of one system. Returns `None` if the
+/// problem type of the system has no ladders, or if the system is a sweep or a search.
 pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     let known = known::known(example.name);
     let shown = shown(example, &known)?;
@@ -279,7 +280,7 @@ fn drawn(document: &Value) -> String {
 }
 
 impl Chapter {
-    /// Returns all ladders: those of this program, then those of other programs.
+    /// Returns the series of runs of all methods, those of this program before those of other programs.
     pub fn all(&self) -> impl Iterator<Item = &Ladder> {
         self.ladders.iter().chain(&self.peers)
     }
@@ -301,8 +302,9 @@ impl Chapter {
         })
     }
 
-    /// Whether the loosest tolerance solves it to rounding already, as where the solution is a polynomial of low degree
-    /// between switches: the runs show that switches are located, and nothing of the order of the method.
+    /// Whether the loosest tolerance already solves the system to rounding error, for instance because the solution
+    /// is a polynomial of low degree between switches. The runs of such a system show that switches are located, but
+    /// not the order of the method.
     pub fn is_exact_between_switches(&self) -> bool {
         let first = chosen(self).and_then(|ladder| ladder.runs.first()).and_then(|run| run.errors.as_ref());
         first.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)

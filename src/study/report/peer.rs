@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use specification::Rung;
 use std::collections::HashMap;
 
-/// A ladder of runs of another program, as that program returns it.
+/// A ladder of another program (series of runs of one method, from coarse to fine), as that program returns it.
 #[derive(Debug, Deserialize)]
 pub struct Answer {
     /// Name of the program and its method.
@@ -55,7 +55,7 @@ pub fn request(chapter: &Chapter) -> Value {
 }
 
 impl Answer {
-    /// Returns the ladder of the answer with its errors against the reference of the chapter.
+    /// Returns the runs of the answer as a ladder, with their errors against the reference of the chapter.
     pub fn ladder(self, chapter: &Chapter) -> Ladder {
         let mut runs: Vec<Run> = Vec::with_capacity(self.runs.len());
         for answer in self.runs {

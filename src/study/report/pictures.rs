@@ -12,13 +12,13 @@ const LEAST_TIME: f64 = 1e-9;
 const CHOSEN: [&str; 5] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages", "3 stages at fixed steps"];
 const FIRST_ORDER: [&str; 2] = [super::IMPLICIT_EULER, "contact at fixed steps"];
 
-/// Returns the ladder of the method that the program chooses by default; `None` for a system that is solved at fixed
-/// steps of first order alone.
+/// Returns the runs of the method that the program chooses by default; `None` for a system that is only solved with
+/// fixed steps of first order.
 pub fn chosen(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &CHOSEN)
 }
 
-/// Returns the ladder of first-order time stepping.
+/// Returns the runs of first-order time stepping of a system, from coarse to fine.
 pub fn first_order(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &FIRST_ORDER)
 }

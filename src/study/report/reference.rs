@@ -26,10 +26,11 @@ const BETWEEN: f64 = 0.1;
 /// tolerances.
 const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
 const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
-/// Reference run with fixed steps: ratio of the finest measured step to its step, and time limit in seconds.
+/// Reference run with fixed steps: ratio of the smallest step size that is measured to that of the reference run, and
+/// time limit of the reference run in seconds.
 const FINER: (f64, u64) = (16.0, 120);
-/// Relative distance from the outside values at the end beyond which a run agrees in fewer than three digits: it has
-/// found another solution, and is rejected as a reference.
+/// Largest relative distance of a reference run, at the end, from values known from outside this program. A run
+/// beyond it agrees in fewer than three digits: it has found another solution, and is rejected as a reference.
 const REFUTED: f64 = 1e-3;
 /// Names of outputs that describe the discretisation and not the solution; they are not compared.
 const OF_DISCRETISATION: [&str; 3] = ["contacts", "penetration", "normal_impulse"];
@@ -59,14 +60,14 @@ pub struct Reference {
     pub switches: Vec<f64>,
     /// Whether the switching times are from outside this program.
     pub switches_outside: bool,
-    /// Accuracy setting of the reference run, in words; absent if no run reached the end, or if the outside values
-    /// refute all runs.
+    /// Accuracy setting of the reference run, in words; absent if no run reached the end, or if all runs contradict
+    /// the values known from outside this program.
     pub run: Option<String>,
-    /// Distance of the reference run from the outside values at the end, in the norm of the errors; if all runs are
-    /// refuted, the smallest of their distances.
+    /// Distance, at the end, of the reference run from the values known from outside this program, in the norm of the
+    /// errors; if all runs are rejected as references, the smallest of their distances.
     pub agreement: Option<f64>,
-    /// The largest error over time of the states of a run with steps twice as long, where the run of reference has steps
-    /// of one size: what the reference may be off by.
+    /// An estimate of the error of a reference run with fixed steps: the largest difference over time between its
+    /// states and those of a run with steps twice as long. Absent for a reference run with a tolerance.
     pub coarser: Option<f64>,
     /// Length of the time horizon.
     pub horizon: f64,
@@ -140,8 +141,8 @@ impl Reference {
         Some(reference)
     }
 
-    /// The largest error over time of the states of a run with steps twice those of the reference; infinite if it does not
-    /// reach the end.
+    /// Returns the largest difference over time between the states of the reference and those of a run with steps
+    /// twice as long; infinity if the longer steps do not reach the end.
     fn error_of_coarser(&self, specification: &Specification, finest: f64) -> Option<f64> {
         let (finer, seconds) = FINER;
         let rung = Rung::Step(2.0 * finest / finer);
@@ -211,7 +212,8 @@ pub fn switch_times(solution: &Solution) -> Vec<f64> {
     times
 }
 
-/// Returns which times are far enough from the neighbouring switches; the last, the end, is always kept.
+/// Returns for each time whether it is far enough from the neighbouring switches to be a comparison time; the last
+/// time, the end, always is.
 fn kept(times: &[f64], switches: &[f64], start: f64) -> Vec<bool> {
     let Some(&end) = times.last() else { return Vec::new() };
     let near = |t: f64| {
@@ -224,7 +226,7 @@ fn kept(times: &[f64], switches: &[f64], start: f64) -> Vec<bool> {
     times.iter().map(|&t| t == end || !near(t)).collect()
 }
 
-/// Returns the values of all outputs of a run.
+/// Returns the values of all outputs of a run at its output times.
 fn columns_of(solution: &Solution) -> Vec<Vec<f64>> {
     solution.trajectory.fields.iter().map(|field| field.values.clone()).collect()
 }
@@ -252,7 +254,8 @@ fn runs(
     })
 }
 
-/// A run with all outputs at these times, if it reaches the end within so many seconds.
+/// Returns a run with all outputs at `times`, with the tolerance or step size `rung`; `None` if the run does not
+/// reach the end within `seconds`.
 fn run_to(specification: &Specification, rung: Rung, times: &[f64], outputs: usize, seconds: u64) -> Option<Solution> {
     let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
     let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
@@ -306,7 +309,7 @@ impl OutsideValues {
         self.fields.iter().map(|field| field.0).zip(self.at(end))
     }
 
-    /// Overwrites computed values with known values wherever there are any.
+    /// Overwrites computed values of outputs by values known from outside this program, wherever there are any.
     fn write(&self, times: &[f64], columns: &mut [Vec<f64>]) {
         let last = times.len().saturating_sub(1);
         for (at, &t) in times.iter().enumerate() {

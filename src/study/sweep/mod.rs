@@ -72,7 +72,7 @@ pub fn sweep(
         });
     }
     let Done { mut table, waiting, .. } = work.done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Rows after a chunk that was never begun, because the sweep was stopped.
+    // Append the rows of chunks after one that was not solved, because the sweep was stopped.
     for part in waiting.into_values() {
         // Tables made from one template have equal columns, so `append` cannot fail.
         let _ = table.append(part);
@@ -100,7 +100,7 @@ pub fn merge(parts: impl IntoIterator<Item = Table>) -> Result<Solution, Unmerge
 /// The data that the threads of a sweep share.
 struct Work<'w> {
     template: &'w Template<'w>,
-    /// The time after which no further member is begun.
+    /// The time after which no further member of the sweep is begun.
     until: Option<Instant>,
     control: &'w Control,
     members: Range<usize>,
@@ -113,10 +113,10 @@ struct Work<'w> {
 
 /// The rows of finished members of a sweep.
 struct Done {
-    /// Rows of all chunks before the chunk `next`.
+    /// Rows of all chunks of members before the chunk `next`, in the order of the members.
     table: Table,
     next: usize,
-    /// Rows of chunks that were finished out of order, by chunk number.
+    /// Rows of chunks that were finished before an earlier chunk, by the number of the chunk.
     waiting: BTreeMap<usize, Table>,
 }
 
@@ -132,7 +132,8 @@ impl Done {
 }
 
 impl Work<'_> {
-    /// Solves one chunk after the other until none is left, the time is over, or the control asks to stop.
+    /// Solves one chunk of members after the other until no chunk is left, the time limit is over, or the control
+    /// asks to stop.
     fn make(&self) {
         let beside = self.control.beside();
         loop {

@@ -12,9 +12,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Largest number of additional problem structures that are compiled in advance, for members whose structure differs.
+/// Largest number of additional problems that are compiled in advance, for members whose values change the structure
+/// of the equations.
 const STRUCTURES: usize = 4;
-/// Number of members that are examined for differing structures.
+/// Number of members whose equations are examined for a structure that differs from that of the specification.
 const PROBES: usize = 32;
 /// Largest number of characters of an error message in a row.
 const ERROR: usize = 160;
@@ -25,26 +26,27 @@ pub struct Template<'s> {
     specification: &'s Specification,
     plan: &'s SweepPlan,
     reducers: Arc<Reducers>,
-    /// The problem as specified, then variants with the other structures found among the members.
+    /// The compiled problems: that of the specification, then variants with the other structures of equations found
+    /// among the members.
     structures: Vec<Specification>,
-    /// Code and message of the reason why no member can be solved, if that is known in advance.
+    /// Code and message of the reason why no member of the sweep can be solved, if that is known in advance.
     lost: Option<(String, String)>,
     empty: Table,
 }
 
-/// Rows of some members under construction.
+/// Rows, under construction, of some members of a sweep.
 struct Rows {
     table: Table,
 }
 
-/// Code and message of the reason why a member cannot be solved.
+/// Code and message of the reason why a member of a sweep cannot be solved.
 struct Refused {
     code: Cow<'static, str>,
     message: String,
 }
 
 impl<'s> Template<'s> {
-    /// Compiles the problem, and variants of it for members with another structure.
+    /// Compiles the problem, and variants of it for members whose values change the structure of the equations.
     pub fn new(specification: &'s Specification, control: &Control) -> Self {
         let plan = specification.sweep().expect("a sweep is asked for");
         let reducers = Arc::new(plan.reducers.clone());
@@ -62,8 +64,8 @@ impl<'s> Template<'s> {
         self.empty.clone()
     }
 
-    /// Compiles the structures found in a fixed sample of members, so that every part of a sweep has the same
-    /// structures.
+    /// Compiles a variant of the problem for each other structure of the equations that occurs in a sample of the
+    /// members. The sample is fixed, so that every part of a sweep has equal variants.
     fn find_structures(&mut self, control: &Control) {
         if self.specification.model().parameters().is_none() {
             return;
@@ -86,7 +88,7 @@ impl<'s> Template<'s> {
         }
     }
 
-    /// Binds values to the first of the compiled problems that accepts them.
+    /// Binds the parameter values of a member to the first of the compiled problems whose structure permits them.
     fn bind(&self, values: &[f64]) -> Result<Specification, Unbound> {
         let mut refused = Unbound::Structure;
         for structure in &self.structures {
@@ -148,15 +150,15 @@ impl<'s> Template<'s> {
         rows.table
     }
 
-    /// Returns the plan of a member's run: unless trajectories are kept, output is at the end alone, where
-    /// derivatives are read.
+    /// Returns the settings of a member's run. Unless the sweep keeps trajectories, the only output time is the end,
+    /// at which the sensitivities are collected.
     fn plan_of(&self, member: &Specification) -> Plan {
         let mut plan = member.plan();
         if self.plan.kept.is_none() {
             plan.times = Some(vec![plan.end]);
             plan.fields = Vec::new();
         }
-        // The reducers of the member have its parameters bound.
+        // Take the reducers of the member and not those of the sweep: they have the parameter values of the member.
         plan.reducers = member.sweep().map(|sweep| Arc::new(sweep.reducers.clone()));
         plan
     }
@@ -239,7 +241,7 @@ impl Rows {
                 "switches" => values.push_number(Some(switches as f64)),
                 "residual" => values.push_number(residual),
                 "warnings" => values.push_word(warnings.as_deref()),
-                // Columns of trajectories are filled already.
+                // All other columns hold trajectories, and have been filled above.
                 _ => {}
             }
         }

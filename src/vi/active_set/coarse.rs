@@ -12,7 +12,8 @@ use std::sync::Arc;
 /// Tridiagonal matrices with at most this number of rows are not coarsened further.
 const SMALL: usize = 32;
 
-/// Gauss-Seidel sweeps after interpolation, which remove errors over a few nodes.
+/// Number of Gauss-Seidel sweeps after the interpolation to a finer grid; they remove errors that extend over a few
+/// nodes.
 const SWEEPS: usize = 4;
 
 /// The problem on a coarser grid, with its transfer from the next finer one.
@@ -53,7 +54,8 @@ impl Coarse {
         self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0, control);
     }
 
-    /// Guesses the active set of the next finer problem; overwrites `z` if the transfer is an interpolation.
+    /// Guesses the active set of the next finer problem from that of this one; overwrites `z` of the finer problem if
+    /// the transfer between the grids is an interpolation.
     fn guess(&self, fine: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
         match (&self.transfer, &fine.operator) {
             (Transfer::Elimination(transfer), Operator::Tridiagonal(matrix)) => {

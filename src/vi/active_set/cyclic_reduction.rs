@@ -12,7 +12,8 @@ use super::tridiagonal::Tridiagonal;
 use super::{Face, resting_place};
 use problem::ConvexSet;
 
-/// The factors of rows `2k - 1` (`left`) and `2k + 1` (`right`) in their elimination from row `2k`.
+/// For each even row `2k`, the multiples of rows `2k - 1` (`left`) and `2k + 1` (`right`) that are added to it to
+/// eliminate the odd unknowns.
 pub(super) struct CyclicReduction {
     left: Vec<f64>,
     right: Vec<f64>,

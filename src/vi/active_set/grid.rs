@@ -16,13 +16,13 @@ const SMALL: usize = 32;
 pub(super) struct Interpolation {
     /// The transpose `P^T`: a column for each fine node, with the coarse nodes around it as rows.
     parents: SparseMatrix,
-    /// The fine node at the place of each coarse node.
+    /// For each coarse node, the index of the fine node at the same position.
     pub nodes: Vec<usize>,
 }
 
 /// A grid of every other node of the next finer one, with its Galerkin matrix.
 pub(super) struct Coarser {
-    /// The interpolation to the finer grid, shared by the solvers on both grids.
+    /// The interpolation to the next finer grid, shared by the solvers on both grids.
     pub transfer: Arc<Interpolation>,
     pub matrix: SparseMatrix,
     /// The number of nodes in each direction of the coarser grid.

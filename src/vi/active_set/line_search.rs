@@ -17,21 +17,25 @@ use problem::{Control, ConvexSet};
 /// Iteration limit; practical problems take five to thirty steps.
 const ITERATIONS: usize = 100;
 
-/// A step of the active set must lower `|psi|` to this fraction.
+/// A step of the active set method is accepted if it lowers the norm of the Fischer-Burmeister function `psi` to this
+/// fraction.
 const DECREASE: f64 = 0.9;
 
-/// A variable counts as at its bound if the derivative of `psi` by `w` is below this fraction of that by `z`.
+/// A variable counts as at its bound if, in the Fischer-Burmeister function `psi`, the derivative by `w` is below
+/// this fraction of the derivative by `z`.
 const NEGLIGIBLE: f64 = 1e-12;
 
-/// Condition on a direction of descent: the slope of `Psi` along it is at most `-DESCENT |psi|^2`; along an exact
-/// Newton direction it is `-|psi|^2 = -2 Psi`.
+/// Condition on a direction of descent, with the Fischer-Burmeister function `psi` and `Psi = 1/2 |psi|^2`: the slope
+/// of `Psi` along the direction is at most `-DESCENT |psi|^2`; along an exact Newton direction it is `-|psi|^2 = -2
+/// Psi`.
 const DESCENT: f64 = 0.01;
 
 /// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// Proximal term on the diagonal, relative to the diagonal entry and to `|psi|`, which regularises a singular `A`.
+/// Proximal term added to the diagonal of `A`, relative to the diagonal entry and to the norm of the
+/// Fischer-Burmeister function `psi`; it regularises a singular `A`.
 const PROXIMAL: f64 = 1e-3;
 
 /// The line search with its workspace for `n` variables.
@@ -55,7 +59,8 @@ impl LineSearch {
         }
     }
 
-    /// Improves `z` until it solves the problem or no step lowers `Psi = 1/2 |psi|^2`; returns the number of steps.
+    /// Improves `z` until it solves the problem or no step lowers the merit function `Psi = 1/2 |psi|^2`; returns the
+    /// number of steps.
     pub fn run(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> usize {
         for (i, z) in z.iter_mut().enumerate() {
             *z = set.project(i, if z.is_finite() { *z } else { 0.0 });
@@ -74,8 +79,8 @@ impl LineSearch {
         ITERATIONS
     }
 
-    /// Evaluates `psi` and its derivatives by `z` and `w / A_ii` at `z`, with `w` of `level`; returns the norm
-    /// `|psi|`.
+    /// Evaluates the Fischer-Burmeister function `psi` and its derivatives by `z` and `w / A_ii` at `z`; `w` is read
+    /// from `level`. Returns the norm `|psi|`.
     fn linearise(&mut self, level: &Level, set: &ConvexSet, z: &[f64]) -> f64 {
         let scale = level.operator.inverse_diagonal();
         let mut sum = 0.0;
@@ -86,7 +91,7 @@ impl LineSearch {
         sum.sqrt()
     }
 
-    /// Computes into `trial` the solution on the active set to which `z` and `w` belong.
+    /// Computes into `trial` the solution of the linear system of the active set that is guessed from `z` and `w`.
     fn active_set_step(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &[f64], control: &Control) -> bool {
         for (i, (trial, &z)) in self.trial.iter_mut().zip(z).enumerate() {
             *trial = z - level.operator.inverse_diagonal()[i] * level.w[i];
@@ -107,7 +112,7 @@ impl LineSearch {
     }
 
     /// Makes a step by Armijo's line search along Newton's direction, or along steepest descent. Returns false if
-    /// neither lowers `Psi = 1/2 |psi|^2`.
+    /// neither lowers the merit function `Psi = 1/2 |psi|^2`.
     fn descend(
         &mut self,
         level: &mut Level,
@@ -136,7 +141,8 @@ impl LineSearch {
         self.search(level, q, set, z, (norm, slope))
     }
 
-    /// Solves `(diag(by_z) + diag(by_w / A_ii) A) d = -psi` for the Newton direction `d`.
+    /// Computes the Newton direction `d` of the Fischer-Burmeister function `psi`, whose derivatives by `z` and `w`
+    /// are `by_z` and `by_w`: solves `(diag(by_z) + diag(by_w / A_ii) A) d = -psi`.
     fn newton_direction(&mut self, level: &mut Level, norm: f64, control: &Control) -> bool {
         let proximal = PROXIMAL * norm.min(1.0);
         for (i, at) in self.psi.iter().enumerate() {

@@ -28,7 +28,7 @@ pub(super) struct Multigrid {
     /// The grids, the finest first.
     levels: Vec<Grid>,
     coarsest: Cholesky,
-    /// The last solution, from which the next solve starts.
+    /// The last solution, from which the next solve of the conjugate gradients starts.
     last: Vec<f64>,
     residual: Vec<f64>,
     direction: Vec<f64>,
@@ -84,7 +84,7 @@ impl Grid {
     }
 }
 
-/// Computes `image = R z` with the restricted matrix `R`, which is symmetric.
+/// Computes `image = R z` with the matrix `R` restricted to inactive variables, which is symmetric.
 fn apply(grid: &Grid, z: &[f64], image: &mut [f64]) {
     for (i, image) in image.iter_mut().enumerate() {
         *image = grid.column(i).map(|(j, value)| value * z[j]).sum();
@@ -113,8 +113,9 @@ impl Multigrid {
         Ok(Self { levels, coarsest, last: zeros(), residual: zeros(), direction: zeros(), image: zeros() })
     }
 
-    /// Sets the rows of the system to those of `restricted` that are `inside`. Returns false if the system is
-    /// singular.
+    /// Sets the matrix of the finest grid to `restricted`, in which the rows of active variables are those of the
+    /// identity, and restricts the coarser matrices accordingly; `inside` marks the inactive variables. Returns
+    /// false if the system is singular.
     pub fn restrict(&mut self, restricted: &SparseMatrix, inside: impl Iterator<Item = bool>) -> bool {
         let [finest, ..] = &mut self.levels[..] else { return false };
         let (_, values) = finest.restricted.parts_mut();
@@ -133,8 +134,8 @@ impl Multigrid {
         self.levels.last().is_some_and(|coarsest| self.coarsest.factorise(&coarsest.restricted))
     }
 
-    /// Solves in place of `z`; rows that are not inside are those of the identity. Returns false if the iteration
-    /// breaks down, or if `control` asks to stop.
+    /// Solves the restricted system in place of `z`, where the rows of active variables are those of the identity.
+    /// Returns false if the iteration breaks down, or if `control` asks to stop.
     pub fn solve(&mut self, z: &mut [f64], control: &Control) -> bool {
         let mut answer = std::mem::take(&mut self.last);
         for ((answer, &inside), &right) in answer.iter_mut().zip(&self.levels[0].inside).zip(z.iter()) {

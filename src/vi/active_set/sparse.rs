@@ -14,7 +14,7 @@ pub(super) struct Sparse {
     /// The matrix with rows and columns of active variables replaced by those of the identity.
     restricted: SparseMatrix,
     factors: Factors,
-    /// The active set of the current factors; `None` if a shift was added to the diagonal.
+    /// The active set for which the current factors were computed; `None` if a shift was added to the diagonal.
     factored: Option<Vec<Face>>,
 }
 
@@ -129,7 +129,8 @@ impl Sparse {
     }
 }
 
-/// Adds `shift` to the diagonal, and replaces rows and columns that are not `inside` by those of the identity.
+/// Adds `shift` to the diagonal, and replaces the rows and columns of variables that are not inside their intervals
+/// by those of the identity.
 pub(super) fn restrict(
     matrix: &SparseMatrix,
     inside: impl Fn(usize) -> bool,

@@ -24,12 +24,13 @@ const RELAXATION: f64 = 1.6;
 /// Number of iterations between two evaluations of the residuals.
 const CHECK: usize = 25;
 
-/// The penalty `rho` changes if the primal and dual residuals differ by the factor `UNBALANCED`, by at most
-/// `LARGEST_CHANGE` at a time.
+/// The penalty `rho` is changed if the primal and dual residuals differ by more than the factor `UNBALANCED`, and by
+/// at most the factor `LARGEST_CHANGE` at a time.
 const UNBALANCED: f64 = 3.0;
 const LARGEST_CHANGE: f64 = 10.0;
 
-/// Smallest number of iterations with one penalty `rho`, growing by a quarter with each change.
+/// Smallest number of iterations with one value of the penalty `rho`; the number grows by a quarter with each change
+/// of `rho`.
 const DWELL: usize = 50;
 
 /// ADMM for one contact problem; keeps its state between runs.
@@ -47,7 +48,7 @@ pub(super) struct Admm {
 }
 
 impl Admm {
-    /// Prepares a run from the impulses `r`; returns `None` if memory does not suffice.
+    /// Prepares a run of ADMM that starts from the impulses `r`; returns `None` if memory does not suffice.
     pub fn new(scaling: &Scaling, r: &[Vector3<f64>]) -> Option<Self> {
         let problem = &scaling.problem;
         let mut y: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
@@ -92,7 +93,7 @@ impl Admm {
         &self.z
     }
 
-    /// Runs for a number of iterations, or until the residual is below the tolerance; returns the residual, or `None`
+    /// Makes a number of iterations, fewer if the residual falls below the tolerance; returns the residual, or `None`
     /// if `W + rho I` is singular.
     pub fn run(&mut self, task: &Task<'_>, iterations: usize) -> Option<Residual> {
         let scaling = task.scaling;

@@ -43,7 +43,8 @@ pub(super) fn linearise(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Linearis
     if size < radius {
         return Linearised { value, by_u: Matrix3::identity(), by_r: Matrix3::zeros() };
     }
-    // Derivative of P_D(y_t): the radius of the disk grows with y_n along e, and y_t turns across e.
+    // The derivative of P_D(y_t): as y_n grows, the projection grows along e, and as y_t turns, the projection turns
+    // across e.
     let e = direction(y_t, size);
     let turn = if size == 0.0 { Matrix2::zeros() } else { (Matrix2::identity() - e * e.transpose()) * (radius / size) };
     let mut by_y = Matrix3::zeros();

@@ -15,18 +15,20 @@ use nalgebra::{SMatrix, SVector, Vector3};
 /// Number of changes in the history of Anderson's acceleration.
 const MEMORY: usize = 3;
 
-/// Regularisation of the Gram matrix: directions that depend on the others to this accuracy have no effect.
+/// Regularisation of the Gram matrix of the recorded changes: changes that are linearly dependent on others to this
+/// accuracy have no effect.
 const DEPENDENT: f64 = 1e-10;
 
 /// The history of Anderson's acceleration. Vectors are flat arrays of numbers, for fast sums and products.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anderson {
-    /// Changes of `f` and of `G(x)`, the oldest overwritten first.
+    /// Changes of the difference `f = G(x) - x` and of the result `G(x)` of a sweep from one iteration to the next;
+    /// the oldest is overwritten first.
     changes_f: [Vec<f64>; MEMORY],
     changes_g: [Vec<f64>; MEMORY],
-    /// The Gram matrix of the changes of `f`.
+    /// The Gram matrix of the changes of `f = G(x) - x`.
     gram: SMatrix<f64, MEMORY, MEMORY>,
-    /// The total number of changes recorded.
+    /// The total number of changes recorded since the history was cleared.
     taken: usize,
     /// The last point `x`, the result `g` of a sweep from it, and the difference `f = g - x`.
     x: Vec<f64>,
@@ -34,7 +36,7 @@ pub(super) struct Anderson {
     f: Vec<f64>,
     last_f: Vec<f64>,
     last_g: Vec<f64>,
-    /// The squared norm `|f|^2` at the last point.
+    /// The squared norm of the difference `f = g - x` at the last point.
     size: Option<f64>,
 }
 
@@ -51,7 +53,7 @@ impl Anderson {
         self.last_f.clear();
     }
 
-    /// Replaces `G(x)`, the result of a sweep from the last point `x`, by the next point to try.
+    /// Replaces `r`, which is the result `G(x)` of a sweep from the last point `x`, by the next point to try.
     pub fn advance(&mut self, r: &mut [Vector3<f64>]) {
         flatten(r, &mut self.g);
         subtract(&self.g, &self.x, &mut self.f);
@@ -85,8 +87,8 @@ impl Anderson {
         }
     }
 
-    /// Computes the coefficients `gamma` by normal equations with unit diagonal; they are zero for changes not yet
-    /// recorded.
+    /// Computes the coefficients `gamma` of the recorded changes by normal equations with unit diagonal; they are
+    /// zero for changes not yet recorded.
     fn mixture(&self) -> SVector<f64, MEMORY> {
         let count = self.taken.min(MEMORY);
         let is_change = |i: usize| i < count && self.gram[(i, i)] > 0.0;
@@ -120,7 +122,7 @@ fn subtract(a: &[f64], b: &[f64], into: &mut Vec<f64>) {
     }
 }
 
-/// Number of independent partial sums, for instruction-level parallelism.
+/// Number of independent partial sums of a scalar product, for instruction-level parallelism.
 const LANES: usize = 8;
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -141,7 +143,8 @@ mod tests {
 
     #[test]
     fn a_slow_linear_iteration_ends_after_as_many_steps_as_it_has_rates() {
-        // G(x) = d x + 1, component by component: fixed point 1 / (1 - d), plain iteration gains 1 % a step.
+        // The map G(x) = d x + 1, component by component, has the fixed point 1 / (1 - d); plain iteration reduces
+        // the error by 1 % a step.
         let rates = [0.99, 0.9, 0.5];
         let map = |x: &Vector3<f64>| Vector3::from_fn(|i, _| rates[i] * x[i] + 1.0);
         let mut x = [Vector3::zeros()];
@@ -165,8 +168,8 @@ mod tests {
             let g = [x[0] + Vector3::repeat(step)];
             x = g;
             anderson.advance(&mut x);
-            // In the second step the secant extrapolates to twice the distance, and is used since the steps have
-            // shrunk.
+            // In the second step, the secant through two differences extrapolates to twice the distance. It is used,
+            // since the differences have become smaller.
             assert_eq!(x == g, step != 0.5);
         }
     }

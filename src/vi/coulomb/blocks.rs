@@ -126,7 +126,8 @@ impl Clone for BlockMatrix {
         copy
     }
 
-    /// Copies into the memory of the previous matrix: each step copies one matrix several times.
+    /// Copies into the memory of this matrix, without allocation if that suffices: each time step copies one matrix
+    /// several times.
     fn clone_from(&mut self, source: &Self) {
         self.offsets.clone_from(&source.offsets);
         self.columns.clone_from(&source.columns);

@@ -21,7 +21,7 @@ pub struct Evidence {
     pub dissipation_gap: f64,
 }
 
-/// A block row of a contact problem, with its natural map.
+/// A block row of a contact problem: its role, friction coefficient, vectors `q`, `r` and `u`, and natural map.
 pub(super) struct Row {
     pub role: Role,
     pub mu: f64,
@@ -51,7 +51,7 @@ impl Evidence {
         Self::of_rows((0..r.len()).map(row))
     }
 
-    /// Evaluates the residuals of the given block rows.
+    /// Computes the residuals from the given block rows.
     pub(super) fn of_rows(rows: impl Iterator<Item = Row>) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
@@ -67,7 +67,7 @@ impl Evidence {
             evidence.signorini = evidence.signorini.max(r.x.min(u.x).abs());
             evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r.x);
             let gap = (friction.dot(&slip) + mu * r.x * slip.norm()).abs();
-            // The power of a patch has further terms, which the natural map covers.
+            // The power of friction of a patch has further terms; a violation shows in the natural map.
             if role == Role::Point {
                 evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
             }

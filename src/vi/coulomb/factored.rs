@@ -22,7 +22,7 @@ pub struct Mobility {
 /// The linear and the angular velocity of a body.
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
-/// The rows `J_k` of a contact: `u = E (v_2 + w_2 x p_2 - v_1 - w_1 x p_1)`.
+/// The rows `J_k` of contact `k`, which give its relative velocity: `u = E (v_2 + w_2 x p_2 - v_1 - w_1 x p_1)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grip {
     /// The indices of both bodies; `None` for a body that does not move.
@@ -36,9 +36,10 @@ pub struct Grip {
 /// The Delassus operator `W` in factored form.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Factored {
-    /// The mobilities of the bodies; the last one is zero, and is that of every body that does not move.
+    /// The mobilities (inverse mass and inertia) of the bodies; the last one is zero, and is that of every body that
+    /// does not move.
     mobilities: Vec<Mobility>,
-    /// The rows of the contacts, with the indices of their bodies among the mobilities.
+    /// The rows `J_k` of the contacts, each with the indices of its two bodies among the mobilities.
     rows: Vec<(Grip, [u32; 2])>,
 }
 
@@ -69,7 +70,7 @@ impl Factored {
         self.rows.is_empty()
     }
 
-    /// Multiplies the rows of each contact by its factor in `d`: `W` becomes `D W D`.
+    /// Multiplies the rows `J_k` of each contact by its factor in `d`, so that the operator `W` becomes `D W D`.
     pub(super) fn scale(&mut self, d: &[f64]) {
         for ((grip, _), &d) in self.rows.iter_mut().zip(d) {
             grip.frame *= d;
@@ -92,7 +93,7 @@ impl Factored {
         }
     }
 
-    /// Returns row `J_k` times the velocities of the bodies.
+    /// Returns the relative velocity of a contact: its rows `J_k` times the velocities of the bodies.
     #[inline]
     pub fn row_product(&self, k: usize, twists: &[Twist]) -> Vector3<f64> {
         let (grip, [a, b]) = &self.rows[k];

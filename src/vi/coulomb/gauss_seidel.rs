@@ -7,8 +7,8 @@ use super::patch::Role;
 use super::{BlockMatrix, CoulombProblem, solve_patch};
 use nalgebra::{Matrix3, Vector3};
 
-/// The Delassus operator in the layout of a sweep: off-diagonal blocks in one stream, diagonal blocks classified for
-/// exact solution.
+/// The Delassus operator in a memory layout for sweeps: off-diagonal blocks one after the other, diagonal blocks
+/// classified for the exact solution of single contacts.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sweeps {
     /// For each block row, the end of its off-diagonal blocks in `blocks`.
@@ -19,7 +19,7 @@ pub(super) struct Sweeps {
 }
 
 impl Sweeps {
-    /// Copies a matrix into the layout of a sweep.
+    /// Copies a Delassus operator into the memory layout of a sweep.
     pub fn fit(&mut self, matrix: &BlockMatrix) {
         self.ends.clear();
         self.columns.clear();
@@ -37,7 +37,7 @@ impl Sweeps {
         }
     }
 
-    /// Makes one sweep over all contacts of the problem whose matrix was copied.
+    /// Makes one Gauss-Seidel sweep over all contacts of a problem, whose Delassus operator was copied before.
     pub fn sweep(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
         if problem.has_patches() {
             self.sweep_with_patches(problem, r);

@@ -32,21 +32,25 @@ use nalgebra::{Matrix3, Vector3};
 /// lead to the boundary and away from the central path.
 const FRACTION: f64 = 0.9;
 
-/// After a step of a length below this value the next step only centres.
+/// If a step is shorter than this fraction of the Newton step, the next step only centres.
 const LONG: f64 = 0.5;
 
-/// A step of a length below this value is no progress; after `STALLS` such steps in a row the method restarts.
+/// A step shorter than this fraction of the Newton step is no progress; after `STALLS` such steps in a row the method
+/// restarts.
 const SHORT: f64 = 1e-3;
 const STALLS: usize = 3;
 
-/// The distances from the boundary of the cones at the successive starts, in units of the root mean square of `q`.
+/// For each start in turn, the distance of the starting point from the boundary of the cones, in units of the root
+/// mean square of `q`.
 const ROOMS: [f64; 3] = [1.0, 10.0, 0.1];
 
-/// The target residual, as a fraction of the tolerance: each step gains a digit, and impulses between bodies of very
-/// different masses are less accurate than the residual suggests.
+/// The target residual of the method, as a fraction of the tolerance. The margin costs little, since each step gains
+/// a digit, and it is needed, since impulses between bodies of very different masses are less accurate than the
+/// residual suggests.
 const BEYOND: f64 = 1e-3;
 
-/// A residual below which the contact states are known, so that Newton's method needs one or two steps.
+/// Residual below which the method does not restart: the contact states are then known, so that Newton's method needs
+/// one or two steps.
 const KNOWN: f64 = 1e-8;
 
 /// The state of a contact inside the cones: the scaled impulse `z` and the scaled velocity `s`.
@@ -58,7 +62,8 @@ struct Pair {
 }
 
 impl Pair {
-    /// Projects an impulse and a velocity into the cones, and moves both inside by `room`.
+    /// Projects an impulse and the augmented velocity of `u` into the cones, and moves both by `room` along the axis
+    /// into the interior.
     fn inside(mu: f64, r: &Vector3<f64>, u: &Vector3<f64>, room: f64) -> Self {
         let room = Vector3::x() * room;
         if mu == 0.0 {
@@ -70,7 +75,8 @@ impl Pair {
         Self { mu, z, s: lorentz.project(Vector3::new(y.x / mu, y.y, y.z)) + room }
     }
 
-    /// Returns the Nesterov-Todd scaling `V`; without friction on the half-line, where only the first column counts.
+    /// Returns the Nesterov-Todd scaling `V` of the contact. Without friction the cones are half-lines, and only the
+    /// first column of `V` counts.
     fn scaling(&self) -> NtScaling {
         NtScaling::of(&self.z, &self.s)
     }
@@ -80,7 +86,7 @@ impl Pair {
         if self.mu == 0.0 { self.z } else { Vector3::new(self.z.x / self.mu, self.z.y, self.z.z) }
     }
 
-    /// Returns the residual of the velocity, `u + (mu |u_t|, 0, 0) - y`.
+    /// Returns the residual of the equation for the augmented velocity `y`, which is `u + (mu |u_t|, 0, 0) - y`.
     fn defect(&self, u: &Vector3<f64>) -> Vector3<f64> {
         if self.mu == 0.0 {
             return Vector3::x() * (u.x - self.s.x);
@@ -88,7 +94,7 @@ impl Pair {
         FrictionCone { mu: self.mu }.augment(*u) - widened(self.mu, &self.s)
     }
 
-    /// Returns the block `N W_ij`; without friction the normal row alone.
+    /// Returns the block `(i, j)` of the matrix `N W` of a step; without friction only its normal row is nonzero.
     fn turned(&self, u: &Vector3<f64>, block: &Matrix3<f64>) -> Matrix3<f64> {
         let mut turned = *block;
         if self.mu == 0.0 {
@@ -105,7 +111,8 @@ impl Pair {
         turned
     }
 
-    /// Returns the diagonal term `T V^2 T`; without friction the tangential impulses are zero.
+    /// Returns the diagonal term `T V^2 T` of the matrix of a step; without friction the term makes the tangential
+    /// impulses zero.
     fn stiffness(&self, scaling: &NtScaling) -> Matrix3<f64> {
         let square = scaling.square();
         if self.mu == 0.0 {
@@ -115,7 +122,8 @@ impl Pair {
         widen * square * widen
     }
 
-    /// Returns `T dr`, the change of `z` by a change of the impulse; without friction the normal component alone.
+    /// Returns `T dr`, the change of the scaled impulse `z` that belongs to a change `dr` of the impulse; without
+    /// friction only its normal component is nonzero.
     fn change(&self, dr: &Vector3<f64>) -> Vector3<f64> {
         if self.mu == 0.0 { Vector3::x() * dr.x } else { widened(self.mu, dr) }
     }
@@ -131,21 +139,22 @@ fn widened(mu: f64, x: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(mu * x.x, x.y, x.z)
 }
 
-/// The changes `dz` and `ds` of a contact.
+/// The changes `dz` of the scaled impulse and `ds` of the scaled velocity of a contact in one step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Change {
     z: Vector3<f64>,
     s: Vector3<f64>,
 }
 
-/// The target of a step.
+/// The point at which a step aims.
 #[derive(Clone, Copy, Debug)]
 enum Aim {
-    /// The solution, at first order.
+    /// The solution itself, where all products `z o s` vanish; products of changes are neglected (predictor).
     Solution,
-    /// The point of the central path with the mean `sigma m`, at second order; follows a step to the solution.
+    /// The point of the central path with the mean `sigma m` of `<z, s>`, with the products of the changes of the
+    /// predictor taken into account (corrector). Holds `sigma m`.
     Path(f64),
-    /// The point of the central path with the mean `m`.
+    /// The point of the central path with the current mean `m` of `<z, s>`, which is held.
     Centre(f64),
 }
 
@@ -156,11 +165,11 @@ pub(super) struct InteriorPoint {
     scalings: Vec<NtScaling>,
     impulses: Vec<Vector3<f64>>,
     velocities: Vec<Vector3<f64>>,
-    /// The targets `V d` and the changes of the contacts.
+    /// The right-hand sides `V d` and the changes of the contacts in the last step.
     targets: Vec<Vector3<f64>>,
     changes: Vec<Change>,
     right: Vec<f64>,
-    /// The length of the last step.
+    /// The length of the last step, as a fraction of the Newton step.
     last: f64,
 }
 
@@ -238,7 +247,7 @@ impl InteriorPoint {
         self.velocities.extend((0..self.pairs.len()).map(|k| scaling.problem.velocity(k, &self.impulses)));
     }
 
-    /// Makes one step; returns `None` if there is no direction.
+    /// Makes one step; returns `None` if the linear system gives no finite direction.
     fn step(&mut self, scaling: &Scaling) -> Option<()> {
         self.scalings.clear();
         self.scalings.extend(self.pairs.iter().map(Pair::scaling));
@@ -266,13 +275,14 @@ impl InteriorPoint {
         Some(())
     }
 
-    /// Returns the mean of `<z, s>` after a step of this length.
+    /// Returns the mean of `<z, s>` over the contacts after a step of the given length.
     fn mean_after(&self, length: f64) -> f64 {
         let after = |(pair, change): (&Pair, &Change)| (pair.z + change.z * length).dot(&(pair.s + change.s * length));
         self.pairs.iter().zip(&self.changes).map(after).sum::<f64>() / self.pairs.len() as f64
     }
 
-    /// Computes the changes of a step towards `aim`; returns the largest step length, `None` if it is not finite.
+    /// Computes the changes of all contacts in a step towards `aim`; returns the largest length of the step, `None`
+    /// if a change is not finite.
     fn direct(&mut self, aim: Aim) -> Option<f64> {
         for (k, (target, right)) in self.targets.iter_mut().zip(self.right.chunks_exact_mut(3)).enumerate() {
             let (pair, scaling) = (&self.pairs[k], &self.scalings[k]);

@@ -42,11 +42,11 @@ const SINES: [f64; 12] = [
     0.995_722_430_686_905_1,
 ];
 
-/// Largest number of iterations for the normal of the nearest point; the bracket halves, and Newton's method takes
-/// three to six.
+/// Largest number of iterations for the normal of the surface point nearest to a given point. The bracket of the
+/// normal halves in each iteration, and Newton's method takes three to six.
 const ITERATIONS: usize = 100;
 
-/// Relative accuracy of the direction of a normal.
+/// Relative accuracy of the direction of the normal.
 const ACCURACY: f64 = 1e-16;
 
 /// A point of the limit surface, with its normal.
@@ -56,7 +56,7 @@ pub(super) struct Point {
     pub normal: [f64; 2],
     /// The force and the torque, the coordinates of the point.
     pub at: [f64; 2],
-    /// The force divided by `cos p`.
+    /// The force divided by the first component `cos p` of the normal.
     pub across: f64,
     /// The radius of curvature of the surface at the point.
     pub radius: f64,
@@ -187,7 +187,7 @@ pub fn mean_speed(v: f64, w: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Returns the force, torque and power by sums over the disc.
+    /// Returns the force, torque and power of friction by numerical integration over the disc.
     fn summed(v: f64, w: f64) -> [f64; 3] {
         let (rings, parts) = (400, 400);
         let mut sums = [0.0; 3];
@@ -238,7 +238,8 @@ mod tests {
     fn a_point_on_a_normal_has_its_foot_there() {
         for stretch in [1.0, 1e-12, 1e-6, 1e-3, 0.1, 10.0, 1e4, 1e8] {
             for k in 0..=20 {
-                // Take normals that are spread evenly over the stretched surface, and over the plane.
+                // Take normals whose directions are spread evenly in the plane, and others that are spread evenly
+                // over the stretched surface.
                 let angle = FRAC_PI_2 * f64::from(k) / 20.0;
                 for (v, w) in [(angle.cos().max(0.0) * stretch, angle.sin()), (angle.cos().max(0.0), angle.sin())] {
                     let point = Point::stretched(v, w, stretch);

@@ -9,8 +9,8 @@ use nalgebra::Matrix3;
 /// Largest number of contacts for which a dense factorisation is faster whatever the pattern.
 const DENSE_AT_MOST: usize = 30;
 
-/// The time of an operation on a block in a sparse factorisation, relative to that in a dense factorisation. Measured
-/// on heaps of spheres with 70 to 160 contacts.
+/// The cost of an operation on one 3 x 3 block in a sparse factorisation, relative to its cost in a dense
+/// factorisation. Measured on heaps of spheres with 70 to 160 contacts.
 const SLOWER: usize = 64;
 
 /// Counts the block operations of an elimination by minimum degree, on the graph of contacts that share a body. Stops
@@ -49,7 +49,7 @@ fn work_of_elimination(pattern: &BlockMatrix, enough: usize) -> usize {
 
 /// A square matrix with the pattern of a [`BlockMatrix`], and its factors.
 pub(super) struct BlockSystem {
-    /// The position of the first entry of each stored block in the values.
+    /// For each stored block, the position of its first entry among the values of the sparse matrix.
     places: Vec<usize>,
     /// The stride between the columns within each block column.
     strides: Vec<usize>,
@@ -111,7 +111,8 @@ impl BlockSystem {
         Some(Self { places, strides, factors: Factors::Sparse { matrix: SparseMatrix::new(symbolic, values), lu } })
     }
 
-    /// Factorises the matrix whose block `(i, j)` is `block(i, j, pattern_ij)`; returns false if it has no factors.
+    /// Factorises the matrix whose block `(i, j)` is `block(i, j, b)`, where `b` is the stored block of the pattern;
+    /// returns false if the factorisation fails.
     pub fn factorise(
         &mut self,
         pattern: &BlockMatrix,

@@ -20,11 +20,11 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 /// Iteration limit, far beyond the convergence of the bracket; Newton's method takes three to six.
 const ITERATIONS: usize = 100;
 
-/// Relative accuracy of `|r_t| = mu r_n`.
+/// Relative accuracy to which the friction bound `|r_t| = mu r_n` is reached.
 const ACCURACY: f64 = 1e-15;
 
-/// A 2 x 2 matrix is singular if its determinant is below this fraction of the squared trace; a slip with `s` below
-/// this fraction of the trace is then a stick.
+/// A 2 x 2 matrix counts as singular if its determinant is below this fraction of the squared trace. A slip with `s`
+/// below this fraction of the trace counts as sticking.
 const SINGULAR: f64 = 1e-14;
 
 /// Number of doublings that reach a bracket of the root from any scale.
@@ -35,17 +35,17 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
     Diagonal::new(matrix).solve(*q, mu)
 }
 
-/// The diagonal block of one contact, classified by its form of solution.
+/// The diagonal block `W_kk` of one contact, classified by the form of its solution.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Diagonal {
     /// Normal and tangents are decoupled, and the tangents are isotropic, as for spheres: stick and slip have closed
     /// forms with `1 / W_nn` and `1 / W_tt`.
     Isotropic { w_nn: f64, w_tt: f64, of_normal: f64, of_tangent: f64 },
-    /// A matrix with coupled or anisotropic directions.
+    /// A matrix in which the directions are coupled, or the tangents are anisotropic.
     Full(Matrix3<f64>),
 }
 
-/// Couplings below this fraction of `W_tt` are rounding.
+/// Off-diagonal entries below this fraction of `W_tt` are treated as zero.
 const DECOUPLED: f64 = 1e-14;
 
 impl Diagonal {
@@ -145,7 +145,8 @@ impl Slip {
         Some((join(normal, friction), join(-self.w_nt.dot(&by_s) / self.w_nn, by_s)))
     }
 
-    /// Returns the impulse `r` at the root of `phi(s) = mu r_n / |r_t| - 1`, from `phi(lower) < 0`.
+    /// Returns the impulse `r(s)` at the root of `phi(s) = mu r_n / |r_t| - 1`, where `lower` is a value with
+    /// `phi(lower) < 0`.
     fn root(&self, mu: f64, mut lower: f64) -> Option<Vector3<f64>> {
         let phi = |s: f64| {
             let (r, by_s) = self.impulse(s)?;
@@ -177,7 +178,7 @@ impl Slip {
             }
             s = next;
         }
-        // Scale the friction to the bound, so that `r` lies on the cone despite the rounding of `s`.
+        // Scale the friction to the bound `mu r_n`, so that `r` lies on the cone despite the rounding of `s`.
         r.map(|r| join(r.x, tangent(&r) * (mu * r.x / tangent(&r).norm())))
     }
 }

@@ -19,19 +19,23 @@ use super::patch::{Pair, Parts, PatchCone, Projected, Reach, both, joined, pair,
 use super::scaling::unit;
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 
-/// Newton steps for one patch, and the residual, relative to its terms, at which they end.
+/// Largest number of Newton steps for one patch, and the residual, relative to its terms, below which no further step
+/// is made.
 const STEPS: usize = 60;
 const SOLVED: f64 = 1e-14;
 
-/// The shortest step of Newton's method, and the relative residual above which a bracket takes over.
+/// The shortest step length of Newton's method, and the relative residual of its result above which bracketing takes
+/// over.
 const SHORTEST: f64 = 1e-4;
 const ROUGH: f64 = 1e-12;
 
-/// Limits on the halvings of a bracket, and on the doublings that find it from any scale.
+/// Largest number of halvings of a bracket of the normal impulse, and of doublings that find a bracket from any
+/// scale.
 const BISECTIONS: usize = 100;
 const DOUBLINGS: usize = 200;
 
-/// Largest number of turns of the convex problem, and projected gradient steps in a turn.
+/// Largest number of iterations for the convex problem of friction; each is a Newton step or, if that does not halve
+/// the gradient step, a number of projected gradient steps (`GRADIENTS`).
 const TURNS: usize = 100;
 const GRADIENTS: usize = 20;
 
@@ -45,7 +49,7 @@ pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Rea
             own.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
         }
     }
-    // Scale to the unit of the contact, in which impulses and velocities can be subtracted.
+    // Scale to the unit of the contact, in which impulses and velocities have the same unit.
     let d = unit(&own.fixed_view::<3, 3>(0, 0).into_owned());
     let contact = PatchContact { cone: PatchCone { mu, reach }, matrix: own * (d * d), q: both(q) * d };
     contact.solve(&r.map(|r| r / d)).map(|r| r * d)
@@ -71,7 +75,7 @@ impl PatchContact {
         size <= accuracy * (r.norm() + self.q.norm())
     }
 
-    /// Returns the impulses, starting from `r`; never worse than `r`.
+    /// Returns the impulses of the patch, starting from `r`; the result is never worse than `r`.
     fn solve(&self, r: &Pair) -> Pair {
         if self.q.x >= 0.0 {
             return [Vector3::zeros(); 2];
@@ -88,8 +92,8 @@ impl PatchContact {
         pair(&r)
     }
 
-    /// Runs Newton's method with a line search, as long as that decreases the residual; returns the last point and
-    /// its residual.
+    /// Runs Newton's method with a line search, as long as the residual decreases; returns the last impulses and
+    /// their residual.
     fn newton(&self, r: &Vector6<f64>) -> (Vector6<f64>, f64) {
         let (mut r, mut size) = (*r, self.residual(r));
         for _ in 0..STEPS {
@@ -145,12 +149,12 @@ impl PatchContact {
         upper.is_finite().then(|| both(&joined(nu, &s)))
     }
 
-    /// Returns the friction for the normal impulse `nu`, starting from `s`, and its derivative by `nu`.
+    /// Returns the friction of the patch for the normal impulse `nu`, starting from `s`, and its derivative by `nu`.
     fn friction(&self, nu: f64, s: &Parts) -> (Parts, Option<Parts>) {
         let w_ss = self.matrix.fixed_view::<5, 5>(1, 1).into_owned();
         let w_sn = self.matrix.fixed_view::<5, 1>(1, 0).into_owned();
         let q = self.q.fixed_rows::<5>(1) + w_sn * nu;
-        // A gradient step below the reciprocal of the largest eigenvalue.
+        // The step length of projected gradients is below the reciprocal of the largest eigenvalue.
         let step = w_ss.trace().recip();
         let step = if step.is_finite() { step } else { 1.0 };
         let kept = SMatrix::<f64, 5, 5>::identity() - w_ss * step;
@@ -198,8 +202,8 @@ mod tests {
                         (0..4).map(|k| (k / 2, k % 2, w.fixed_view::<3, 3>(3 * (k / 2), 3 * (k % 2)).into_owned()));
                     let matrix = BlockMatrix::from_blocks(2, blocks).unwrap();
                     let r = both(&solve_patch(&matrix, 0, &pair(&q), mu, reach, &pair(&start)));
-                    // The residual in the unit of the matrix, and the effect of rounding errors of velocities on the
-                    // law.
+                    // Bound the residual, in the unit of the matrix, by the tolerance plus the effect of rounding
+                    // errors of the velocities on the contact law.
                     let cone = PatchCone { mu, reach };
                     let rounding = 16.0 * f64::EPSILON * (w.norm() * r.norm() + q.norm());
                     let (u, r) = (pair(&(w * r + q)), r * unit);

@@ -35,15 +35,15 @@ const ALPHA_BY_RESIDUAL: f64 = 10.0;
 const ALPHA_FIRST: [f64; 2] = [1e-8, 1e-2];
 const ALPHA_LEAST: f64 = 1e-11;
 
-/// An outer step must lower the residual to the fraction `OUTER_DECREASE`; after `FAILURES` failures in a row another
-/// method takes over.
+/// An outer step of the proximal-point iteration must lower the residual to the fraction `OUTER_DECREASE`; after
+/// `FAILURES` steps in a row that do not, another method takes over.
 const OUTER_DECREASE: f64 = 0.5;
 const FAILURES: usize = 3;
 
-/// Residual of an inner problem at the level of rounding, relative to `|q| + |r|`.
+/// Residual of an inner problem, relative to `|q| + |r|`, that is ascribed to rounding and ends Newton's method.
 const INNER_ACCURACY: f64 = 1e-14;
 
-/// Armijo's fraction, and the shortest step length.
+/// Armijo's fraction of the slope, and the shortest step length of the line search.
 const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-3;
 
@@ -51,7 +51,8 @@ const SHORTEST: f64 = 1e-3;
 pub(super) struct ProximalNewton {
     system: BlockSystem,
     linearised: Vec<Linearised>,
-    /// For each row, the derivatives of its function by velocity and impulse of the other row of its patch.
+    /// For each block row of a patch, the derivatives of its Alart-Curnier function by velocity and impulse of the
+    /// patch's other row.
     across: Vec<[Matrix3<f64>; 2]>,
     direction: Vec<f64>,
     centre: Vec<Vector3<f64>>,
@@ -105,8 +106,8 @@ impl ProximalNewton {
         (used, residual)
     }
 
-    /// Iterates on the inner problem, from the proximal centre into `iterate`; returns the number of factorisations
-    /// used.
+    /// Runs Newton's method on the inner problem, from the proximal centre, and leaves the result in `iterate`;
+    /// returns the number of factorisations used.
     fn inner(&mut self, scaling: &Scaling, alpha: f64) -> usize {
         self.iterate.copy_from_slice(&self.centre);
         let size = norm(scaling.problem.q()) + norm(&self.centre);
@@ -131,7 +132,8 @@ impl ProximalNewton {
         INNER
     }
 
-    /// Linearises the Alart-Curnier function at the iterate; returns its norm.
+    /// Evaluates the Alart-Curnier function with its generalised Jacobian at the iterate; returns the norm of the
+    /// function.
     fn linearise(&mut self, scaling: &Scaling, alpha: f64) -> f64 {
         let problem = &scaling.problem;
         let mut sum = 0.0;
@@ -176,8 +178,8 @@ impl ProximalNewton {
         factored && self.system.solve(&mut self.direction)
     }
 
-    /// Writes the point at this length along the direction to `trial`; returns the norm of the Alart-Curnier function
-    /// at that point.
+    /// Writes the point at the given length along the direction to `trial`; returns the norm of the Alart-Curnier
+    /// function at that point.
     fn norm_along(&mut self, scaling: &Scaling, alpha: f64, length: f64) -> f64 {
         let problem = &scaling.problem;
         for ((trial, r), d) in self.trial.iter_mut().zip(&self.iterate).zip(self.direction.chunks_exact(3)) {

@@ -37,7 +37,7 @@ pub struct Reach {
     pub roll: f64,
 }
 
-/// Both block rows of a contact patch: force and torque.
+/// A force-like and a torque-like vector of a contact patch: the values of its two block rows.
 pub(super) type Pair = [Vector3<f64>; 2];
 
 /// The admissible set of one contact patch.
@@ -47,7 +47,8 @@ pub(super) struct PatchCone {
     pub reach: Reach,
 }
 
-/// Largest number of iterations for the normal impulse of a projection, and its relative accuracy.
+/// Largest number of iterations for the normal impulse of a projection onto the patch's cone, and the relative
+/// accuracy of that impulse.
 const ITERATIONS: usize = 100;
 const ACCURACY: f64 = 1e-15;
 
@@ -70,14 +71,15 @@ impl PatchCone {
         self.mu * mean_speed(u[0].y.hypot(u[0].z), drill * u[1].x) + roll * u[1].y.hypot(u[1].z)
     }
 
-    /// Returns the point of `scale L` nearest to a force and a torque of the given sizes, and its distance; `None` if
-    /// both lie inside. For a patch without a radius only the force counts.
+    /// Returns the point nearest to a force and a torque of the given sizes in the set `scale L`, with the limit
+    /// surface `L`, and its distance; `None` if they lie inside. For a patch without a radius only the force counts.
     fn nearest(self, slide: f64, drill: f64, scale: f64) -> Option<(Point, f64)> {
         let a = self.reach.drill;
         if a > 0.0 { Point::nearest(slide, drill, scale, a) } else { Point::nearest(slide, 0.0, scale, 1.0) }
     }
 
-    /// Returns the velocity augmented by the support function.
+    /// Returns the velocity of the patch with its normal component augmented by the support function of the
+    /// admissible friction.
     pub fn augment(self, mut u: Pair) -> Pair {
         u[0].x += self.support(&u);
         u
@@ -128,7 +130,8 @@ impl PatchCone {
         [r[0] - projected[0], r[1] - projected[1]]
     }
 
-    /// Returns the projection of `y` onto `rho S`.
+    /// Returns the projection of `y` onto `rho S`, where `S` is the set of friction admissible for unit normal
+    /// impulse.
     pub fn onto(self, y: &Parts, rho: f64) -> Projected {
         let mut of = Projected { value: *y, by_point: SMatrix::identity(), by_rho: Parts::zeros() };
         let scale = self.mu * rho;
@@ -194,8 +197,9 @@ impl PatchCone {
         (both(&[r[0] - at[0], r[1] - at[1]]), by_y)
     }
 
-    /// Linearises the Alart-Curnier function by block rows: for each row, its value, the derivatives by the row
-    /// itself, and those by the other row.
+    /// Evaluates the Alart-Curnier function with its derivatives, split by block rows: for each row of the patch, its
+    /// value, the derivatives by velocity and impulse of the row itself, and those by velocity and impulse of the
+    /// other row.
     pub fn linearise_rows(self, r: &Pair, u: &Pair) -> [(Linearised, [Matrix3<f64>; 2]); 2] {
         let (value, by_y) = self.linearise(r, u);
         let by_r = Matrix6::identity() - by_y;
@@ -237,7 +241,8 @@ mod tests {
         a[0].dot(&b[0]) + a[1].dot(&b[1])
     }
 
-    /// Moreau's decomposition: the projection is orthogonal to the remainder, which lies in the polar cone.
+    /// Tests Moreau's decomposition of a vector: its projection onto the cone is orthogonal to the remainder, which
+    /// lies in the polar cone.
     #[test]
     fn projections_split_vectors_between_the_cone_and_its_polar() {
         let mut random = Random(7);
@@ -247,7 +252,7 @@ mod tests {
                 let v = any_pair(&mut random);
                 let z = cone.project(v);
                 let rest = [v[0] - z[0], v[1] - z[1]];
-                // Scale by the support function: distances along the torque weigh by the reach of the patch.
+                // Scale errors by the support function of friction, which weighs torques by the radius of the patch.
                 let size = 1.0 + cone.support(&v);
                 assert!(dot(&z, &rest).abs() < 1e-12 * size, "{mu} {reach:?} {v:?} {z:?}");
                 assert!(rest[0].x + cone.support(&rest) < 1e-12 * size, "{mu} {reach:?} {v:?}");

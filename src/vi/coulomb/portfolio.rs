@@ -25,10 +25,11 @@ use crate::Outcome;
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Number of sweeps between two evaluations of the residual.
+/// Number of Gauss-Seidel sweeps between two evaluations of the residual.
 pub(super) const SWEEPS_AT_ONCE: usize = 10;
 
-/// ADMM iterations before Newton's second attempt, and the percentage by which later runs of ADMM grow.
+/// Number of ADMM iterations before the second attempt of Newton's method, and the percentage by which each later run
+/// of ADMM is longer than the last.
 const FIRST_RUN: usize = 100;
 const RUN_GROWTH_PERCENT: usize = 60;
 
@@ -99,17 +100,17 @@ impl Method {
     }
 }
 
-/// One turn of a method of the portfolio.
+/// One attempt of a method of the portfolio at a contact problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The method of the turn.
+    /// The method of the attempt.
     pub method: Method,
     /// The number of sweeps, Newton steps or ADMM iterations.
     pub iterations: usize,
-    /// The residual before the turn: the largest of the relative natural map in the user's units, that with each
+    /// The residual before the attempt: the largest of the relative natural map in the user's units, that with each
     /// contact in its own unit, and the latter relative to velocities alone.
     pub before: f64,
-    /// The residual after the turn, defined as the residual before it.
+    /// The residual after the attempt, defined as the residual before it.
     pub after: f64,
 }
 
@@ -121,7 +122,7 @@ pub(super) struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// Whether a point with this residual is accurate enough, or `control` asks to stop.
+    /// Whether the residual is below the tolerance, or `control` asks to stop.
     pub fn is_over(&self, residual: f64) -> bool {
         residual <= self.tolerance || self.control.poll().is_some()
     }
@@ -145,7 +146,7 @@ pub struct Coulomb {
     /// Limits on the work of one solve.
     pub limits: Limits,
     scaling: Scaling,
-    /// Scaled impulses: the best so far, and those of the current method.
+    /// Scaled impulses: the best so far (`best`), and those of the current method (`work`).
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
     sweeps: Sweeps,
@@ -211,7 +212,7 @@ impl Coulomb {
         self.residual.strict <= self.limits.tolerance || control.poll().is_some()
     }
 
-    /// Records a turn that ended with the impulses `work`, and keeps `work` if it is the best.
+    /// Records an attempt that ended with the impulses `work`, and keeps these if they are the best so far.
     fn record(&mut self, method: Method, iterations: usize, before: Residual, after: Residual) {
         self.attempts.push(Attempt { method, iterations, before: before.strict, after: after.strict });
         if after.strict < self.residual.strict {
@@ -220,8 +221,9 @@ impl Coulomb {
         }
     }
 
-    /// Makes sweeps with Anderson's acceleration. If Newton's method can follow, sweeps continue only while their
-    /// rate so far predicts the tolerance within the number of sweeps that are cheaper.
+    /// Makes sweeps with Anderson's acceleration. If Newton's method is available (the contacts are few enough for a
+    /// factorisation), sweeps continue only while their rate of convergence predicts the tolerance within as many
+    /// further sweeps as cost one dense factorisation, or within the limit `sweeps`.
     fn sweep(&mut self, control: &Control) {
         if self.is_over(control) {
             return;
@@ -264,7 +266,7 @@ impl Coulomb {
 
     /// Runs the interior-point method, unless there are contact patches.
     fn pass_through_the_interior(&mut self, control: &Control) {
-        // The barrier of the method is that of second-order cones; the set of a patch is no such cone.
+        // The barrier of the method is that of second-order cones, which the cone of a patch is not.
         if self.scaling.problem.has_patches() {
             return;
         }

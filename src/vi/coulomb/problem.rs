@@ -12,7 +12,7 @@ pub struct CoulombProblem {
     matrix: BlockMatrix,
     q: Vec<Vector3<f64>>,
     mu: Vec<f64>,
-    /// The roles of the block rows; empty if all are point contacts.
+    /// The roles of the block rows (point contact, or force or torque of a patch); empty if all are point contacts.
     roles: Vec<Role>,
 }
 
@@ -102,7 +102,7 @@ impl CoulombProblem {
         !self.roles.is_empty()
     }
 
-    /// Returns the other block row of the patch to which row `k` belongs; `None` for a point contact.
+    /// Returns the index of the other block row of the patch to which row `k` belongs; `None` for a point contact.
     pub(super) fn partner(&self, k: usize) -> Option<usize> {
         match self.role(k) {
             Role::Point => None,
@@ -111,8 +111,8 @@ impl CoulombProblem {
         }
     }
 
-    /// Calls `of` with each row and its part of the natural map, for impulses `r` and velocities `u`; the map of a
-    /// patch is computed once.
+    /// Calls `of` with each block row and its part of the natural map, for impulses `r` and velocities `u`; the
+    /// natural map of a patch is computed once for both of its rows.
     pub(super) fn natural_maps(
         &self,
         r: impl Fn(usize) -> Vector3<f64>,
@@ -190,7 +190,7 @@ impl CoulombProblem {
         &self.matrix
     }
 
-    /// Returns the relative velocities `q` without impulses.
+    /// Returns the free velocities `q`: the relative velocities without contact impulses.
     pub fn q(&self) -> &[Vector3<f64>] {
         &self.q
     }

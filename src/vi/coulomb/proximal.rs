@@ -30,7 +30,7 @@ use problem::Control;
 /// the law.
 const PROXIMAL: f64 = 1.0;
 
-/// An outer iteration must lower the residual of Coulomb's law to this fraction for another to follow.
+/// Each outer iteration must lower the residual of Coulomb's law to this fraction; otherwise it is the last.
 const OUTER_DECREASE: f64 = 0.5;
 
 /// A solution of Coulomb's law with the proximal term.
@@ -53,7 +53,7 @@ pub struct ProximalSweeps {
     mu: Vec<f64>,
     /// The diagonal blocks of `W` with the proximal term added.
     diagonal: Vec<Diagonal>,
-    /// The weight `c` of the proximal term, and its centre `r_0`.
+    /// The weight `c` of the proximal term, and the impulses `r_0` at its centre.
     weight: f64,
     centre: Vec<Vector3<f64>>,
     /// The best impulses so far, the current ones, and those from which the next sweep starts.
@@ -135,7 +135,7 @@ impl ProximalSweeps {
         self.mu.extend_from_slice(mu);
     }
 
-    /// Sets the weight of the proximal term, and the best impulses as its centre.
+    /// Sets the weight of the proximal term, and makes the best impulses its centre.
     fn regularise(&mut self, weight: f64) {
         self.weight = weight;
         self.centre.clone_from(&self.best);
@@ -144,8 +144,8 @@ impl ProximalSweeps {
         self.diagonal.extend((0..self.factors.len()).map(|k| Diagonal::new(&(self.factors.diagonal(k) + shift))));
     }
 
-    /// Returns the relative velocity `u_k` with the proximal term, for impulses `r` that give the bodies the
-    /// velocities `twists`.
+    /// Returns the relative velocity `u_k` of contact `k` with the proximal term, for impulses `r` that give the
+    /// bodies the velocities `twists`.
     fn velocity(&self, k: usize, r: &Vector3<f64>, twists: &[Twist]) -> Vector3<f64> {
         self.factors.row_product(k, twists) + self.q[k] + (r - self.centre[k]) * self.weight
     }
@@ -169,7 +169,7 @@ impl ProximalSweeps {
         found
     }
 
-    /// Makes accelerated sweeps from the best impulses; returns the residual of the best of them.
+    /// Makes accelerated sweeps from the best impulses so far; returns the smallest residual that they reach.
     fn sweep(&mut self, most: usize, tolerance: f64, control: &Control) -> Residual {
         let before = self.residual();
         let mut found = before;

@@ -14,8 +14,8 @@ pub(super) struct Residual {
     /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units.
     /// It shows progress also while heavy loads still increase the impulses.
     pub relative: f64,
-    /// The larger of `relative` and the scaled natural map relative to velocities: if no solution exists, impulses
-    /// grow without bound, and would hide the failure from `relative`. A point is a solution if this residual is
+    /// The larger of `relative` and the scaled natural map relative to velocities alone; a point is a solution if it
+    /// is small. If no solution exists, impulses grow without bound, and relative to them every residual would be
     /// small.
     pub strict: f64,
 }
@@ -38,7 +38,7 @@ impl Scaling {
     pub fn fit(&mut self, problem: &CoulombProblem) {
         self.d.clear();
         self.d.extend((0..problem.contacts()).map(|k| unit(problem.matrix().diagonal(k))));
-        // A patch has one unit: that of its force.
+        // A patch has one unit for both of its block rows: that of its force.
         for k in (0..problem.contacts()).filter(|&k| problem.role(k) == Role::Torque) {
             self.d[k] = self.d[k - 1];
         }
@@ -85,7 +85,8 @@ pub(super) fn unit(diagonal: &Matrix3<f64>) -> f64 {
     if d.is_finite() && d > 0.0 { d } else { 1.0 }
 }
 
-/// Returns the residual of contacts, each given by its cone, its scale `d`, and the scaled `r`, `u` and `q`.
+/// Returns the residual of Coulomb's law over all contacts, each given by its cone, its scale `d`, and the scaled
+/// `r`, `u` and `q`.
 pub(super) fn residual(
     contacts: impl Iterator<Item = (FrictionCone, f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
 ) -> Residual {

@@ -7,7 +7,7 @@ use crate::{AffineVi, is_interrupted};
 use problem::Control;
 
 impl Lemke {
-    /// Builds the tableau of the guessed active set and follows the path from that basis.
+    /// Builds the tableau whose basis belongs to the guessed active set, and follows the path from that basis.
     pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>, control: &Control) -> Ending {
         self.load(vi);
         if !self.free_rows.is_empty() {
@@ -25,7 +25,7 @@ impl Lemke {
         if self.cover() { self.follow(control) } else { Ending::Complementary }
     }
 
-    /// Writes the scaled problem into the tableau, with all `z` nonbasic.
+    /// Writes the equilibrated problem into the tableau, with all components of `z` nonbasic.
     fn load(&mut self, vi: &AffineVi<'_>) {
         let m = self.tableau.m;
         let (row, column) = (&self.equilibration.row, &self.equilibration.column);
@@ -84,7 +84,8 @@ impl Lemke {
             self.perturbation.variable[row] = self.tableau.basic[row];
             let from_below = lower > f64::NEG_INFINITY && (upper == f64::INFINITY || value - lower < upper - value);
             self.perturbation.sense[row] = if from_below { 1.0 } else { -1.0 };
-            // Among rows at the same distance, the last row, which is perturbed least, reaches its interval last.
+            // Among rows at the same distance from their intervals, choose the last: its perturbation is the
+            // smallest, so that it reaches its interval last.
             if outside >= theta && outside > NOISE * self.tableau.magnitude[row] {
                 (theta, last) = (outside, Some(row));
             }
@@ -110,8 +111,8 @@ impl Lemke {
         true
     }
 
-    /// Exchanges row `r` with column `c`, whose variable has `value` in `interval`; the leaving variable rests at the
-    /// bound that it reached.
+    /// Exchanges the basic variable of row `r` with the nonbasic variable of column `c`, which has `value` in
+    /// `interval`; the leaving variable rests at the bound that it has reached.
     fn enter(&mut self, r: usize, c: usize, value: f64, interval: (f64, f64)) {
         let m = self.tableau.m;
         let leaving = self.tableau.basic[r];
@@ -126,8 +127,8 @@ impl Lemke {
         self.pivots += 1;
     }
 
-    /// Follows the path after `theta` has taken the place of the variable of column `m`, whose complement enters
-    /// next.
+    /// Follows the path after `theta` has become basic in place of the variable of column `m`, whose complement is
+    /// the next to enter the basis.
     fn follow(&mut self, control: &Control) -> Ending {
         let m = self.tableau.m;
         let theta = 2 * m;

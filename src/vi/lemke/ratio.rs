@@ -9,19 +9,20 @@
 use super::tableau::{Tableau, Variable};
 use std::cmp::Ordering;
 
-/// Rates below this fraction of the largest in their column are rounding, and do not block the entering variable.
+/// Entries of the tableau below this fraction of the largest in their column are rounding: rows with such entries do
+/// not block the entering variable.
 const SMALLEST_RATE: f64 = 1e-11;
 
-/// Lengths that differ by less than this fraction are a tie.
+/// Lengths of a motion that differ by less than this fraction are a tie.
 const TIE: f64 = 1e-12;
 
-/// Noise level of differences of perturbation coefficients, which have the size of an equilibrated tableau, one.
+/// Noise level of differences of perturbation coefficients, whose size is one in an equilibrated tableau.
 const COEFFICIENT_NOISE: f64 = 1e-11;
 
 /// A value below this fraction of the terms of its sum is zero.
 pub(super) const NOISE: f64 = 1e-13;
 
-/// The event that blocks the motion of the entering variable.
+/// The event that ends the motion of the entering variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Block {
     /// Nothing blocks the motion: the path ends on a ray.
@@ -40,18 +41,18 @@ pub(super) struct Perturbation {
     pub sense: Vec<f64>,
 }
 
-/// The motion of the entering variable.
+/// The motion of the variable that enters the basis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
-    /// The column of the entering variable.
+    /// The column of the tableau that belongs to the entering variable.
     pub column: usize,
-    /// `+1` if the variable rises, `-1` if it falls.
+    /// `+1` if the entering variable rises, `-1` if it falls.
     pub sense: f64,
-    /// The length of the variable's own interval.
+    /// The length of the entering variable's own interval.
     pub range: f64,
 }
 
-/// Finds the first block of a motion, and the length of the motion up to the block.
+/// Finds the first event that blocks a motion, and the length of the motion up to that event.
 pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Perturbation) -> (Block, f64) {
     let column = tableau.column(motion.column);
     let largest = column.iter().fold(0.0_f64, |largest, t| largest.max(t.abs()));
@@ -82,7 +83,7 @@ pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Pert
     (block, shortest)
 }
 
-/// Compares the perturbed lengths of two blocks whose lengths tie.
+/// Compares the perturbed lengths of the motion up to two blocking rows whose unperturbed lengths tie.
 fn compare(tableau: &Tableau, motion: Motion, perturbation: &Perturbation, row: usize, other: Block) -> Ordering {
     let length = |row: usize, j: usize| {
         let variable = perturbation.variable[j];

@@ -8,13 +8,13 @@
 use super::ratio::NOISE;
 use super::tableau::Tableau;
 
-/// A block is singular if its pivot is below this fraction of the largest pivot.
+/// The block of the free variables counts as singular if its next pivot is below this fraction of the largest pivot.
 const SINGULAR: f64 = 1e-12;
 
 /// A diagonal pivot below this fraction of its column is replaced by a two by two pivot.
 const WEAK_DIAGONAL: f64 = 0.01;
 
-/// The values of the nonbasic `z`, by index.
+/// The values of the nonbasic components of `z`, by index.
 pub(super) type Resting = [f64];
 
 /// Moves the nonbasic `z` of column `c` until the `w` of row `r` is zero, and exchanges the two.
@@ -27,7 +27,7 @@ fn drive_to_zero(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     tableau.magnitude[r] = resting[entering].abs().max(change.abs());
 }
 
-/// Returns the row of `w_i` and the column of `z_i`, if `w_i` is basic and `z_i` is nonbasic.
+/// Returns the row of `w_i` and the column of `z_i` in the tableau, if `w_i` is basic and `z_i` is nonbasic.
 fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
     Some((tableau.row_of(tableau.m + i)?, tableau.column_of(i)?))
 }
@@ -91,14 +91,15 @@ fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns:
     true
 }
 
-/// Whether the equation `w_r = 0` holds independently of all nonbasic `z`.
+/// Whether the equation `w_r = 0` holds whatever the values of the nonbasic `z` are.
 fn is_redundant(tableau: &Tableau, r: usize) -> bool {
     let m = tableau.m;
     let disturbs = |c: usize| tableau.nonbasic[c] < m && tableau.entry(r, c).abs() > SINGULAR;
     tableau.value[r].abs() <= NOISE * tableau.magnitude[r] && !(0..m).any(disturbs)
 }
 
-/// Makes the bounded variables `inside` basic, as far as their block is regular; the others stay nonbasic.
+/// Makes the bounded variables that are guessed to be `inside` their intervals basic, as far as their block is
+/// regular; the others stay nonbasic.
 pub(super) fn enter_inside(tableau: &mut Tableau, resting: &Resting, inside: &mut Vec<usize>) {
     let m = tableau.m;
     inside.retain(|&i| open_row(tableau, i).is_some());

@@ -22,11 +22,12 @@ pub(super) struct Tableau {
     pub basic: Vec<Variable>,
     /// The nonbasic variable of each column.
     pub nonbasic: Vec<Variable>,
-    /// The row of each basic variable, and `m` plus the column of each nonbasic variable.
+    /// The row of each basic variable or, for a nonbasic variable, `m` plus its column.
     place: Vec<usize>,
     /// The values of the basic variables, by row.
     pub value: Vec<f64>,
-    /// The largest term in the sum of each value: rounding errors have this size times the precision.
+    /// For each basic variable, the largest term of the sum that is its value: rounding errors have this size times
+    /// the machine precision.
     pub magnitude: Vec<f64>,
     /// The lower bound of each basic variable, by row.
     pub lower: Vec<f64>,
@@ -51,7 +52,7 @@ impl Tableau {
         }
     }
 
-    /// Resizes to `m` variables; the content is lost.
+    /// Resizes the tableau to `m` variables; its content is lost.
     pub fn resize(&mut self, m: usize) {
         self.m = m;
         self.entries.resize(m * (m + 1), 0.0);
@@ -104,7 +105,7 @@ impl Tableau {
         self.place[variable].checked_sub(self.m)
     }
 
-    /// Moves the nonbasic variable of column `c` by `change`, and the basic ones with it.
+    /// Changes the nonbasic variable of column `c` by `change`, and the basic variables accordingly.
     pub fn advance(&mut self, c: usize, change: f64) {
         let column = &self.entries[c * self.m..][..self.m];
         for ((value, magnitude), &t) in self.value.iter_mut().zip(&mut self.magnitude).zip(column) {

@@ -24,23 +24,24 @@ use problem::{Control, Derivative, Workspace};
 /// Largest total number of Newton steps.
 const ITERATIONS: usize = 200;
 
-/// Convergence is fast if a step lowers the residual to this fraction.
+/// Convergence is fast if a Newton step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
-/// A full step must lower `|F|` to this fraction of the least value so far.
+/// A full Newton step is accepted if it lowers the norm of the natural map to this fraction of the least value so
+/// far.
 const DECREASE: f64 = 0.9;
 
-/// Values of the proximal term `mu` as fractions of `|F| / |z|`, tried in turn until a direction lowers the merit
-/// function.
+/// Weights `mu` of the proximal term, relative to `|F| / |z|` with the natural map `F`. They are tried in turn until
+/// a direction lowers the merit function.
 const PROXIMAL: [f64; 4] = [1e-6, 1e-3, 1e-1, 1.0];
 
-/// Armijo's fraction of the slope, the largest number of halvings of a step, and the fraction to which the search
-/// must lower the merit function.
+/// Armijo's fraction of the slope, the largest number of halvings of a step, and the fraction to which the line
+/// search must lower the D-gap function.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 12;
 const WORTHWHILE: f64 = 0.99;
 
-/// Number of splitting iterations at a time, and the largest number of such runs.
+/// Number of iterations in one run of the Douglas-Rachford splitting, and the largest number of such runs.
 const SPLITTING: usize = 100;
 const SPLITTINGS: usize = 50;
 
@@ -53,14 +54,14 @@ pub(crate) struct BlockNewton {
     work: Workspace,
     z: Vec<f64>,
     w: Vec<f64>,
-    /// The negative natural map, `-F`.
+    /// The negative natural map at the iterate, `P_K(z - S w) - z`.
     defect: Vec<f64>,
     direction: Vec<f64>,
     gradient: Vec<f64>,
     trial: Vec<f64>,
     trial_w: Vec<f64>,
     column: Vec<f64>,
-    /// The factors of the matrix of a step.
+    /// The LU factors of the matrix of the last Newton step.
     lu: Option<DenseLu<f64>>,
 }
 
@@ -133,8 +134,9 @@ impl BlockNewton {
         vi.set.project_all(&mut self.z, &mut self.work);
     }
 
-    /// Measures the projected point `P_K(z - S w)`, which lies exactly on the active face of the limit of the
-    /// iterates, and keeps it in `z` if it is the best so far.
+    /// Measures the residual of the projected point `P_K(z - S w)`, and writes the point to `z` if it is the best so
+    /// far. Unlike the iterate, the projected point lies exactly on the active face of `K` at the limit of the
+    /// iterates.
     fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
         vi.product(&self.z, &mut self.w);
         for (((trial, z), w), s) in self.trial.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -151,7 +153,8 @@ impl BlockNewton {
         }
     }
 
-    /// Computes `w`, `-F` and `V` at the iterate; returns the norm of the natural map `F`.
+    /// Computes `w = A z + q`, the negative natural map and the generalised Jacobian `V` of the projection onto `K`
+    /// at the iterate; returns the norm of the natural map.
     fn linearise(&mut self, vi: &AffineVi<'_>) -> f64 {
         vi.product(&self.z, &mut self.w);
         for (((x, z), w), s) in self.defect.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -162,7 +165,8 @@ impl BlockNewton {
         length(&self.defect, &self.gap.scale)
     }
 
-    /// Moves the iterate along a Newton direction; returns false if no direction lowers the merit function.
+    /// Moves the iterate along a Newton direction; returns false if no step lowers the natural map or the D-gap
+    /// function enough.
     fn newton(&mut self, vi: &AffineVi<'_>, least: f64) -> bool {
         let norm = length(&self.defect, &self.gap.scale);
         let size = length(&self.z, &self.gap.scale);
@@ -195,12 +199,14 @@ impl BlockNewton {
         false
     }
 
-    /// Solves for the Newton direction with the proximal term `mu`. Returns false if the matrix is singular.
+    /// Computes the Newton direction with the weight `mu` of the proximal term. Returns false if the matrix is
+    /// singular.
     fn direction(&mut self, vi: &AffineVi<'_>, mu: f64) -> bool {
         let m = self.z.len();
         let Some(lu) = &mut self.lu else { return false };
         for (j, out) in lu.entries().chunks_exact_mut(m.max(1)).enumerate() {
-            // Column `j` of the matrix is e_j + V (S A + mu I - I) e_j.
+            // Column `j` of the matrix of the Newton step, with the generalised Jacobian `V` of the projection onto
+            // `K`, is e_j + V (S A + mu I - I) e_j.
             let source = &vi.matrix.as_slice()[j * m..][..m];
             for ((x, a), s) in self.column.iter_mut().zip(source).zip(&self.gap.scale) {
                 *x = s * a;
@@ -221,7 +227,7 @@ impl BlockNewton {
         vi.product(&self.trial, &mut self.trial_w);
     }
 
-    /// Returns the norm of the natural map `F` at the trial point.
+    /// Returns the norm of the natural map at the trial point.
     fn defect_at_trial(&mut self, vi: &AffineVi<'_>) -> f64 {
         for (((x, z), w), s) in self.column.iter_mut().zip(&self.trial).zip(&self.trial_w).zip(&self.gap.scale) {
             *x = z - s * w;

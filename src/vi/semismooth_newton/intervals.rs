@@ -27,27 +27,29 @@ use problem::Control;
 /// Iteration limit; practical problems take five to thirty Newton steps.
 const ITERATIONS: usize = 100;
 
-/// Convergence is fast if a step lowers the residual to this fraction.
+/// Convergence is fast if a Newton step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
-/// A natural-map step must lower the norm of `psi` to this fraction.
+/// A Newton step of the natural map is accepted if it lowers the norm of the Fischer-Burmeister function `psi` to
+/// this fraction.
 const NATURAL_DECREASE: f64 = 0.9;
 
-/// Condition on a direction of descent: the slope of `Psi` along it is at most `-DESCENT |psi|^2`; along an exact
-/// Newton direction it is `-|psi|^2 = -2 Psi`.
+/// Condition on a direction of descent, with the Fischer-Burmeister function `psi` and `Psi = 1/2 |psi|^2`: the slope
+/// of `Psi` along the direction is at most `-DESCENT |psi|^2`; along an exact Newton direction it is `-|psi|^2 = -2
+/// Psi`.
 const DESCENT: f64 = 0.01;
 
 /// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// A diagonal entry of the equilibrated matrix below this value is too small to scale its row.
+/// A diagonal entry of the equilibrated matrix below this value is too small to scale the row by.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
-/// The proximal term `mu I`, as fractions of `|psi|`, which keeps the Jacobian regular if `A` is singular; it
-/// vanishes with `|psi|`, and so preserves the order. A small term lets the direction run along the kernel, a large
-/// one turns it away from descent; the next value is tried if the last has not lowered `|psi|` to the fraction
-/// `SUFFICIENT_DECREASE`.
+/// Weights `mu` of the proximal term, relative to the norm of the Fischer-Burmeister function `psi`. The term keeps
+/// the Jacobian regular if `A` is singular; it vanishes with `|psi|`, and so preserves the order of convergence. With
+/// a small term the direction may run along the kernel of `A`, and a large one turns it away from descent. The next
+/// weight is tried if the last one has not lowered `|psi|` to the fraction `SUFFICIENT_DECREASE`.
 const PROXIMAL: [f64; 3] = [1e-1, 1e-3, 1e-6];
 const SUFFICIENT_DECREASE: f64 = 0.7;
 
@@ -55,12 +57,14 @@ const SUFFICIENT_DECREASE: f64 = 0.7;
 #[derive(Debug)]
 pub struct IntervalNewton {
     equilibration: Equilibration,
-    /// The scaled problem: `S R A C`, `S R q` and the intervals, where `R` and `C` equilibrate `A`.
+    /// The scaled problem: the matrix `S R A C`, the vector `S R q` and the intervals, where `R` and `C` equilibrate
+    /// `A` and `S` scales rows by the diagonal.
     matrix: Vec<f64>,
     q: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// The iterate `z` and the scaled value `S w`, `psi` and its generalised gradient.
+    /// The iterate `z`, the scaled value `S w`, and the Fischer-Burmeister function `psi` with its generalised
+    /// gradient.
     z: Vec<f64>,
     w: Vec<f64>,
     psi: Vec<f64>,
@@ -115,8 +119,8 @@ impl IntervalNewton {
         let mut iterations = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // Continue with a problem solved in every row as long as steps converge fast. While rows with relatively
-        // small terms are still unsolved, continue as long as steps are left.
+        // Once the problem is solved in every row, continue as long as steps converge fast. While rows with
+        // relatively small terms are unsolved, continue up to the iteration limit.
         while iterations < ITERATIONS && best.componentwise > EXACT && (converging || best.componentwise > TOLERANCE) {
             if is_interrupted(control, iterations) {
                 failure = Outcome::Interrupted;
@@ -169,7 +173,8 @@ impl IntervalNewton {
         }
     }
 
-    /// Scales the problem, with `S` the inverse of the diagonal of `R A C` where that is large enough.
+    /// Scales the problem. `S` is the inverse of the diagonal of the equilibrated matrix `R A C` where that is large
+    /// enough.
     fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {
         let m = self.q.len();
         let Equilibration { row, column, .. } = &self.equilibration;
@@ -191,7 +196,7 @@ impl IntervalNewton {
         }
     }
 
-    /// Unscales the iterate, and keeps it in `z` if it is the best so far.
+    /// Converts the iterate to the units of the problem, and writes it to `z` if it is the best point so far.
     fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
         for (i, &c) in self.equilibration.column.iter().enumerate() {
             self.candidate[i] = vi.set.project(i, self.z[i] * c);
@@ -211,7 +216,7 @@ impl IntervalNewton {
         evaluate(&self.matrix, &self.q, &self.z, &mut self.w);
     }
 
-    /// Computes `psi` and its generalised gradient at the iterate.
+    /// Computes the Fischer-Burmeister function `psi` and its generalised gradient at the iterate.
     fn linearise(&mut self) {
         self.evaluate_at_z();
         for i in 0..self.q.len() {
@@ -220,7 +225,8 @@ impl IntervalNewton {
         }
     }
 
-    /// Computes into `trial` the Newton step of the natural map. Returns false if its system is singular.
+    /// Computes the Newton step of the natural map from the iterate, and writes its end point to `trial`. Returns
+    /// false if the linear system of the step is singular.
     fn natural_step(&mut self) -> bool {
         let m = self.q.len();
         self.inside.clear();
@@ -233,7 +239,7 @@ impl IntervalNewton {
             }
         }
         let k = self.inside.len();
-        // With the variables inside set to zero, their solution must cancel `w` at the trial point.
+        // Evaluate `w` with the inactive variables set to zero; their solution must cancel it.
         evaluate(&self.matrix, &self.q, &self.trial, &mut self.direction);
         let storage = &mut self.augmented[..k * (k + 1)];
         for (target, &j) in storage.chunks_exact_mut(k.max(1)).zip(&self.inside) {
@@ -254,7 +260,7 @@ impl IntervalNewton {
         self.trial.iter().all(|z| z.is_finite())
     }
 
-    /// Returns the norm `|psi|` at the trial point.
+    /// Returns the norm of the Fischer-Burmeister function `psi` at the trial point.
     fn residual_norm_at_trial(&mut self) -> f64 {
         let w = &mut self.work[0];
         evaluate(&self.matrix, &self.q, &self.trial, w);
@@ -266,8 +272,8 @@ impl IntervalNewton {
         sum.sqrt()
     }
 
-    /// Makes a step by Armijo's line search along the Newton direction of `psi`, or along the steepest descent of
-    /// `Psi = 1/2 |psi|^2`. Returns false if neither lowers `Psi`.
+    /// Makes a step by Armijo's line search along the Newton direction of the Fischer-Burmeister function `psi`, or
+    /// along the steepest descent of `Psi = 1/2 |psi|^2`. Returns false if neither lowers `Psi`.
     fn descend(&mut self, norm: f64) -> bool {
         let m = self.q.len();
         let work = &mut self.work[0];
@@ -299,7 +305,8 @@ impl IntervalNewton {
         reached < norm
     }
 
-    /// Solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi` for the Newton direction `d`.
+    /// Computes the Newton direction `d` of the Fischer-Burmeister function `psi`, whose derivatives by `z` and `w`
+    /// are `by_z` and `by_w`: solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi`.
     fn newton_direction(&mut self, mu: f64) -> bool {
         let m = self.q.len();
         for (j, column) in self.matrix.chunks_exact(m.max(1)).enumerate() {
@@ -319,8 +326,8 @@ impl IntervalNewton {
         self.direction.iter().all(|d| d.is_finite())
     }
 
-    /// Makes Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if its norm is
-    /// below `record`, and returns the smaller of the two norms.
+    /// Makes Armijo's line search from the iterate, at which the Fischer-Burmeister function `psi` has the given
+    /// norm. Keeps the point found in `best` if its norm is below `record`, and returns the smaller of the two norms.
     fn search(&mut self, norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {

@@ -19,8 +19,8 @@ pub struct SemismoothNewton {
 }
 
 impl SemismoothNewton {
-    /// Prepares for problems of up to `m` variables; grows for a larger one. The form for intervals or for blocks is
-    /// built by the first problem that needs it.
+    /// Prepares for problems of up to `m` variables; grows for a larger one. The variant for intervals and the
+    /// variant for blocks are each built by the first problem that needs it.
     pub fn new(m: usize) -> Self {
         Self { size: m, intervals: None, blocks: None }
     }

@@ -122,7 +122,7 @@ fn membrane(nodes: usize) -> (f64, f64) {
 
 #[test]
 fn a_membrane_over_a_hemisphere_touches_it_to_the_known_radius_with_order_two() {
-    // The position of the circle of contact on the grid decides the factor of h^2 in the error.
+    // The position of the free boundary between grid nodes determines the factor of h^2 in the error.
     for nodes in [15, 31, 57, 80, 127, 200] {
         let h = 4.0 / (nodes + 1) as f64;
         let (error, radius) = membrane(nodes);

@@ -38,7 +38,8 @@ fn kostrevas_example_does_not_cycle() {
 
 #[test]
 fn a_row_in_a_small_unit_is_solved_beside_one_in_a_large_unit() {
-    // Rows of very different units: for z = 0 the residual of the first row is 1e-15 of the terms of the second.
+    // Two rows in very different units: for z = 0 the residual of the first row is 1e-15 of the terms of the second
+    // row.
     let matrix = DMatrix::from_row_slice(2, 2, &[1e-14, 8.0, 0.0, 1.0]);
     for z in Problem::complementarity(matrix, vec![-2.5e-11, 4775.0]).solve_by_all() {
         assert!(largest_difference(&z, &[2500.0, 0.0]) < 1e-9, "{z:?}");

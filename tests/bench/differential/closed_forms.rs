@@ -44,7 +44,7 @@ fn four_diodes_damp_an_oscillation() {
     assert!(far < 1e-8, "{far:e}");
 }
 
-/// A peak detector holds the largest voltage so far, reduced by its discharge.
+/// Tests a peak detector, which holds the largest voltage so far, reduced by its discharge.
 #[test]
 fn a_detector_holds_the_peaks() {
     let tau = 10.0;

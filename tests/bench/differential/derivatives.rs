@@ -18,26 +18,28 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The kinds of problems that have derivatives in both modes.
+/// The kinds of problems for which derivatives can be computed in both modes, forward and adjoint.
 pub const KINDS: [Kind; 5] = [Kind::Complementarity, Kind::Circuit, Kind::Filippov, Kind::Sets, Kind::Mechanical];
 
-/// Permitted error of a derivative in tolerances, to be multiplied by the growth of a relative change.
+/// Permitted error of a derivative in tolerances; it is multiplied by the growth of a relative change of the
+/// parameter.
 const TOLERANCES: f64 = 100.0;
-/// Ratio of the tolerance of the derivatives to that of the runs for central differences.
+/// Ratio of the tolerance of the runs with derivatives to that of the runs for central differences.
 const TIGHTER: f64 = 1e4;
 /// Tolerance at which forward and adjoint derivatives are compared with each other, and their permitted difference,
-/// to be multiplied by the growth of a relative change.
+/// which is multiplied by the growth of a relative change of the parameter.
 const EXACT: f64 = 1e-11;
 const ALIKE: f64 = 1e-9;
-/// Largest growth of a relative change: problems with a larger one are not judged.
+/// Largest growth of a relative change of the parameter: problems with a larger one are not judged.
 const MOST_GROWTH: f64 = 1e4;
 /// Absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
-/// Largest number of parameters of a problem, and the number of them whose derivatives are compared with differences.
+/// Largest number of numbers of a problem that become parameters, and the number of parameters for which derivatives
+/// are compared with central differences.
 const PARAMETERS: usize = 5;
 const DIFFERENCED: usize = 2;
 
-/// A problem in which some numbers are replaced by parameters.
+/// A problem in which some numbers are replaced by named parameters.
 struct Parametric {
     document: Value,
     values: Vec<f64>,
@@ -46,7 +48,7 @@ struct Parametric {
 impl Parametric {
     fn new(problem: &dyn Problem, random: &mut Random) -> Self {
         let mut document = problem.document(&View::default());
-        // Initial values of a system with joints are no parameters, since they must satisfy the constraints.
+        // Initial values of a system with joints do not become parameters, since they must satisfy the constraints.
         let is_held = problem.starts() == 0;
         let mut count = 0;
         visit(&mut document, is_held, &mut |_| {
@@ -72,7 +74,8 @@ impl Parametric {
         (0..self.values.len()).map(|k| format!("par{k}")).collect()
     }
 
-    /// Returns the problem with the given parameter values and, if given, the integral of an expression.
+    /// Returns the problem with the given parameter values and, if given, the integral of an expression as an
+    /// additional field.
     fn with(&self, values: &[f64], integral: Option<&str>) -> Value {
         let mut document = self.document.clone();
         let parameters: Map<String, Value> =
@@ -140,8 +143,8 @@ pub enum Finding {
     Refused,
     /// The run failed for a reason other than a missing derivative, or exceeded its time limit.
     Failed,
-    /// The derivatives have no reference: the order of events changes, differences do not agree, or changes grow too
-    /// much.
+    /// The derivatives have no reference: the order of events changes with the parameter, the central differences do
+    /// not agree, or changes of the parameter grow too much.
     Dropped,
 }
 
@@ -150,8 +153,8 @@ pub enum Finding {
 pub struct Tally {
     counts: BTreeMap<(Kind, &'static str, Finding), u64>,
     reasons: BTreeMap<(Finding, String), (u64, Vec<String>)>,
-    /// Largest difference of forward and adjoint derivatives that are both trusted, at the tight tolerance, relative
-    /// to the size of the field and the growth of a relative change.
+    /// Largest difference between forward and adjoint derivatives that are both trusted, at the tolerance `EXACT`,
+    /// relative to the size of the field and the growth of a relative change of the parameter.
     pub apart: f64,
     /// Problems whose forward and adjoint derivatives differ by more than is permitted, although both are trusted.
     pub unlike: Vec<String>,
@@ -169,7 +172,7 @@ impl Tally {
         }
     }
 
-    /// Returns the number of derivatives with this judgement.
+    /// Returns the number of derivatives with the given judgement.
     pub fn of(&self, finding: Finding) -> u64 {
         self.counts.iter().filter(|((_, _, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
@@ -225,7 +228,7 @@ pub fn run(count: u64, first: u64, kinds: &[Kind], time: Duration, threads: usiz
     tally.into_inner().expect("a tally")
 }
 
-/// Solves a specification; the error is the judgement of a failed run, with its reason.
+/// Solves a specification. A failed run is returned as an error: its judgement, with the reason.
 fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)> {
     let specification = Specification::from_json(document.to_string().as_bytes()).map_err(|errors| {
         let first = errors.first();
@@ -238,7 +241,7 @@ fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)
     match (solution.status, &solution.error) {
         (Status::Completed, _) => Ok(solution),
         (_, Some(error)) if error.code == "no_derivative" => {
-            // The reason from the error message, without the time at which derivatives end.
+            // Take the reason from the error message, without the time at which derivatives end.
             let why = error.message.split_once(" from t = ").map_or("", |(_, why)| why);
             let why = why.split_once(": ").map_or("", |(_, why)| why);
             Err((Finding::Refused, why.split_once("; without").map_or(why, |(why, _)| why).to_owned()))
@@ -332,7 +335,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         let of = |field: usize| (slope(&found, field, by) * values[by]).abs() / size(field);
         (0..fields.len()).map(of).fold(1.0, f64::max)
     };
-    // Compares both modes at a tolerance at which the difference between their step sequences hardly matters.
+    // Compare both modes at a tolerance so small that the difference between their step sequences hardly matters.
     if let [Ok(forward), Ok(adjoint)] = [forward(EXACT), adjoint(EXACT)].map(|document| solve(&document, time)) {
         let is_trusted = forward.verdict.trusted && adjoint.verdict.trusted;
         for (by, name) in names.iter().enumerate().filter(|_| is_trusted) {
@@ -366,7 +369,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             return drop_both("order of events");
         }
         for field in 0..fields.len() {
-            // Differences are scaled to a change of the parameter by its own size.
+            // Scale central differences to a change of the parameter by its own size.
             let near = (above.values[field] - below.values[field]) / (2.0 * part);
             let far = (far_above.values[field] - far_below.values[field]) / (4.0 * part);
             let allowed = TOLERANCES * rtol * growth * size(field);

@@ -34,7 +34,7 @@ pub struct Experiment {
     pub way: Way,
     pub fields: Vec<Field>,
     pub end: f64,
-    /// The times at which the runs are compared.
+    /// The times at which the runs are compared with each other.
     pub times: Vec<f64>,
     /// The largest magnitude of each field, and its largest rate of change.
     pub sizes: Vec<f64>,
@@ -48,7 +48,7 @@ pub struct Experiment {
     pub reference: Option<Values>,
 }
 
-/// Seed and limits of the runs of a problem.
+/// Seed and limits for the runs of one problem.
 pub struct Conditions {
     pub seed: u64,
     /// The time limit of each solve.
@@ -57,15 +57,15 @@ pub struct Conditions {
     pub reference: bool,
 }
 
-/// Numbers of times at which runs are compared: ends of steps of the first run, and random times.
+/// Numbers of comparison times: ends of steps of the first run (`ON_STEPS`), and random times (`ANYWHERE`).
 const ON_STEPS: usize = 10;
 const ANYWHERE: usize = 14;
-/// Number of random comparison times of a time-stepping method, whose errors at impacts may last for a small part of
-/// a run.
+/// Number of random comparison times of a time-stepping method. It is larger, since the errors of such a method at
+/// impacts may last for a small part of the run only.
 const ANYWHERE_OF_STEPS: usize = 200;
 /// Absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
-/// Ratio of the tolerance of the first run to that of the tight run.
+/// Ratio of the tolerance of the first run to that of the tight run, whose tolerance is the smallest.
 const TIGHTER: f64 = 100.0;
 /// Smallest relative perturbation of the initial values: smaller ones are lost in rounding.
 const LEAST_CHANGE: f64 = 1e-7;
@@ -73,7 +73,7 @@ const LEAST_CHANGE: f64 = 1e-7;
 /// Number of runs of a problem that may exceed the time limit before the remaining runs are skipped.
 const MOST_LATE: u32 = 2;
 
-/// Writes specifications of a problem and solves them.
+/// Writes the specifications of one problem and solves them.
 struct Maker<'a> {
     problem: &'a dyn Problem,
     way: Way,
@@ -84,7 +84,7 @@ struct Maker<'a> {
     late: Cell<u32>,
 }
 
-/// Settings in which the runs of a problem differ.
+/// Settings in which the runs of one problem differ.
 #[derive(Clone)]
 struct Variant<'a> {
     label: &'a str,
@@ -183,7 +183,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     times.push(end);
     times.retain(|t| *t > 0.0 && *t <= end);
     times.sort_by(f64::total_cmp);
-    // Comparison times that are closer would coincide in other units.
+    // Comparison times that are closer to each other would coincide after conversion to other units.
     times.dedup_by(|later, earlier| *later - *earlier < 1e-12 * end);
     let between = Variant { label: "tight", accuracy: tight, stages: json!("auto"), times: &times, ..plain.clone() };
     let mut runs = vec![maker.run(&between), first];
@@ -229,7 +229,8 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     };
     experiment.measure_growth(&changed, &change);
     experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
-    // An implausible growth factor may come from a wrong run; an independent method measures the growth as well.
+    // An implausibly large growth of perturbations may come from a wrong run: measure it by an independent method as
+    // well.
     let doubtful = experiment.kappa >= 30.0 || experiment.kappa.is_nan();
     if conditions.reference || doubtful {
         experiment.reference = problem.reference(&[], &times);
@@ -241,7 +242,8 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
 }
 
 impl Experiment {
-    /// Returns a small perturbation of every initial value, as large as the error that the tolerance permits.
+    /// Returns a small perturbation of every initial value; relative to the size of its field, it is as large as the
+    /// error that the tolerance permits.
     fn change(&self, problem: &dyn Problem, random: &mut Random, accuracy: f64) -> Vec<f64> {
         let relative = match self.way {
             // The relative change of a field within one step, which is the error of a first-order method.

@@ -25,7 +25,7 @@ impl Failures {
         let Some(folder) = &self.folder else { return };
         let of = |wanted: Finding| {
             let found = judgement.findings.iter().enumerate().filter(|(_, (finding, _))| *finding == wanted);
-            // A run in the generator's units is the easiest to read.
+            // Prefer a run in the generator's units, which is the easiest to read.
             let is_plain = |k: usize| experiment.runs[k].label != "units";
             found.max_by(|a, b| is_plain(a.0).cmp(&is_plain(b.0)).then(a.1.1.total_cmp(&b.1.1))).map(|(k, _)| k)
         };

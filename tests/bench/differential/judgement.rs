@@ -9,15 +9,16 @@ use super::problem::Way;
 use super::solving::{Answer, Outcome};
 use dvi::solution::CheckCode;
 
-/// Permitted distance in tolerances, to be multiplied by the growth `kappa` of perturbations.
+/// Permitted distance of a run from the reference in tolerances; it is multiplied by the growth `kappa` of
+/// perturbations.
 const TOLERANCES: f64 = 100.0;
-/// Permitted distance of first-order methods in steps times the largest rate, plus one step for each event, to be
-/// multiplied by the growth `kappa` of perturbations. Over an end time of several periods the errors of steps
-/// accumulate.
+/// Permitted distance of runs of a first-order method: the change of a field at its largest rate over this number of
+/// steps, plus one step for each event. It is multiplied by the growth `kappa` of perturbations. Over an end time of
+/// several periods the errors of steps accumulate.
 const STEPS: f64 = 30.0;
 /// Rounding error of a coordinate at rest, relative to the largest coordinate of the same unit.
 const ROUNDING: f64 = 1e-9;
-/// Factor by which an error estimate may differ from the true error.
+/// Factor by which an error estimate may differ from the true error and still count as right.
 const ESTIMATE: f64 = 4.0;
 /// Largest growth of small perturbations: problems with a larger one are not judged.
 pub const MOST_GROWTH: f64 = 1e4;
@@ -91,7 +92,7 @@ impl Judgement {
     }
 }
 
-/// A run with its values at the comparison times.
+/// A run with the values of its fields at the comparison times.
 struct Sample<'a> {
     run: &'a Run,
     answer: &'a Answer,
@@ -115,8 +116,9 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         None
     };
     let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
-    // Index of the run that most runs agree with; among equals the first one, which is the tight run. A run without
-    // values at some of the comparison times is no candidate, and an untrusted run has no vote if others are trusted.
+    // Index of the run with which most other runs agree; among equals the first one, which is the tight run. A run
+    // without values at some of the comparison times is no candidate, and the agreement of an untrusted run is not
+    // counted if other runs are trusted.
     let is_any_trusted = complete.iter().any(|sample| sample.answer.trusted);
     let votes = |sample: &Sample<'_>| sample.answer.trusted || !is_any_trusted;
     let is_whole = |sample: &Sample<'_>| votes(sample) && !sample.columns.iter().flatten().any(|value| value.is_nan());
@@ -179,8 +181,8 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
     Judgement { apart, findings, by_reference, reference_alone, truth }
 }
 
-/// Whether a run continues beyond the last comparison time, and the runs with the same method that end there are
-/// trusted: its verdict then concerns times that are not compared.
+/// Whether a run continues beyond the last comparison time, although the runs with the same method that end at that
+/// time are trusted: an untrusting verdict on the longer run then concerns times that are not compared.
 fn is_doubted_behind(experiment: &Experiment, run: &Run) -> bool {
     let ends_with = |other: &Run| other.specification["time"]["end"].as_f64() == Some(experiment.end);
     let same = |other: &&Run| ends_with(other) && other.specification["method"] == run.specification["method"];
@@ -209,7 +211,7 @@ fn distance(
     reference: Option<&super::reference::Values>,
 ) -> f64 {
     let Experiment { way, fields, sizes, rates, floors, kappa, .. } = experiment;
-    // Problems in which perturbations grow more are not judged.
+    // Limit the growth of perturbations: problems with a larger growth are not judged.
     let kappa = kappa.min(MOST_GROWTH);
     let accuracy = sample.run.accuracy + other.map_or(0.0, |other| other.run.accuracy);
     let events = sample.answer.events.len();
@@ -239,7 +241,7 @@ fn distance(
             .map(|((a, b), _)| (a - b).abs())
             .collect();
         let apart = match way {
-            // The tolerance of this method applies to the mean error over time.
+            // The tolerance of methods for problems with memory applies to the mean error over time.
             Way::Mean => apart.iter().sum::<f64>() / apart.len().max(1) as f64,
             _ => apart.into_iter().fold(0.0, f64::max),
         };
@@ -248,8 +250,8 @@ fn distance(
     largest
 }
 
-/// Returns the error of a run of a first-order method: its distance from the best run or, for the best run itself, an
-/// extrapolation from its distances to the others.
+/// Returns the error of a run of a first-order method: its distance from the run chosen as the reference or, for that
+/// run itself, an extrapolation from the distances of the others.
 fn error_of_first_order(experiment: &Experiment, run: &Sample<'_>, best: &Sample<'_>, all: &[&Sample<'_>]) -> f64 {
     let of = |sample: &Sample<'_>| relative_error(experiment, sample, &best.columns);
     if !std::ptr::eq(run, best) {
@@ -280,8 +282,9 @@ fn relative_error(experiment: &Experiment, sample: &Sample<'_>, truth: &[Vec<f64
     errors.fold(0.0, f64::max)
 }
 
-/// Whether an event is so near to the time `t` that another run may have it on the other side of `t`: within the
-/// permitted error, `part` times the tolerances, as a fraction of the end time.
+/// Whether an event of one of two runs is so near to the comparison time `t` that it may lie on the other side of `t`
+/// in the other run. The permitted distance is `TOLERANCES` times `part`, the accuracy of the runs times the growth
+/// of perturbations, as a fraction of the end time.
 fn is_near_event(experiment: &Experiment, one: &Sample<'_>, other: Option<&Sample<'_>>, t: f64, part: f64) -> bool {
     let window = (TOLERANCES * part).max(1e-9) * experiment.end;
     let events = one.answer.events.iter().chain(other.into_iter().flat_map(|other| &other.answer.events));

@@ -6,7 +6,7 @@ use super::signal::Signal;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// A factor of the set `K`, which is a Cartesian product.
+/// A factor of the set `K`, which is a Cartesian product of such factors.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     Free,
@@ -19,8 +19,8 @@ pub enum Shape {
     Polyhedron(Vec<Vec<f64>>, Vec<f64>),
 }
 
-/// The matrices, forcing terms and set of a problem; the factors of the set take the variables in order, each with a
-/// count.
+/// The matrices, forcing terms and set of a linear problem. The factors of the set take the variables in order; each
+/// is stored with its number of variables.
 #[derive(Clone, Debug, Default)]
 pub struct Linear {
     pub initial: Vec<f64>,

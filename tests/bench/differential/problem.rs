@@ -70,11 +70,11 @@ impl View {
     }
 }
 
-/// An output field that is compared between runs.
+/// An output field whose values are compared between runs.
 #[derive(Clone, Debug)]
 pub struct Field {
     pub name: String,
-    /// Exponents of the units of size and of time in the unit of the field.
+    /// The exponents of the unit of size and of the unit of time in the unit of the field.
     pub size: i32,
     pub time: i32,
     /// Whether the field jumps at events, so that it is not compared close to them.
@@ -97,20 +97,20 @@ impl Field {
         Self { name: name.into(), size: 1, time: -1, jumps: true }
     }
 
-    /// Returns the unit of the field in a view, as a multiple of the generator's unit.
+    /// Returns the unit of the field in the units of `view`, as a multiple of the generator's unit.
     pub fn unit(&self, view: &View) -> f64 {
         view.size.powi(self.size) * view.time.powi(self.time)
     }
 }
 
-/// Settings by which the accuracy of a method is controlled.
+/// The settings that control the accuracy of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Way {
-    /// A tolerance and the number of Radau IIA stages.
+    /// A relative tolerance and the number of Radau IIA stages.
     Stages,
-    /// A tolerance alone.
+    /// A relative tolerance alone.
     Tolerance,
-    /// A tolerance on the mean error over time.
+    /// A tolerance on the mean error over time, as for problems with memory.
     Mean,
     /// A fixed step size.
     Step(f64),
@@ -118,13 +118,13 @@ pub enum Way {
 
 /// A random problem and the known properties of its solution.
 pub trait Problem {
-    /// Returns the value of `problem` in a specification.
+    /// Returns the problem as the member `problem` of a specification.
     fn document(&self, view: &View) -> Value;
 
     /// Returns the fields that are compared: the states, or functions of them.
     fn fields(&self) -> Vec<Field>;
 
-    /// Returns the number of initial values that [`View::change`] perturbs, which belong to the first fields.
+    /// Returns the number of initial values that [`View::change`] perturbs; they are those of the first fields.
     fn starts(&self) -> usize {
         self.fields().len()
     }
@@ -158,7 +158,7 @@ pub trait Problem {
     }
 }
 
-/// Returns the random problem of a kind with this seed.
+/// Returns the random problem of the given kind that belongs to a seed.
 pub fn generate(kind: Kind, seed: u64) -> Box<dyn Problem> {
     let mut random = Random::new(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ kind as u64);
     super::generators::generate(kind, &mut random)

@@ -18,14 +18,14 @@ const LATE: Duration = Duration::from_secs(20);
 /// Outcome of solving a specification.
 #[derive(Clone, Debug)]
 pub enum Outcome {
-    /// The specification was rejected, with this error code.
+    /// The specification was rejected, with the error code held.
     Refused(String),
     Panicked,
     /// The run was skipped, since other runs of the problem had exceeded the time limit.
     Skipped,
     /// The solve did not end at its deadline.
     Hung,
-    /// A limit stopped the solve, with this error code.
+    /// A limit stopped the solve, with the error code held.
     Stopped(String),
     Failed(String),
     Answered(Answer),

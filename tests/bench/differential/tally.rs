@@ -14,17 +14,18 @@ pub struct Tally {
     problems: BTreeMap<Kind, u64>,
     apart: BTreeMap<(Kind, Apart), u64>,
     runs: BTreeMap<(Kind, Finding), u64>,
-    /// Seeds of the problems that have a run with this judgement.
+    /// Seeds of the problems that have a run with the judgement that is the key.
     seeds: BTreeMap<(Kind, Finding), BTreeSet<u64>>,
     references: BTreeMap<Kind, u64>,
     /// Problems on which the independent method disagrees with all runs.
     alone: BTreeSet<(Kind, u64)>,
-    /// Counts of the codes for which correct runs were not trusted, runs failed or specifications were rejected.
+    /// For each judgement, counts of the error or warning codes for which correct runs were not trusted, runs failed
+    /// or specifications were rejected.
     reasons: BTreeMap<(Finding, String), u64>,
 }
 
 impl Tally {
-    /// Counts a problem; returns a description of its wrong runs, empty if there are none.
+    /// Adds a problem to the counts; returns a description of its wrong runs, empty if there are none.
     pub fn add(&mut self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) -> String {
         *self.problems.entry(kind).or_default() += 1;
         *self.references.entry(kind).or_default() += u64::from(judgement.by_reference);
@@ -79,7 +80,7 @@ impl Tally {
         self.alone.extend(other.alone);
     }
 
-    /// Returns the number of runs of all kinds with this judgement.
+    /// Returns the number of runs of all kinds of problems with the given judgement.
     pub fn runs(&self, finding: Finding) -> u64 {
         self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
@@ -89,7 +90,7 @@ impl Tally {
         self.silent_of(&Kind::ALL)
     }
 
-    /// Returns the number of problems of these kinds with silently wrong runs.
+    /// Returns the number of problems of the given kinds with silently wrong runs.
     pub fn silent_of(&self, kinds: &[Kind]) -> usize {
         kinds.iter().filter_map(|kind| self.seeds.get(&(*kind, Finding::Silent))).map(BTreeSet::len).sum()
     }
@@ -107,7 +108,7 @@ impl Tally {
         self.false_alarms_of(&Kind::ALL)
     }
 
-    /// Returns the fraction of correct runs of these kinds that are not trusted.
+    /// Returns the fraction of correct runs of the given kinds of problems that are not trusted.
     pub fn false_alarms_of(&self, kinds: &[Kind]) -> f64 {
         let runs = |finding| kinds.iter().filter_map(|kind| self.runs.get(&(*kind, finding))).sum::<u64>() as f64;
         let (alarms, right) = (runs(Finding::FalseAlarm), runs(Finding::Right));

@@ -28,10 +28,10 @@ const READING_A_BYTE: Duration = Duration::from_micros(20);
 /// Memory in bytes that parsing may take, as a constant plus an amount for each byte of the document.
 const MEMORY: u64 = 256 << 20;
 const MEMORY_A_BYTE: u64 = 4096;
-/// Time limit of a solve, and the time by which a solve may exceed it.
+/// Time limit of a solve, and the time after the limit within which the solve must end.
 const SOLVE: Duration = Duration::from_millis(20);
 const LATE: Duration = Duration::from_secs(5);
-/// Size of the largest document that is kept, in bytes: larger ones slow the search down.
+/// Size of the largest document that is kept for further mutation, in bytes: larger ones slow the search down.
 const LARGEST: usize = 16 << 10;
 
 fn main() {
@@ -98,7 +98,8 @@ fn search(time: Duration, count: u64, seed: u64, current: &Path) {
 /// Outcome of parsing a document and, if it is correct, of solving it.
 struct Outcome {
     is_correct: bool,
-    /// Words that characterise the outcome; an outcome with new ones makes its document part of the corpus.
+    /// Words that characterise the outcome, such as error codes. An outcome with words not seen before makes its
+    /// document part of the corpus.
     marks: Vec<String>,
 }
 
@@ -115,8 +116,8 @@ fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     (outcome, spent, memory.bytes_max)
 }
 
-/// Returns the pointer and the code of an error, without names and numbers, which would make too many outcomes
-/// distinct.
+/// Returns the JSON pointer and the code of an error as one word. Names and numbers in the pointer are dropped, since
+/// they would make too many outcomes distinct.
 fn place_and_code(SpecificationError { pointer, code, .. }: &SpecificationError) -> String {
     let words = pointer.split('/').filter(|word| word.len() > 2 && word.bytes().all(|byte| byte.is_ascii_lowercase()));
     format!("{} {code}", words.collect::<Vec<_>>().join("/"))

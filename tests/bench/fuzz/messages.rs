@@ -19,28 +19,29 @@ use tokio::time::timeout;
 
 const DOCUMENT: &[u8] = br#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
-/// Number of messages in one conversation.
+/// Number of messages in one fuzzed conversation.
 const TALK: usize = 12;
 
-/// A range of sweep members that a task asks for, although its document is no sweep.
+/// A range of sweep members that an order to a worker asks for, although the document of the task is no sweep.
 const MEMBERS: Members = Members { first: 1, end: 3, lost: None, seconds: 1.0 };
 
-/// Limits of a task, low enough to notice an allocation of a declared length.
+/// Limits of a task, so low that an allocation of the length that a message declares would be noticed.
 const LIMITS: Limits = Limits { steps: 100, memory: 16 << 20, wall_seconds: Some(2.0), result_bytes: 1 << 20 };
 
 /// Timeout of a conversation, longer than any conversation takes.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Numbers of messages sent and of tasks completed, over all conversations.
+/// Numbers of messages sent to workers (`orders`) and to the front (`reports`), and of completed tasks, over all
+/// conversations.
 #[derive(Debug, Default)]
 pub struct Met {
     pub orders: u64,
     pub reports: u64,
-    /// Number of conversations in which the front completed its task.
+    /// Number of conversations in which the front process completed its task.
     pub finished: u64,
 }
 
-/// Sends `count` messages, half to a worker and half to the front.
+/// Sends `count` fuzzed messages, half to a worker and half to the front process.
 pub fn meet(count: u64, seed: u64) -> Met {
     let mut met = Met::default();
     let (orders, reports) = (orders(), reports());
@@ -51,7 +52,7 @@ pub fn meet(count: u64, seed: u64) -> Met {
     while met.orders + met.reports < count {
         let talk = talk(&mut mutation, &orders);
         let to_worker = io::Cursor::new(talk);
-        // The result is ignored: the worker only has to return.
+        // The result of the worker is ignored: it only has to return.
         let _ = serve(to_worker, said.clone(), Arc::new(dvi::solve), Confinement::default());
         assert!(!said.1.load(Relaxed), "the solver panicked over an order");
         said.0.lock().expect("a lock").clear();
@@ -63,7 +64,8 @@ pub fn meet(count: u64, seed: u64) -> Met {
     met
 }
 
-/// Returns a conversation of frames, some of which are cut or have wrong lengths.
+/// Returns a conversation of fuzzed frames (messages with their lengths), some of which are cut or declare wrong
+/// lengths.
 fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut talk = Vec::new();
     for _ in 0..TALK {
@@ -84,7 +86,8 @@ fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     talk
 }
 
-/// Returns a conversation of fuzzed frames, mostly after the valid first reports of a worker.
+/// Returns a conversation of fuzzed frames for the front process; most begin with the valid first reports of a
+/// worker.
 fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut begun = Vec::new();
     for report in &reports[0][..if mutation.below(8) == 0 { 0 } else { 2 }] {
@@ -95,14 +98,14 @@ fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u
     begun
 }
 
-/// Has the front give a task to a worker that sends `talk` regardless of its orders. Returns whether the task was
-/// completed.
+/// Lets the front process give a task to a worker that sends the bytes `talk` whatever it is ordered to do. Returns
+/// whether the task was completed.
 async fn listen(talk: Vec<u8>) -> bool {
     let launches = AtomicU64::new(0);
     let talk = Arc::new(talk);
     let launcher = Arc::new(move || {
         let ((mut input, orders), (reports, mut output)) = (io::pipe()?, io::pipe()?);
-        // A worker that dies before it has received its task is replaced by one that behaves correctly.
+        // If the fuzzing worker ends before it has received the task, its replacement behaves correctly.
         let (is_first, says) = (launches.fetch_add(1, Relaxed) == 0, Arc::clone(&talk));
         thread::spawn(move || {
             if !is_first {
@@ -132,7 +135,7 @@ async fn listen(talk: Vec<u8>) -> bool {
         slice: None,
     };
     let finished = timeout(TIMEOUT, supervisor.perform(task)).await.expect("an end");
-    // A worker cannot make the front keep much more than the size limit of a result.
+    // Whatever a worker sends, the front process must not keep much more than the size limit of a result.
     assert!(long.len() <= 8 * LIMITS.result_bytes, "{} bytes were kept", long.len());
     if let Ok(Finished::Solved(_, Left::Text(json))) = &finished {
         assert!(json.len() <= 2 * LIMITS.result_bytes, "{} bytes were gathered", json.len());
@@ -152,7 +155,8 @@ fn orders() -> Vec<Vec<u8>> {
     orders.iter().map(|order| serde_json::to_vec(order).expect("an order")).collect()
 }
 
-/// Returns the reports of a worker on a solve, a check, a rejection and a panic, each after `Ready` and `Taken`.
+/// Returns the reports that a worker sends for a solve, a check, a rejected specification and a panic, each after the
+/// reports `Ready` and `Taken`.
 fn reports() -> Vec<Vec<u8>> {
     let mut orders = Vec::new();
     let order = |task, solve| {
@@ -168,7 +172,7 @@ fn reports() -> Vec<Vec<u8>> {
     }
     let said = Said::default();
     serve(io::Cursor::new(orders), said.clone(), Arc::new(dvi::solve), Confinement::default()).expect("a worker");
-    // Waits for the solver thread, which may still be busy.
+    // Wait for the solver thread of the worker, which may still be busy.
     thread::sleep(Duration::from_millis(200));
     let said = said.0.lock().expect("a lock").clone();
     let (mut said, mut reports) = (said.as_slice(), Vec::new());

@@ -9,7 +9,7 @@ const WORDS: &[&str] = &[
     "step(", " ", "x^x^x", "1/0", "0/0",
 ];
 
-/// Numbers at the limits of ranges and types, which code often does not handle.
+/// Numbers at the limits of ranges and types, which are often handled wrongly.
 const NUMBERS: &[f64] =
     &[0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 1e-9, 1e9, 1e17, -1e300, 1e308, 5e-324, 4_294_967_296.0, 9e15, 255.0, 1000.0];
 
@@ -45,7 +45,7 @@ impl Mutation {
         self.values.push(value);
     }
 
-    /// Returns a mutated document, more often from the first corpus than from the second.
+    /// Returns a mutated document of one of two corpora, more often of the first.
     pub fn change(&mut self, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
         let rare = usize::from(self.below(4) == 0 && !corpus[1].is_empty());
         let mut document = corpus[rare][self.below(corpus[rare].len())].clone();
@@ -64,7 +64,7 @@ impl Mutation {
         document
     }
 
-    /// Changes the JSON value at index `place`, counted depth first.
+    /// Mutates the JSON value at index `place`, counted depth first.
     fn change_at(&mut self, value: &mut Value, place: &mut usize) {
         if *place == 0 {
             *value = self.changed(value.take());
@@ -165,7 +165,7 @@ impl Mutation {
         }
     }
 
-    /// Returns a value that occurs in an example, or a scalar.
+    /// Returns a random value from the examples, or a random scalar.
     fn value(&mut self) -> Value {
         match self.below(3) {
             0 => self.scalar(),

@@ -121,8 +121,8 @@ def run(end):
     while True:
         mode = next_mode(x)
         print(mp.nstr(t, 12), mode.mode)
-        # The mode has been checked over the first interval MOMENT: quantities that are zero at its
-        # beginning may be negative by rounding at its end.
+        # The contact mode has been checked over a first interval of length MOMENT: quantities that
+        # are zero at its beginning may be negative by rounding at its end.
         x, t = expm(mode.a * MOMENT) * x, t + MOMENT
         stride = expm(mode.a * STEP)
         at, state = t, x

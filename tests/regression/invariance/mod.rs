@@ -19,12 +19,12 @@ struct Answer {
     columns: Vec<Vec<f64>>,
     /// For each kind of event and the object of the event, the times of the events.
     events: BTreeMap<(String, String), Vec<f64>>,
-    /// The reasons for which the verdict doubts the result.
+    /// The reasons for which the verdict (whether the result is to be trusted) doubts the result.
     because: Vec<&'static str>,
     trusted: bool,
 }
 
-/// Solves a specification; an error tells why there is no solution.
+/// Solves a specification; the error, if any, states why there is no solution.
 fn solve(specification: &Value) -> Result<Box<Solution>, String> {
     match computing_time::solve(&specification.to_string(), ALLOWED) {
         Ended::Solved(solution) => Ok(solution),
@@ -48,7 +48,8 @@ impl Answer {
         Self { columns, events, because, trusted: verdict.trusted }
     }
 
-    /// The largest difference between values of a field in two runs, relative to the largest value of the field.
+    /// The largest difference between values of the fields in two runs, each relative to the largest value of its
+    /// field.
     fn distance(&self, other: &Self) -> f64 {
         let columns = self.columns.iter().zip(&other.columns).map(|(a, b)| {
             let size = a.iter().fold(0.0_f64, |size, value| size.max(value.abs()));

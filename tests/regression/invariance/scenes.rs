@@ -29,9 +29,9 @@ pub struct MultibodySystem {
 /// How the absolute tolerances of a scene are written.
 #[derive(Clone, Copy)]
 pub enum Tolerances {
-    /// One tolerance for each of the first fields, as many as given.
+    /// One tolerance for each of the first fields of the scene, whose number is given.
     Fields(usize),
-    /// One tolerance of this dimension for all states.
+    /// One tolerance, with this dimension, for all states.
     All(Dimension),
     /// No tolerances: the stepping method has fixed steps.
     None,

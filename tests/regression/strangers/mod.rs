@@ -29,8 +29,8 @@ const SILENT: Known = &[];
 
 /// Right results that the verdict does not trust.
 const DOUBTED: Known = &[
-    // The energies are right; but the positions of the light links are not accurate to two digits, and a run with
-    // half the step size differs by more.
+    // The energies of this chain are right, but the positions of its light links are not accurate to two digits, and
+    // a run with half the step size differs by more.
     ("chain20_ball_joints_explodes", "doubted"),
 ];
 

@@ -15,7 +15,7 @@ pub struct Problem {
     /// The kind of failure when the problem was added: A a wrong result, B no end, C an error, D a wrong verdict or
     /// message, E slowness.
     pub class: char,
-    /// What makes the problem hard.
+    /// A description of what makes the problem hard.
     #[serde(rename = "about")]
     _about: String,
     /// The source of the known solution.
@@ -121,7 +121,7 @@ impl Truth {
         })
     }
 
-    /// Whether a run that has ended early was right to do so.
+    /// Whether a failed run was right to fail: the problem may be refused, or has no solution after about that time.
     pub fn ends_early(&self, solution: &Solution) -> bool {
         if solution.status != Status::Failed {
             return false;
@@ -145,7 +145,7 @@ impl Truth {
     }
 }
 
-/// Returns the first value of a field outside its bounds.
+/// Returns a message on the first value of a field that lies outside its known bounds, if any.
 fn outside(solution: &Solution, name: &str, [least, largest]: [f64; 2]) -> Option<String> {
     let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
     let found = column.iter().find(|value| !(least..=largest).contains(*value))?;

@@ -55,7 +55,7 @@ fn a_block_that_is_pushed_to_and_fro_slips_whenever_the_force_is_more_than_frict
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.1, "slip": ["x_dot"]}}]});
     let solution = solved(&problem, 10.0, &json!([0, 10]));
     assert_times(&times(&solution, EventKind::Slip), |k| BREAKS + k as f64 * PI / 3.0, 10);
-    // The block sticks again at the root t of 1.1/3 (cos 3 t_0 - cos 3 t) = t - t_0.
+    // After the onset of slip at t_0, the block sticks again at the root t of 1.1/3 (cos 3 t_0 - cos 3 t) = t - t_0.
     assert_times(&times(&solution, EventKind::Stick), |k| 0.812_816_062_743_253 + k as f64 * PI / 3.0, 9);
 }
 

@@ -36,7 +36,8 @@ fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
 
 #[test]
 fn a_belt_gives_a_block_as_much_as_friction_takes() {
-    // Friction mu m g accelerates the block to the velocity of the belt: half of the belt's work is dissipated.
+    // The friction force mu m g accelerates the block to the velocity of the belt: half of the belt's work is
+    // dissipated.
     let belt = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 1"]}}]});
@@ -45,7 +46,8 @@ fn a_belt_gives_a_block_as_much_as_friction_takes() {
 
 #[test]
 fn a_block_held_on_a_belt_by_a_spring_loses_what_the_belt_does() {
-    // The block approaches the position mu m g / k only asymptotically, so it is released there, and stays.
+    // On the belt the block approaches the equilibrium position mu m g / k of its spring only asymptotically, so that
+    // it is released there, and stays.
     let held = json!({"coordinates": {"x": {"initial": "0.3*2*9.81/5"}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y + 5*x^2/2",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 4"]}}]});

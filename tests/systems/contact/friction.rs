@@ -13,7 +13,8 @@ fn a_block_slides_to_rest_and_stays_exactly() {
     let (stop, way) = (0.764_525_993_883_792, 1.146_788_990_825_688);
     let solution = stepped(block(0.0, mu, v), 2.0, h);
     assert!((events(&solution, "slope").last().unwrap() - stop).abs() <= h);
-    // The final position of the symplectic scheme is short by v0 h/2.
+    // The block's final position by the symplectic Euler scheme is short of the exact one by v0 h/2, with the initial
+    // speed v0 and the step size h.
     assert!((last(&solution, "x") - way).abs() < 0.51 * v * h);
     assert_eq!(last(&solution, "x_dot"), 0.0);
     // All kinetic energy is dissipated by friction.
@@ -146,7 +147,8 @@ fn disks_and_spheres_roll_down_a_slope_where_friction_suffices() {
     let acceleration = |k: f64, mu: f64| last(&stepped(round(k, mu, theta, 0.0), 1.0, 0.01), "x_dot");
     assert!((acceleration(0.5, 0.2) - 3.27).abs() < 1e-12);
     assert!((acceleration(0.4, 0.2) - 3.503_571_428_571_428_6).abs() < 1e-12);
-    // The acceleration on both sides of the critical friction coefficient of rolling without slip.
+    // The acceleration of the disc or sphere for friction coefficients just above and just below the critical one,
+    // from which on it rolls without slip.
     for (k, critical, rolling) in
         [(0.5, 0.192_450_089_729_875_26, 3.27), (0.4, 0.164_957_219_768_464_5, 3.503_571_428_571_428_6)]
     {
@@ -208,10 +210,10 @@ fn the_paradox_of_painleve_is_met_by_an_impulse_and_named() {
         assert!(energy.kinetic_at_end <= energy.kinetic_at_start + 9.81 * 0.05);
         solution.diagnostics.warnings.iter().any(|warning| warning.code == "painleve")
     };
-    // For mu = 1.5 the paradox occurs at inclinations of one sign only.
+    // For mu = 1.5 the Painleve paradox occurs at inclinations of one sign only.
     assert!(warned(60.0) && !warned(120.0));
-    // The paradox occurs between 50.642 and 73.048 degrees; the rod rotates little before the solver first examines
-    // it.
+    // The Painleve paradox occurs between the inclinations 50.642 and 73.048 degrees; the rod rotates little before
+    // the solver first examines it.
     assert!(warned(50.7) && warned(73.0));
     assert!(!warned(45.0) && !warned(135.0));
 }

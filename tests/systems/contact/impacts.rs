@@ -13,8 +13,8 @@ fn a_ball_comes_to_rest_after_infinitely_many_bounces() {
     let solution = stepped(ball(0.5), 2.0, 1e-3);
     let (t, y, v) = (&solution.trajectory.t, column(&solution, "y"), column(&solution, "y_dot"));
     let rested = (0..t.len()).find(|&i| y[i..].iter().chain(&v[i..]).all(|x| x.abs() < 1e-10)).expect("it rests");
-    // Tolerance for the time of rest: an error of C h, and the steps in which the remaining motion halves until it is
-    // below rounding.
+    // The tolerance covers an error of first order in the step size, and the steps in which the remaining motion
+    // halves until it is below rounding.
     assert!((t[rested] - zeno).abs() < 0.1, "{}", t[rested]);
     assert!(y.iter().all(|y| *y > -1e-12), "the floor is passed");
     let energy = solution.diagnostics.energy.unwrap();

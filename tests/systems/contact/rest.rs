@@ -102,7 +102,8 @@ fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
             "forces": {"y": format!("(t/T - 1)^{power}/T^2")}, "contacts": [{"name": "floor", "gap": "y"}]});
         let solution = located(problem, 3.0 * unit);
         let rises = f64::from(power + 1) * f64::from(power + 2);
-        // The exact height is y = (t - 1)^(p + 2)/((p + 1) (p + 2)) for t >= 1.
+        // With the exponent p of the force, the exact height of the body is y = (t - 1)^(p + 2)/((p + 1) (p + 2)) for
+        // t >= 1, where t is in the unit of time.
         let exact = 2.0_f64.powi(power + 2) / rises;
         let error = last(&solution, "y") / exact - 1.0;
         assert!(error.abs() < 1e-8, "power {power}, unit {unit:e}: {error:e}");
@@ -147,8 +148,8 @@ fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
 
 #[test]
 fn a_table_slides_when_a_steady_push_exceeds_the_friction_of_all_feet() {
-    // Four feet are one more than the loads determine, and directions of slip in space are accurate to only the
-    // square root of the friction solver's tolerance.
+    // The loads of the four feet are not unique, since equilibrium determines only three, and directions of slip in
+    // space are accurate to only the square root of the friction solver's tolerance.
     for excess in [-1e-8, -1e-5, 1e-5, 1e-4] {
         let force = 0.4 * 98.1 * (1.0 + excess);
         let problem = table_on_four_feet(&json!(force * 12.0 / 13.0), &json!(force * 5.0 / 13.0));

@@ -27,8 +27,8 @@ fn slopes<const N: usize>(values: [f64; N], f: impl Fn([C; N]) -> C) -> [f64; N]
     })
 }
 
-/// Asserts that the columns `dof/dto` equal the derivatives of the closed form `exact` at all output times but those
-/// of events.
+/// Asserts that the sensitivities of the quantity `of` by the parameters `to` equal the derivatives of the closed
+/// form `exact` at all output times but those of events.
 #[track_caller]
 fn assert_slopes<const N: usize>(
     solution: &Solution,
@@ -115,9 +115,10 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
     assert_slopes(&solution, "y", to, values, |t, p| ball(p).at(t)[0]);
     assert_slopes(&solution, "y_dot", to, values, |t, p| ball(p).at(t)[1]);
     assert_slopes(&solution, "area", to, values, |t, p| ball(p).at(t)[2]);
-    // The integral of the velocity is the height minus its initial value.
+    // The integral of the ball's velocity over time is its height minus the initial one.
     assert_slopes(&solution, "way", to, values, |t, p| ball(p).at(t)[0] - p[0]);
-    // Between impacts (y y')' = y'^2 - g y, and y vanishes at the impacts, where y' jumps.
+    // Between impacts the height y of the ball satisfies (y y')' = y'^2 - g y, and y vanishes at the impacts, where
+    // y' jumps: the integral of y'^2 follows from that of y.
     assert_slopes(&solution, "squares", to, values, |t, p| {
         let [y, v, area] = ball(p).at(t);
         y * v - p[0] * p[1] + p[2] * area
@@ -346,7 +347,7 @@ fn rounding_of_what_gravity_and_the_floor_add_up_to_is_not_taken_for_a_motion_of
         (problem["parameters"]["m"], problem["parameters"]["g"]) = (json!(m), json!(g));
         problem["forces"]["x"] = json!(0);
         let solution = derived(problem, 5.0, json!({"to": ["m", "g"]}));
-        // The block stops at x = w^2/2 mu g.
+        // The block, with the initial speed w, stops at x = w^2/2 mu g.
         assert!((last(&solution, "dx/dg") + 4.0 / (0.6 * g * g)).abs() < 1e-8);
         assert!(last(&solution, "dx/dm").abs() < 1e-8);
     }

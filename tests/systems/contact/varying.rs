@@ -53,7 +53,8 @@ fn a_floor_that_grows_rougher_stops_a_block_as_a_spring_would() {
 
 #[test]
 fn a_block_slides_over_the_edge_of_a_patch() {
-    // The speed at x = 1 is v_1 with v_1^2 = v_0^2 - 2 g mu_1, and the block slides on by v_1^2/(2 g mu_2).
+    // With the friction coefficient mu_1 up to x = 1 and mu_2 beyond, the speed at x = 1 is v_1 with v_1^2 = v_0^2 -
+    // 2 g mu_1, and the block slides on by v_1^2/(2 g mu_2).
     let (v, first, second) = (4.0_f64, 0.1, 0.7);
     let there = (v * v - 2.0 * G * first).sqrt();
     let way = 1.0 + there * there / (2.0 * G * second);

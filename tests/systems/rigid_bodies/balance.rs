@@ -99,7 +99,7 @@ fn mechanism(seed: u64) -> Value {
     json!({"problem": {"rigid_bodies": members}, "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 2}}})
 }
 
-/// Environment variable `DVI_MECHANISMS`: the number of mechanisms in place of 30.
+/// Number of mechanisms that the environment variable `DVI_MECHANISMS` sets in place of 30.
 #[test]
 fn the_energy_of_random_mechanisms_is_accounted_for() {
     let count = std::env::var("DVI_MECHANISMS").map_or(30, |count| count.parse().expect("a number"));

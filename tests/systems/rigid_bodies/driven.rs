@@ -28,7 +28,7 @@ fn rod(joint: &Value, step: f64, end: f64) -> Value {
 
 const I: f64 = 3.0 * 0.25 + 3.0 * 1.01 / 12.0;
 
-/// Returns the defect of the energy balance, relative to all energy and work.
+/// Returns the largest defect of the energy balance, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -102,7 +102,7 @@ fn a_force_may_follow_another_body_and_act_off_the_centre_along_the_axes_of_its_
     let members = json!({"bodies": [ball([0.0; 3], [0.0; 3]), leader],
         "forces": [{"body": "ball", "force": ["4*(leader.x - ball.x) + 4*(leader.vx - ball.vx)", 0, 0]}]});
     let solution = solve(&scene(&members, 5.0, 1e-3));
-    // The solution is x - t = -t e^{-2t}.
+    // The position of the ball relative to its leader is x - t = -t e^{-2t}.
     assert!(distance(&solution, "ball.x", |t| t - t * (-2.0 * t).exp()) < 1e-5);
     let thruster = json!({"bodies": [ball([0.0; 3], [0.0; 3])],
         "forces": [{"body": "ball", "force": [0, 1, 0], "at": [0.05, 0, 0], "axes": "body"}]});

@@ -23,9 +23,9 @@ fn a_heap_of_spheres_that_falls_obeys_the_law_in_every_step() {
     assert!(last < 0.75 * start && most > 150, "{last} of {start}, {most} contacts");
 }
 
-/// A heap with more contacts in one island than are factorised, so that the solver satisfies the contact law with a
-/// proximal term. Momentum is balanced nevertheless: the ground carries the weight, and any impulse that it lacks
-/// appears as a change of the spheres' momentum.
+/// A heap with more contacts in one island (a set of bodies connected by contacts) than the solver factorises as a
+/// whole, so that it satisfies the contact law with a proximal term. Momentum is balanced nevertheless: the ground
+/// carries the weight, and any impulse that it lacks appears as a change of the spheres' momentum.
 #[test]
 fn a_large_heap_obeys_the_law_that_is_solved_and_stands_on_its_ground() {
     let scene = scene(8);

@@ -22,13 +22,13 @@ fn times(solution: &Solution, kind: EventKind) -> Vec<f64> {
     solution.trajectory.events.iter().filter(|event| event.kind == kind).map(|event| event.t).collect()
 }
 
-/// Returns the position, velocity and angular velocity of a body at the end.
+/// Returns the position, velocity and angular velocity of a body at the end of the run.
 fn end(solution: &Solution, name: &str) -> [Vector3<f64>; 3] {
     [["x", "y", "z"], ["vx", "vy", "vz"], ["wx", "wy", "wz"]]
         .map(|keys| Vector3::from(keys.map(|key| last(solution, &format!("{name}.{key}")))))
 }
 
-/// Asserts that the error decreases with second order when the step is halved.
+/// Asserts that the error of a run decreases with second order when its step size is halved.
 fn assert_second_order(step: f64, error: impl Fn(f64) -> f64) {
     let errors = [1.0, 0.5, 0.25].map(|part| error(part * step));
     assert!((errors[0] / errors[2]).log2() >= 2.0 * SECOND, "{errors:?}");
@@ -404,9 +404,9 @@ fn a_body_with_three_moments_of_inertia_turns_at_second_order() {
     });
 }
 
-/// A freely rotating body flies between two smooth walls, with an impact every 0.19 s. Steps longer than that are cut
-/// at the impacts, so that runs with half the step size have the same arcs and errors, and their difference says
-/// nothing about the error.
+/// A freely rotating body flies between two smooth walls, with an impact every 0.19 s. Longer steps are cut at the
+/// impacts, so that runs with half the step size have the same smooth arcs between impacts and the same errors, and
+/// their difference says nothing about the error.
 #[test]
 fn arcs_that_longer_steps_do_not_make_longer_show_no_error() {
     let wall = json!({"name": "wall", "shape": {"half_space": {"normal": [0, 0, -1]}}, "position": [0, 0, 2.1], "fixed": true});
@@ -478,7 +478,7 @@ impl SlidingTop {
     }
 }
 
-/// Returns the error that the verdict estimates.
+/// Returns the estimated error of a run on which its verdict is based.
 fn told(solution: &Solution) -> f64 {
     solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error").0
 }
@@ -581,7 +581,7 @@ fn a_ball_slides_off_a_ball_at_second_order() {
         assert!(found.len() == 1 && (found[0] - t).abs() < step, "{found:?} {t}");
         (end(&solution, "ball")[0] - x).norm()
     };
-    // The contact force goes to zero continuously; the place of the detachment within a step changes the error, but
+    // The contact force goes to zero continuously; the time of the detachment within a step changes the error, but
     // not its order.
     for step in [0.02, 0.01, 0.005, 0.0025] {
         assert!(error(step) < 1.5 * step * step, "{step}: {:e}", error(step));

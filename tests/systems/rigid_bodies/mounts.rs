@@ -13,7 +13,7 @@ fn scene(members: &Value, end: f64, step: f64) -> Value {
         "output": {"times": {"count": 101}}})
 }
 
-/// Returns the defect of the energy balance, relative to all energy and work.
+/// Returns the largest defect of the energy balance, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -201,8 +201,8 @@ fn a_stop_on_a_driven_body_pushes() {
         2.0,
         1e-3,
     ));
-    // The support rotates by t^2; the arm follows half a radian behind it once that angle is reached, and does not
-    // overtake it.
+    // The support rotates by the angle t^2. Once it has turned by half a radian, a stop carries the arm along, half a
+    // radian behind, and the arm does not overtake the support.
     let coordinate = column(&solution, "hinge.coordinate");
     assert!(coordinate.iter().all(|angle| *angle > -0.5 - 1e-3 && *angle < 0.5 + 1e-3), "{coordinate:?}");
     assert!((last(&solution, "arm.wz") - 4.0).abs() < 0.05, "{}", last(&solution, "arm.wz"));

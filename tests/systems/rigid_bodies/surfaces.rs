@@ -45,7 +45,7 @@ fn a_block_under_stribecks_law_follows_its_closed_form() {
         assert!(last(&solution, "puck.vx").abs() < 1e-10);
         distance(&solution, "puck.vx", exact)
     });
-    // With a constant coefficient of 0.2 the error would be 0.3 m/s.
+    // A solver that used a constant friction coefficient of 0.2 would have an error of 0.3 m/s.
     assert!(errors[1] < 2e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
@@ -76,7 +76,8 @@ fn the_block_of_the_example_meets_more_friction_under_its_front_corners() {
     let exact = |t: f64| (w * t.min(stop)).cos() + v / w * (w * t.min(stop)).sin() - 1.0;
     let solution = solve(&stepped(example("rougher_floor")));
     assert_sound(&solution, v * v);
-    // Time stepping is of first order; a block of height zero would differ by 0.01 m.
+    // Time stepping is of first order. The position of a block of height zero, without the moment of friction, would
+    // differ by 0.01 m.
     assert!(distance(&solution, "block.x", exact) < 2e-3, "{:e}", distance(&solution, "block.x", exact));
 }
 
@@ -119,7 +120,8 @@ fn a_body_slides_on_the_path_of_an_elliptic_law() {
         let (x, y) = (column(solution, "puck.vx"), column(solution, "puck.vy"));
         let off = |(x, y): (&f64, &f64)| (y / start[1] - (x / start[0]).max(0.0).powf(c * c)).abs();
         let error = x.iter().zip(y).map(off).fold(0.0, f64::max);
-        // With friction opposite to the slip and the coefficient of its direction, the error would be 0.1.
+        // A solver with friction opposite to the slip, and with the coefficient of the slip's direction, would have
+        // an error of 0.1.
         assert!(error < 4.0 * step, "{error:e}");
     };
     for step in [2e-3, 1e-3] {

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 
 const G: f64 = 9.81;
 
-/// Permitted error of a trusted answer, relative to the largest change of the field: two digits.
+/// Permitted error of a trusted answer, relative to the largest change of the field over the run: two digits.
 const PERMITTED: f64 = 1e-2;
 
 /// A scene of rigid bodies up to the time `end`, with one output field.

@@ -27,7 +27,7 @@ fn judged(mut system: Value, step: f64, exact: impl Fn(f64) -> f64) -> (bool, f6
 fn a_run_that_is_trusted_has_three_digits_whatever_its_steps() {
     let oscillator = json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "v"},
         "v": {"initial": 0, "rate": "-x"}}}}, "time": {"end": 20}, "output": {"times": {"count": 21}}});
-    // The oscillator of the first case, with lengths in micrometres and a slower clock.
+    // The same oscillator, with lengths in micrometres and a slower clock.
     let small = json!({"problem": {"dvi": {"states": {"x": {"initial": 1e-6, "rate": "1e-3*v"},
         "v": {"initial": 0, "rate": "-1e-3*x"}}}}, "time": {"end": 2e4}, "output": {"times": {"count": 21}}, "stages": 3});
     // A Volterra equation whose bounds are not active, and a rod that is heated and cooled periodically.
@@ -186,8 +186,8 @@ fn a_layer_within_a_given_step_is_doubted_by_what_it_leaves() {
     let exact = |initial: f64| move |t: f64| t.cos() + (initial - 1.0) * (-1e4 * t).exp();
     let (within, lost) = judged(layer(2.0, json!([0.05, 1])), 0.1, exact(2.0));
     assert!(!within && lost > 0.1, "{lost:e}");
-    // An L-stable method leaves a remainder of the layer at the end of the step that decreases only with the step
-    // size.
+    // An L-stable method does not damp the boundary layer completely: a remainder, which depends on the step size, is
+    // left at the end of the first step.
     let (at_ends, left) = judged(layer(2.0, json!([0.1, 0.5, 1])), 0.1, exact(2.0));
     assert!(!at_ends && left > 1e-3, "{left:e}");
     let (at_ends, error) = judged(layer(1.01, json!([0.1, 0.5, 1])), 0.1, exact(1.01));
@@ -214,7 +214,8 @@ fn a_state_that_an_inequality_holds_at_zero_is_trusted_and_a_small_one_is_not() 
             assert!((last(&solution, "z") - (1.0 - 0.4 * 3.0_f64.sin().powi(2))).abs() < 1e-9);
         }
     }
-    // A state that decays to 1e-12 is as small as one at a constraint, but no inequality keeps it at zero.
+    // The state c, which tends to 1e-12, is as small as a state such as v that an inequality keeps at zero, but no
+    // inequality acts on c: the result is not trusted.
     let small = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 0, "rate": "z - 1"},
         "c": {"initial": 0, "rate": "1e-12 - c"}}, "variables": {"z": {"inequality": "v"}}, "set": [{"nonnegative": ["z"]}]}},
         "time": {"end": 3}, "output": {"times": [3]}}));

@@ -1,5 +1,5 @@
-//! Verdicts on runs with contacts, obstacles and memory: accurate answers are trusted and wrong ones are not, in any
-//! units.
+//! Verdicts (whether the result of a run is to be trusted) on problems with contacts, obstacles and memory: accurate
+//! answers are trusted and wrong ones are not, in any units.
 
 mod bodies;
 mod compared;
@@ -18,7 +18,7 @@ fn reasons(solution: &Solution) -> Vec<CheckCode> {
     solution.verdict.because.iter().map(|reason| reason.code).collect()
 }
 
-/// Returns the ratio of the measured to the permitted value of a check.
+/// Returns the measured value of a check on which the verdict is based, relative to its permitted value.
 fn excess(solution: &Solution, code: CheckCode) -> f64 {
     let (value, allowed) = solution.diagnostics.checks.get(code).unwrap_or_else(|| panic!("no check {code:?}"));
     value / allowed

@@ -115,7 +115,7 @@ fn forces_on_coordinates_that_are_narrow_in_space_are_seen() {
             "forces": force}}, "time": {"end": 1.2}, "method": {"step": 1.2 / count, "impacts": "time_stepping"},
             "output": {"times": [1.2], "fields": [field]}})
     };
-    // References for the force along the path, from the energy, and for the force across it.
+    // Reference solutions: for a force along the path from the energy, and for a force across it from its impulse.
     let along = place + (1.0 + 2.0 * impulse).sqrt() * (1.2 - place);
     let across = impulse * (1.2 - place);
     for (direction, exact) in [("x", along), ("y", across)] {

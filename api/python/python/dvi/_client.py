@@ -19,8 +19,8 @@ from ._searches import Fit, Orbit, Sensitivities, SteadyState
 from ._specification import Source, SpecificationError, text_of
 from ._sweep import Sweep
 
-#: Seconds within which a service may answer a solve before the solve becomes a job; and a margin for the transfer
-#: over the network.
+#: Seconds within which a service answers a solve before the solve becomes a job; and a margin for the transfer over
+#: the network.
 WAIT = 30
 MARGIN = 30.0
 #: HTTP statuses after which a request is repeated later.

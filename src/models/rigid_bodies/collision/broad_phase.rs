@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 use problem::{Control, Interrupted};
 
-/// The state of the sweep-and-prune algorithm, with the order of bodies kept between steps.
+/// The state of the sweep-and-prune algorithm, with the order of the bodies along the sweep axis, which is kept from
+/// step to step.
 #[derive(Clone, Debug, Default)]
 pub struct BroadPhase {
     order: Vec<u32>,

@@ -95,7 +95,7 @@ impl Collider {
 
     /// Returns whether the shape is invariant under rotations about an axis through the origin of the body frame.
     pub fn is_round_about(&self, axis: &Vector3<f64>) -> bool {
-        // Tolerate rounding errors of the axis.
+        // Two axes count as parallel if they differ by rounding errors only.
         let is_along = |of: &Vector3<f64>| axis.cross(of).norm() <= 1e-9 * axis.norm();
         self.parts.iter().all(|part| {
             part.place.is_none()
@@ -108,7 +108,7 @@ impl Collider {
         })
     }
 
-    /// Returns whether the surface has no edges.
+    /// Returns whether the surface of the body has no edges.
     pub fn is_smooth(&self) -> bool {
         self.parts.iter().all(|part| matches!(part.shape, Shape::Sphere { .. } | Shape::Capsule { .. }))
     }
@@ -188,7 +188,8 @@ fn contacts_of_parts(
     }
 }
 
-/// Returns the rank of a shape; in a pair of shapes, the shape of lower rank comes first.
+/// Returns the rank by which the shapes of a pair are ordered: in a pair of shapes, the shape of lower rank comes
+/// first.
 fn rank(shape: &Shape) -> u8 {
     match shape {
         Shape::HalfSpace { .. } => 0,

@@ -200,7 +200,7 @@ fn clip(
     }
 }
 
-/// Returns the part of a polygon in which `height` is at most `rounding`.
+/// Returns the part of a polygon in which the linear function `height` is at most `rounding`.
 fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64, side: u32) -> Vec<Corner> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, corner) in polygon.iter().enumerate() {

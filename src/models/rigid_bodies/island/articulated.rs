@@ -246,7 +246,8 @@ impl Island {
 
     fn midpoint(&self, h: f64, mechanism: &Mechanism<'_>) -> Midpoint {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
-        // Bodies from explicit islands may have the velocities of the midpoint of their last step.
+        // Bodies that were in an explicit island in the last step may have the velocities at its midpoint: add the
+        // rest of the velocity change by gravity.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
         let forces = self.moving.iter().map(weight).collect();
         let mut midpoint = Midpoint::new(start.collect(), forces, self.actions.clone(), [self.t, h]);

@@ -20,7 +20,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// solution.
 const REFINEMENTS: usize = 2;
 
-/// The symbolic factorisation of the matrix of a linkage: the elimination order and the positions of the blocks.
+/// The symbolic factorisation of the matrix of a linkage: the elimination order, and the blocks of the matrix with
+/// their positions in memory. A block is identified by its slot, an index into the list of blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     order: Vec<u32>,
@@ -40,8 +41,8 @@ pub struct Plan {
     entries: usize,
 }
 
-/// The slots of the blocks to which a joint contributes, for its first and its second body; zero for a body that is
-/// not part of the linkage.
+/// The slots (indices into the list of blocks) of the matrix blocks to which a joint contributes, for its first and
+/// its second body; zero for a body that is not part of the linkage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JointSlots {
     /// The blocks with the rows of the joint and the columns of each body.

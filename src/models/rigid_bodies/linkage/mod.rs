@@ -37,11 +37,11 @@ const REDUNDANT: f64 = 1e-11;
 /// Number of repetitions of the velocity projection; the second and the third reduce rounding errors.
 const PASSES: usize = 3;
 
-/// The instant of a step at which frames are evaluated.
+/// The instant of a step at which body frames are evaluated.
 #[derive(Clone, Copy, Debug)]
 enum Instant {
     Start,
-    /// The mean of the frames at both ends of the step.
+    /// The middle of the step, with the mean of the body frames at both ends.
     Mean,
     End,
 }
@@ -471,7 +471,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Adds the velocity changes in `x` to `velocities`.
+    /// Adds the velocity changes in the solution `x` of the linear system to `velocities`.
     pub fn add(&self, velocities: &mut [Vector6<f64>]) {
         for (&body, x) in self.bodies.iter().zip(&self.x) {
             velocities[body as usize] += x;

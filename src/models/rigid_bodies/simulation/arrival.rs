@@ -42,8 +42,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Marks the bodies in sustained contact: those with a contact that satisfies `such` and is closed at the end of
-    /// the step.
+    /// Marks the bodies in sustained contact: those with a contact that satisfies the predicate `such` and is closed
+    /// at the end of the step.
     pub(super) fn hold(&mut self, such: impl Fn(&Contact) -> bool) {
         let mut held = std::mem::take(&mut self.held);
         held.fill(false);

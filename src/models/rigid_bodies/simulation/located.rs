@@ -40,13 +40,13 @@ use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 use rustc_hash::FxHashSet;
 
-/// The number of arcs in a step, per step and per moving body, beyond which time stepping takes over for the rest of
-/// the step: a step does not resolve bodies that collide more often. The first number lets a single ball bounce until
-/// it rests.
+/// The number of smooth arcs in a step, per step and per moving body, beyond which time stepping takes over for the
+/// rest of the step: a step does not resolve bodies that collide more often. The first number lets a single ball
+/// bounce until it rests.
 const ARCS: [usize; 2] = [64, 8];
 
-/// Maximum number of arcs of a step times the number of moving bodies: the states of bodies at both ends of the arcs
-/// are kept until the next step, in about 10 MB.
+/// Maximum number of smooth arcs of a step times the number of moving bodies: the states of bodies at both ends of
+/// the arcs are kept until the next step, in about 10 MB.
 const KEPT: usize = 1 << 14;
 
 /// Velocities below this fraction of the velocity change by gravity in a step are treated as rounding errors.
@@ -58,23 +58,23 @@ type Key = (u32, u32, u64);
 /// A smooth arc: a part of a step between impacts.
 #[derive(Clone, Debug)]
 pub struct Arc {
-    /// The times at the beginning and the end of the arc, relative to the beginning of the step.
+    /// The times at the beginning and the end of the smooth arc, relative to the beginning of the step.
     pub times: [f64; 2],
-    /// The moving bodies at the beginning of the arc, after impacts at that time.
+    /// The moving bodies at the beginning of the smooth arc, after impacts at that time.
     starts: Vec<Motion>,
-    /// The moving bodies at the end of the arc, before impacts at that time.
+    /// The moving bodies at the end of the smooth arc, before impacts at that time.
     ends: Vec<Motion>,
-    /// For each moving body, whether it has sustained contacts in the arc; otherwise it moves freely.
+    /// For each moving body, whether it has sustained contacts in the smooth arc; otherwise it moves freely.
     held: Vec<bool>,
-    /// The work of contacts from the beginning of the step to both ends of the arc, by normal and tangential
+    /// The work of contacts from the beginning of the step to both ends of the smooth arc, by normal and tangential
     /// components.
     work: [[f64; 2]; 2],
-    /// Whether all bodies move with constant accelerations, so that the arc is exact up to rounding.
+    /// Whether all bodies move with constant accelerations, so that the smooth arc is exact up to rounding.
     pub is_exact: bool,
 }
 
 impl Arc {
-    /// Returns the moving bodies at a time within the arc, relative to the beginning of the step.
+    /// Returns the moving bodies at a time within the smooth arc, relative to the beginning of the step.
     pub fn at(&self, passed: f64, gravity: &Vector3<f64>) -> Vec<Motion> {
         let [from, to] = self.times;
         let (s, d) = (to - from, passed - from);
@@ -86,8 +86,8 @@ impl Arc {
         self.starts.iter().zip(&self.ends).zip(&self.held).map(of).collect()
     }
 
-    /// Returns the work of contacts from the beginning of the step to a time within the arc, by normal and tangential
-    /// components.
+    /// Returns the work of contacts from the beginning of the step to a time within the smooth arc, by normal and
+    /// tangential components.
     pub fn work_at(&self, passed: f64) -> [f64; 2] {
         let [from, to] = self.times;
         let part = if to > from { ((passed - from) / (to - from)).min(1.0) } else { 1.0 };
@@ -96,17 +96,18 @@ impl Arc {
     }
 }
 
-/// The state of the event-driven integration that is carried from arc to arc.
+/// The state of the event-driven integration that is carried from one smooth arc to the next.
 #[derive(Debug, Default)]
 pub(super) struct Located {
     /// The identities of the sustained contacts.
     lasting: FxHashSet<Key>,
-    /// The sustained contacts that stick. Their velocities at the beginning of an arc belong to an extrapolated pose,
-    /// and have errors of second order, which do not count as slip.
+    /// The sustained contacts that stick. Their velocities at the beginning of a smooth arc belong to an extrapolated
+    /// pose, and have errors of second order, which do not count as slip.
     sticking: FxHashSet<Key>,
-    /// The contacts that opened at the end of the last arc.
+    /// The contacts that opened at the end of the last smooth arc.
     leaving: FxHashSet<Key>,
-    /// The time at the beginning of the last arc, and the pairs of bodies with a contact that opened at that time.
+    /// The time at the beginning of the last smooth arc, and the pairs of bodies with a contact that opened at that
+    /// time.
     opened: (f64, Vec<(u32, u32)>),
     /// Whether the first step of the simulation has begun.
     has_begun: bool,
@@ -123,7 +124,7 @@ pub(super) struct Located {
     touched: Vec<bool>,
     /// Whether time stepping took over for the rest of the last step.
     is_passed: bool,
-    /// The number of arcs that the run may still make; `None` if impacts are located at any cost.
+    /// The number of smooth arcs that the run may still make; `None` if impacts are located at any cost.
     budget: Option<Budget>,
 }
 
@@ -145,7 +146,7 @@ impl MoreauStepping<'_> {
         self.located = Some(Box::new(Located { budget, ..Located::default() }));
     }
 
-    /// Returns the arcs of the last step; empty for time stepping.
+    /// Returns the smooth arcs of the last step; empty for time stepping.
     pub fn arcs(&self) -> &[Arc] {
         self.located.as_ref().map_or(&[], |located| &located.arcs)
     }
@@ -195,12 +196,13 @@ impl MoreauStepping<'_> {
         self.t = end;
         self.ground_at(located, end);
         self.ends.clone_from(&self.moving);
-        // Time stepping counts its own parts.
+        // A step by time stepping has already added its number of parts to the report.
         self.report.parts += u64::from(!located.is_passed);
         Ok(())
     }
 
-    /// Begins a step: clears the arcs and impacts of the last step, and the marks of bodies on which contacts acted.
+    /// Begins a step: clears the smooth arcs and impacts of the last step, and the marks of bodies on which contacts
+    /// acted.
     fn begin(&mut self, located: &mut Located) {
         located.arcs.clear();
         located.impacts.iter_mut().for_each(Vec::clear);
@@ -211,7 +213,7 @@ impl MoreauStepping<'_> {
     }
 
     /// Makes an event-driven step to the time `end`, with at most `most` arcs; repeats the whole step by time
-    /// stepping if the contact law is not solved in an arc.
+    /// stepping if the contact law is not solved in a smooth arc.
     fn advance_or_pass(
         &mut self,
         located: &mut Located,
@@ -230,7 +232,7 @@ impl MoreauStepping<'_> {
         self.pass(located, end - located.begin, control)
     }
 
-    /// Makes an event-driven step to the time `end`; after `most` arcs, time stepping takes over for the rest.
+    /// Makes an event-driven step to the time `end`; after `most` smooth arcs, time stepping takes over for the rest.
     fn advance_to(
         &mut self,
         located: &mut Located,
@@ -313,7 +315,8 @@ impl MoreauStepping<'_> {
         // All bounces are over after the time `2 e v / ((1 - e) g)`: within one step for an approach velocity `v` of
         // this size.
         let within_step = fall * ((1.0 - e) / (2.0 * e)).min(1.0);
-        // A step that has used half of its arcs ends all accumulations that would be over within a step.
+        // Once a step has made half of its admissible smooth arcs, all impacts that would accumulate within a step
+        // are treated without restitution.
         if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
             return within_step;
         }

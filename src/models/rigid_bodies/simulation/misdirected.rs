@@ -23,8 +23,8 @@ impl MoreauStepping<'_> {
                 continue;
             }
             let Some(there) = self.met(contact, starts, until, h) else { continue };
-            // The impulse is rotated with the normal and scaled with the approach velocity; forces are the same in
-            // both cases.
+            // The impulse at the place where the surfaces meet is that of the step, rotated with the contact normal
+            // and scaled with the approach velocity; the applied forces are unchanged.
             let Some(turn) = UnitQuaternion::rotation_between(&normal(contact), &normal(&there)) else { continue };
             let here = contact.velocity(|body| (starts[body as usize].velocity, starts[body as usize].omega)).x;
             let larger = if here < 0.0 { (there.before.x / here).max(0.0) } else { 1.0 };

@@ -17,16 +17,16 @@ pub enum StepFailure {
     Joints,
     /// A coefficient of friction is negative or not finite.
     Friction {
-        /// The indices of both bodies in the multibody system.
+        /// The indices of the two bodies in contact in the multibody system.
         bodies: [usize; 2],
-        /// The value of the coefficient.
+        /// The value of the coefficient of friction, negative or not finite.
         mu: f64,
-        /// The position of the contact.
+        /// The position of the contact at which the coefficient of friction was evaluated.
         place: [f64; 3],
     },
     /// The contact law was not solved to the required accuracy.
     Unsolved {
-        /// The residual of the contact law.
+        /// The residual of the contact law, above the required accuracy.
         residual: f64,
     },
     /// The contacts exceed the memory limit.
@@ -35,7 +35,7 @@ pub enum StepFailure {
         contacts: usize,
         /// The index of the body with the most contacts, and the number of its contacts.
         most_touched: Option<(usize, u32)>,
-        /// The estimated bytes for the contacts.
+        /// The estimated memory for the contacts found, in bytes.
         bytes: usize,
     },
     /// The step was interrupted through [`Control`](problem::Control).

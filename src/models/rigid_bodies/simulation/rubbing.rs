@@ -19,7 +19,7 @@ const LAST_STAGE: f64 = 1.0 - FRAC_1_SQRT_2;
 /// A closed contact whose coefficient of friction depends on time, on its position or on the slip speed.
 #[derive(Clone, Debug)]
 pub struct Rubbing {
-    /// The index of the coefficient of friction.
+    /// The index of the coefficient of friction among the varying coefficients.
     pub coefficient: usize,
     /// The fraction of the step after which the contact is closed.
     pub begin: f64,
@@ -27,7 +27,7 @@ pub struct Rubbing {
     pub is_struck: bool,
     /// The positions of the contact when it closes and at the end of the step.
     pub places: [Vector3<f64>; 2],
-    /// The slip speed at the end of the step.
+    /// The slip speed of the contact at the end of the step.
     pub slip_speed: f64,
     /// The friction impulse relative to the normal impulse; for a sticking contact, the mean over the sticking
     /// contacts of its pair of bodies, since the distribution of friction among them is not unique.
@@ -43,7 +43,8 @@ pub struct Rubbing {
 }
 
 impl MoreauStepping<'_> {
-    /// Keeps the contacts of the contact law that was solved last, if coefficients of friction vary.
+    /// Stores a copy of the contacts that have an impulse in the last solve of the contact law, and of the torques of
+    /// contact patches, if coefficients of friction vary.
     pub(super) fn keep_rubbing(&mut self) {
         if !self.scene.laws.coefficients.is_empty() {
             self.rubbing.clear();
@@ -52,7 +53,7 @@ impl MoreauStepping<'_> {
     }
 
     /// Returns the contacts with varying coefficients of friction in the last step, of length `h`; if the step was
-    /// made in parts or in arcs, the contacts of the last of them, as if it were the whole step.
+    /// made in parts or in smooth arcs, the contacts of the last of them, as if it were the whole step.
     pub fn rubbing(&self, h: f64) -> Vec<Rubbing> {
         let is_located = self.located.is_some() && !self.is_passed();
         let of_pair = |contact: &Contact| {
@@ -138,8 +139,9 @@ impl MoreauStepping<'_> {
         points.iter().find(|point| point.id == contact.key.2).map(|point| point.position)
     }
 
-    /// Projects changes of the positions of the moving bodies, or of their velocities, onto those that contacts that
-    /// stay closed allow: no changes along normals, and for velocities also no slip of sticking contacts.
+    /// Projects changes of the positions of the moving bodies, or of their velocities, onto those that keep closed
+    /// contacts closed: changes along contact normals are removed, and for velocities also the slip of sticking
+    /// contacts.
     pub fn restrain(&self, h: f64, is_of_velocities: bool, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let rows = |contact: &Contact| if is_of_velocities && self.sticks(contact, h) { 3 } else { 1 };
         let stays = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();

@@ -128,7 +128,7 @@ proptest! {
             let mut z = vec![0.0; 3];
             let found = shape.face(&x, &mut z, &mut Default::default());
             let g: Vec<f64> = z.iter().zip(&x).map(|(z, x)| z - x).collect();
-            // Near an apex the curvature terms of the boundary equations are unbounded.
+            // Near the apex of a cone, the curvature terms in the equations of the boundary face are unbounded.
             let is_curved = matches!(found, Face::Boundary(_));
             if is_curved && (z[0].abs() < 0.1 || g[0].abs() < 0.1) {
                 continue;

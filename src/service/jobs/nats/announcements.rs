@@ -29,7 +29,7 @@ use tokio::time::{Instant, interval, sleep, timeout};
 /// The time for which a pull waits for a job that was announced: long compared with the writes of a job.
 pub const WAIT: Duration = Duration::from_millis(200);
 
-/// The interval at which gateways repeat announcements for clients whose jobs wait.
+/// The interval at which gateways repeat the announcements of jobs for clients whose jobs wait for a worker.
 const REMIND: Duration = Duration::from_millis(250);
 
 /// The largest number of clients named in one answer to a worker, so that the cost is bounded. Later clients are
@@ -53,7 +53,8 @@ const GATEWAYS: &str = "gateways";
 /// The payload of an announcement of a job whose message has been written.
 const THERE: &[u8] = b"there";
 
-/// The payload of the question of a worker that has been idle for a while.
+/// The payload of the question of a worker that has been idle for a while and asks gateways again which clients have
+/// jobs.
 const AGAIN: &[u8] = b"again";
 
 /// An announcement of a job whose message has yet to be written.
@@ -64,23 +65,24 @@ pub struct Announced {
 }
 
 impl Announced {
-    /// Whether a worker is known to wait for the announced job.
+    /// Whether a worker has confirmed the announcement of the job, and still waits for the message of the job.
     async fn heard(self) -> bool {
         if !self.answer.is_finished() {
             self.answer.abort();
             return false;
         }
-        // The worker's pull must not end before the message of the job comes.
+        // An announcement made long ago does not count: the worker's pull might end before the message of the job
+        // comes.
         self.begun.elapsed() < WAIT / 2 && self.answer.await.unwrap_or(false)
     }
 }
 
-/// The content of an announcement.
+/// The content of the announcement of a job to an idle worker.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Told {
-    /// A job of this client is about to be put into the queue.
+    /// A job of this client is about to be put into the NATS queue.
     Soon(String),
-    /// A job of this client is in the queue and can be fetched.
+    /// A job of this client is in the NATS queue and can be fetched.
     There(String),
 }
 
@@ -106,7 +108,7 @@ impl Exchange {
         let _ = self.client.publish(self.subject("arrival", client.token()), THERE.into()).await;
     }
 
-    /// Listens for one announcement of a job.
+    /// Listens for one announcement of a job, as an idle worker does.
     pub async fn offer(&self) -> Option<Subscriber> {
         let mut offer = self.client.queue_subscribe(self.subject("arrival", "*"), WORKERS.to_owned()).await.ok()?;
         offer.unsubscribe_after(1).await.ok()?;
@@ -175,7 +177,7 @@ impl Jobs {
         }
     }
 
-    /// Repeats announcements for clients whose jobs have waited for a while.
+    /// Repeats the announcements of jobs for clients whose jobs have waited for a worker for a while.
     pub(super) async fn remind_workers(&self) {
         let Some(far) = &self.far else { return };
         let mut ticks = interval(REMIND);

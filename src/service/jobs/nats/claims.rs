@@ -29,16 +29,16 @@ pub enum Holder {
     Unknown,
 }
 
-/// The decision about a message, by the entry `E` of its job or chunk.
+/// The decision of a worker about the message of a job or chunk, by its entry `E` in the bucket of states.
 #[derive(Debug)]
 pub enum Decision<E> {
     /// Acknowledge the message: the job has ended.
     Drop,
-    /// Leave the job to the worker that has claimed it, for this time.
+    /// Leave the job to the worker that has claimed it, and decide again about the message after this time.
     Wait(Duration),
-    /// End the job without a solve; the entry says how it ended.
+    /// End the job without a solve; the new entry of the job says how it ended.
     End(Box<E>),
-    /// Solve the job; the entry contains the claim of this worker.
+    /// Solve the job; the new entry of the job contains the claim of this worker.
     Take(Box<E>),
 }
 
@@ -144,7 +144,7 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         }
-        // The first worker was lost before the job was known to need to run alone.
+        // The first worker did not run the job alone, so that its loss is no evidence against the job.
         assert_eq!(lost, 3);
     }
 

@@ -52,11 +52,12 @@ pub struct Claim {
 pub fn short(results: &Results) -> Option<Box<RawValue>> {
     let json = results.text().filter(|json| json.len() <= SHORT)?;
     let short = RawValue::from_string(String::from_utf8(json.to_vec()).ok()?).ok()?;
-    // White space around the JSON would be lost when the entry is parsed.
+    // Results with white space around the JSON are not stored in the entry, since the white space would be lost when
+    // the entry is parsed.
     (short.get().trim().len() == json.len()).then_some(short)
 }
 
-/// The version of an entry, which is read before the rest.
+/// The version of an entry of the bucket of states, which is read before the rest of the entry.
 #[derive(Deserialize)]
 struct Version {
     format: u32,
@@ -64,13 +65,13 @@ struct Version {
 
 /// An object with a `format` in the bucket of states, changed only by compare-and-set.
 pub trait Versioned: Serialize + DeserializeOwned {
-    /// Parses the object; `None` if another version wrote it.
+    /// Parses an object of the bucket of states; `None` if another version of the program wrote the object.
     fn read(text: &[u8]) -> Option<Self> {
         let Version { format } = serde_json::from_slice(text).ok()?;
         if format == FORMAT { serde_json::from_slice(text).ok() } else { None }
     }
 
-    /// Encodes the object as JSON, to be stored in the bucket of states.
+    /// Encodes an object as JSON, to be stored in the bucket of states.
     fn text(&self) -> Vec<u8> {
         // The object consists of strings and finite numbers, so that encoding cannot fail.
         serde_json::to_vec(self).unwrap_or_default()
@@ -80,12 +81,12 @@ pub trait Versioned: Serialize + DeserializeOwned {
 impl Versioned for Entry {}
 
 impl Entry {
-    /// Creates the entry of a waiting job.
+    /// Creates the entry of a waiting job for the NATS bucket of states.
     pub fn waiting(record: Record) -> Self {
         Self { format: FORMAT, record, claim: None, divided: false, document: None, results: None }
     }
 
-    /// Adds the specification to the entry, if it is short.
+    /// Adds the posted specification to the entry of its job, if the specification is short.
     pub fn with_document(self, document: &[u8]) -> Self {
         let short = str::from_utf8(document).ok().filter(|document| document.len() <= SHORT);
         Self { document: short.map(str::to_owned), ..self }

@@ -4,12 +4,12 @@
 
 use super::entry::{Entry, FORMAT, Versioned as _};
 
-/// The content of the message of a job.
+/// The content of the message of a job in the NATS queue.
 #[derive(Debug)]
 pub struct Errand {
     /// The entry of the job when the message was written.
     pub entry: Entry,
-    /// The revision of the entry when the message was written.
+    /// The revision of the job's entry when the message was written.
     pub revision: u64,
 }
 

@@ -11,7 +11,8 @@ use std::fmt::Display;
 use tokio::time::sleep;
 
 impl Exchange {
-    /// Subscribes to the core subject `kind` of `of`, once the servers are reachable.
+    /// Subscribes to the core NATS subject `NAME.kind.of`, where `NAME` is the name that gateways and workers share,
+    /// with retries until the servers accept the subscription.
     pub async fn hear(&self, kind: &str, of: impl Display) -> Subscriber {
         let subject = self.subject(kind, of);
         loop {
@@ -25,8 +26,8 @@ impl Exchange {
         }
     }
 
-    /// Calls `came` for each key that matches `filter`, with its value, or `None` if the key was deleted. Purged keys
-    /// are not reported.
+    /// Calls `came` for each key of the bucket of states that matches `filter`, with its latest value and then with
+    /// each change; the value is `None` if the key was deleted. Purged keys are not reported.
     pub async fn follow(&self, filter: &str, came: impl Fn(&str, Option<&[u8]>)) {
         let kv::Store { stream, prefix, .. } = &self.state;
         loop {

@@ -36,14 +36,15 @@ use tokio::time::{sleep, timeout};
 /// died before it wrote the entry.
 const TAKE_OVER: Duration = Duration::from_secs(10);
 
-/// The interval between two searches for jobs without a message, and the age from which a job is looked for.
+/// The interval between two searches for waiting jobs without a message in the NATS queue, and the age from which the
+/// message of a job is looked for.
 const SWEEP: Duration = Duration::from_secs(60);
 const UNQUEUED: Duration = Duration::from_secs(60);
 
 /// The silence after which the bucket of states counts as completely read at the start of a gateway.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// The pause between attempts to read or write what the servers did not accept.
+/// The pause before a gateway repeats a read from or a write to the NATS servers that has failed.
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// The connection of a gateway to the NATS servers, with what it knows of the jobs there.
@@ -60,13 +61,13 @@ impl Far {
     }
 }
 
-/// The tasks of a gateway; dropping this value ends them.
+/// The tasks that a gateway runs beside its requests; dropping this value ends them.
 pub struct Gateway {
     _tasks: JoinSet<()>,
 }
 
 /// A job on its way to the servers; if it does not arrive, or its client disconnects meanwhile, dropping this value
-/// removes all traces of the job.
+/// removes the job from the mirror and, unless it has an idempotency key, from the servers.
 struct Posting<'a> {
     jobs: &'a Jobs,
     far: &'a Far,
@@ -80,25 +81,27 @@ impl Drop for Posting<'_> {
             return;
         }
         self.jobs.drop_from_mirror(self.far, self.job);
-        // A client without a key does not know the job; one with a key repeats its request, and finds the job.
+        // A client without an idempotency key does not know the job, which is therefore deleted; a client with a key
+        // can repeat its request, and find the job.
         if self.job.key.is_none() {
             self.jobs.store.let_go(self.job);
         }
     }
 }
 
-/// The stored value of an idempotency key.
+/// The value that is stored for an idempotency key in the bucket of states.
 #[derive(Debug, Serialize, Deserialize)]
 struct Reserved {
     id: String,
     key: Key,
 }
 
-/// The meaning of an idempotency key.
+/// The job that an idempotency key stands for, or the id reserved for it.
 enum Reservation {
-    /// No job has been admitted under the key; a new one is to get this id.
+    /// No job has been admitted under the idempotency key; a new job under it is to get this id, which is reserved
+    /// for the key.
     Free(JobId),
-    /// This job has been admitted under the key.
+    /// This job has been admitted under the idempotency key.
     Taken(Arc<Job>),
 }
 
@@ -200,7 +203,8 @@ impl Jobs {
         }
     }
 
-    /// Returns the meaning of an idempotency key whose stored value is `text`, written `age` ago.
+    /// Returns the job that the idempotency key `key` stands for, or the id reserved for it, by its stored value
+    /// `text`, which was written `age` ago.
     async fn reserved(
         &self,
         far: &Far,
@@ -244,7 +248,8 @@ impl Jobs {
             if entry.record.ended.is_some() || entry.record.dismissed {
                 return false;
             }
-            // A sweep keeps the rows that it has; the next worker makes the table of them.
+            // A running job, or a sweep that is divided into chunks, is only marked as dismissed: a sweep keeps its
+            // rows, and the worker that takes it next makes the table of them.
             if entry.claim.is_some() || entry.divided {
                 entry.record.dismissed = true;
             } else {
@@ -270,7 +275,7 @@ impl Jobs {
 
     /// Cancels a job and deletes it from the servers and from memory.
     pub(in crate::jobs) async fn forget_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
-        // The place of the job in the queue is free at once.
+        // The place of the job in the queue is free at once, before the servers answer.
         self.take_out(job);
         self.erase_far(far, job).await.map_err(|Away| Unwritable)?;
         self.take_away(far, job.id, 0, Timestamp::now());
@@ -355,7 +360,7 @@ impl Jobs {
                     loop {
                         let next = messages.next();
                         // Entries that change while they are read are delivered later, so that fewer come now than
-                        // were counted.
+                        // were counted, and silence ends the wait for them.
                         let next = if read.is_some() { timeout(SILENCE, next).await.ok() } else { Some(next.await) };
                         match next {
                             None => {
@@ -398,7 +403,8 @@ impl Jobs {
         }
     }
 
-    /// Receives the ends of jobs from the workers that have written them, which is earlier than by the entries.
+    /// Receives the ends of jobs in messages from the workers that have written them; these come earlier than the
+    /// changes of the entries.
     async fn hear_ends(&self) {
         let Some(far) = &self.far else { return };
         let mut ends = far.exchange.hear("ended", "*").await;
@@ -409,7 +415,7 @@ impl Jobs {
         }
     }
 
-    /// Counts the waiting and the claimed chunks of shared sweeps.
+    /// Keeps count of the waiting and the claimed chunks of shared sweeps, by the changes of their entries.
     async fn follow_parts(&self) {
         let Some(far) = &self.far else { return };
         let came = |key: &str, text: Option<&[u8]>| {
@@ -469,7 +475,8 @@ impl Jobs {
             for job in waiting {
                 match far.exchange.is_queued(job.id, job.client).await {
                     Ok(true) => {}
-                    // The job may have been taken, and have ended, since the mirror was last updated.
+                    // A worker may have taken and ended the job since the mirror of the entries was last updated, so
+                    // that its entry is read.
                     Ok(false) => {
                         if let Ok(Some((entry, _))) = far.exchange.entry(job.id).await
                             && entry.claim.is_none()
@@ -501,7 +508,8 @@ impl Far {
         let (opened, written, created) =
             join!(exchange.open_line(job.client), written, exchange.create(&key, entry.text()));
         opened.and(written)?;
-        // Without a revision, the entry was written by an earlier attempt whose answer was lost.
+        // There is no revision if the entry exists already: an earlier attempt has written it, and the answer of the
+        // servers was lost.
         let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
         exchange.enqueue(job.id, job.client, text, announced).await
     }

@@ -16,7 +16,8 @@ use tokio::time::{sleep, timeout};
 const ANSWER: Duration = Duration::from_secs(2);
 
 impl Worker {
-    /// Starts the tasks that run beside the jobs; dropping the returned set ends them.
+    /// Starts the tasks by which the worker receives new clients, requests to stop jobs and questions of other
+    /// workers; dropping the returned set ends the tasks.
     pub fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
         let [clients, cancels, questions] = [0; 3].map(|_| Arc::clone(self));
         let mut tasks = JoinSet::new();
@@ -53,7 +54,8 @@ impl Worker {
         match timeout(ANSWER, question).await {
             Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
             Ok(Ok(_)) => Holder::LeftIt,
-            // A worker without a connection may be reconnecting, as this worker has done recently.
+            // The worker that was asked is not connected. It counts as lost only if this worker has been connected
+            // for a while, since after an outage both have to reconnect.
             Ok(Err(error))
                 if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
             {
@@ -63,7 +65,8 @@ impl Worker {
         }
     }
 
-    /// Stops the job `key` for a client if `is`, or else forgets the request, since the job has ended.
+    /// If `is`, records the request of a client to stop the job with the id `key`, and stops the job; otherwise
+    /// forgets the request, since the job has ended.
     fn cancel(&self, key: &str, is: bool) {
         let Ok(id) = key.parse::<JobId>() else { return };
         if !is {

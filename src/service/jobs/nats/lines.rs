@@ -47,36 +47,39 @@ const ANSWER: Duration = Duration::from_secs(5);
 pub struct Lines {
     turns: Mutex<Turns>,
     arrival: Notify,
-    /// The state of the requests for jobs, which one thread of execution of the worker makes at a time.
+    /// The state of the requests for jobs; of the worker's concurrent solves that wait for a job, one at a time makes
+    /// requests.
     asking: tokio::sync::Mutex<Asking>,
     /// The number of the worker's concurrent solves that have no job.
     idle: AtomicUsize,
 }
 
-/// The clients in order of their turns, and those that may have a job.
+/// The clients in the order in which a worker asks for their jobs, and those that may have a job.
 #[derive(Debug, Default)]
 struct Turns {
     order: VecDeque<String>,
     may: HashSet<String>,
 }
 
-/// The consumers of clients, and the pending requests for jobs.
+/// The JetStream consumers of clients, and the pending requests of a worker for jobs.
 #[derive(Debug, Default)]
 struct Asking {
     consumers: HashMap<String, Consumer<pull::Config>>,
     pulls: Pulls,
-    /// The task that has the pulls while all concurrent solves have jobs.
+    /// The task that has the pending pulls while all of the worker's concurrent solves have jobs, and gives back what
+    /// the pulls bring.
     aside: Option<Aside>,
-    /// The subscription that brings the next announcement, while the worker has a free place and no pull waits.
+    /// The subscription that brings the next announcement of a job, while one of the worker's concurrent solves has
+    /// no job and no pull waits.
     offer: Option<Subscriber>,
-    /// The unanswered question which clients have jobs, and the time of the last answer.
+    /// The unanswered question to gateways which clients have jobs, and the time of the last answer.
     question: Option<Question>,
     told: Option<Instant>,
     /// The time at which an idle worker asks again which clients have jobs.
     look: Option<Instant>,
 }
 
-/// A question to gateways that has not been answered.
+/// A question to gateways which clients have jobs that has not been answered.
 struct Question(Answer);
 
 impl fmt::Debug for Question {
@@ -85,18 +88,18 @@ impl fmt::Debug for Question {
     }
 }
 
-/// Pulls that wait for a message, with their clients.
+/// Pulls that wait for the message of a job, with their clients.
 #[derive(Debug, Default)]
 struct Pulls {
     clients: HashSet<String>,
     waiting: FuturesUnordered<BoxFuture<'static, (String, Option<Message>)>>,
 }
 
-/// A task that gives back the messages that pulls bring.
+/// A task that gives back the messages of jobs that waiting pulls bring.
 #[derive(Debug)]
 struct Aside {
     pulls: JoinHandle<Pulls>,
-    /// Ends the task that gives messages back.
+    /// Ends the task that gives messages back, since the pulls are wanted again.
     wanted: oneshot::Sender<()>,
 }
 
@@ -147,7 +150,7 @@ impl Lines {
         self.arrival.notify_one();
     }
 
-    /// Makes tasks that wait for a job check again whether the worker is to stop.
+    /// Makes the tasks of a worker that wait for a job check again whether the worker is to stop.
     pub fn look(&self) {
         self.arrival.notify_one();
     }
@@ -185,7 +188,8 @@ impl Lines {
             }
             let next = self.lock().next();
             let (client, message) = if let Some(client) = next {
-                // The client is removed before its consumer is asked: an announcement meanwhile adds it again.
+                // The client is removed from those that may have a job before its consumer is asked, so that an
+                // announcement meanwhile adds it again.
                 self.lock().may.remove(&client);
                 let message = asking.ask(exchange, &client).await;
                 (client, message)
@@ -225,7 +229,8 @@ impl Lines {
             if let Some(message) = message {
                 let wait =
                     asking.consumers.get(&client).map_or(LOOK, |consumer| consumer.cached_info().config.ack_wait);
-                // The consumer has further messages of the client, as far as the server knows.
+                // If the consumer is known to have further messages of the client, the client is one that may have a
+                // job.
                 if message.info().is_ok_and(|info| info.pending > 0) {
                     self.lock().may.insert(client);
                 }
@@ -259,7 +264,7 @@ impl Asking {
     /// Asks the consumer of a client for a message, without waiting for one to arrive.
     async fn ask(&mut self, exchange: &Exchange, client: &str) -> Option<Message> {
         let asked = async {
-            // With a time limit in the request, the server would wait for a message.
+            // The request has no time limit: with one, the server would wait for a message to come.
             let mut messages = self.consumer(exchange, client).await?.fetch().max_messages(1).messages().await?;
             timeout(ANSWER, messages.next()).await?.transpose()
         };
@@ -332,7 +337,7 @@ impl Asking {
                     _ = &mut is_wanted => return pulls,
                     next = pulls.next() => match next {
                         Some((_, Some(message))) => {
-                            // If giving back fails, the message is delivered again after a while.
+                            // If giving the message back fails, the servers deliver it again after a while.
                             let _ = message.ack_with(AckKind::Nak(None)).await;
                         }
                         Some((_, None)) => {}
@@ -344,10 +349,10 @@ impl Asking {
         self.aside = Some(Aside { pulls, wanted });
     }
 
-    /// Takes the pulls that still wait back from the task that gives messages back.
+    /// Ends the task that gives messages back, if it runs, and takes over its pulls that still wait.
     async fn resume(&mut self) {
         let Some(Aside { pulls, wanted }) = self.aside.take() else { return };
-        // Sending fails if the task has ended by itself.
+        // Sending fails if the task that gives messages back has ended by itself, which is harmless.
         let _ = wanted.send(());
         self.pulls = pulls.await.unwrap_or_default();
     }
@@ -377,7 +382,7 @@ mod tests {
         assert_eq!((next().as_deref(), next().as_deref()), (Some("a"), Some("b")));
         lines.lock().add("c");
         assert_eq!(next().as_deref(), Some("c"));
-        // A client whose job came by a pull has had its turn.
+        // A client whose job was brought by a waiting pull has had its turn, and goes to the end of the order.
         ["a", "b"].iter().for_each(|client| lines.lock().add(client));
         lines.lock().goes_last("a");
         assert_eq!(next().as_deref(), Some("b"));

@@ -29,11 +29,12 @@ pub struct Mirror {
     running: BTreeMap<JobId, Client>,
     /// The last of the running jobs whose client was named to an idle worker.
     named: Option<JobId>,
-    /// The jobs that were deleted, with the times of deletion: their remains in the bucket are removed after a while.
+    /// The jobs that were deleted, with the times of deletion: their remains in the bucket of states are removed
+    /// after a while.
     gone: VecDeque<(Timestamp, JobId)>,
     /// Short results that were received recently, for the clients that wait for them.
     short: Short,
-    /// The unfinished chunks of shared sweeps.
+    /// The unfinished chunks of sweeps that workers share.
     parts: OpenParts,
 }
 
@@ -50,7 +51,8 @@ impl Default for Short {
 /// The number of short results that are kept: sixteen megabytes at most.
 const KEPT_RESULTS: usize = 1024;
 
-/// The time for which the bucket records that a job was deleted, for gateways that are cut off meanwhile.
+/// The time for which the bucket of states records that a job was deleted, for gateways that are cut off from the
+/// servers meanwhile.
 const GONE: Duration = Duration::from_secs(24 * 3600);
 
 #[derive(Debug)]
@@ -62,7 +64,7 @@ struct Seen {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Waiting,
-    /// The job is running, in the attempt with this number of crashes before it.
+    /// The job is running; the value is the number of crashes before the current attempt.
     Running(u32),
     Ended,
     Gone,
@@ -73,7 +75,7 @@ enum Phase {
 pub struct Told {
     /// The number of the attempt, counted from one.
     pub attempt: u32,
-    /// The progress of the attempt at the job, with its latest events.
+    /// The progress of the attempt at the job, with the latest events of the trajectory.
     pub progress: Progress,
 }
 
@@ -92,7 +94,7 @@ impl Mirror {
     /// Updates the state of a chunk by its new entry; `None` if the entry was deleted.
     pub fn part_came(&mut self, id: PartId, part: Option<&Part>) {
         let sweep = self.jobs.get(&id.sweep);
-        // An entry that comes after the end of its sweep does not count.
+        // The entry of a chunk that comes after the end of its sweep is ignored.
         if !sweep.is_some_and(|sweep| matches!(sweep.phase, Phase::Ended | Phase::Gone)) {
             self.parts.came(id, part);
         }
@@ -121,7 +123,7 @@ impl Mirror {
         self.running.keys().copied().collect()
     }
 
-    /// Returns up to `most` sweeps with chunks that wait.
+    /// Returns up to `most` sweeps with chunks that wait for a worker.
     pub fn sweeps_that_wait(&self, most: usize) -> Vec<JobId> {
         self.parts.sweeps_that_wait().take(most).collect()
     }
@@ -156,8 +158,8 @@ impl Jobs {
         let (crashes, ended) = (record.crashes, record.ended.clone());
         let job = self.find(id).unwrap_or_else(|| {
             let job = Arc::new(Job::recovered(id, crate::jobs::Record { ended: None, ..record.clone() }, None));
-            // Insertion may fail if a key names two jobs, which the bucket does not allow; the key then finds the
-            // first job.
+            // Insertion may fail if an idempotency key names two jobs, which the bucket does not allow; the key then
+            // finds the first job.
             let _ = self.store.index().insert(&job);
             job
         });
@@ -294,7 +296,7 @@ mod tests {
         mirror.running.remove(&JobId::of_number(1));
         assert_eq!(named(&mut mirror), [2, 3]);
         mirror.running.remove(&JobId::of_number(2));
-        // Each client is named once, however few there are.
+        // Each client of a running job is named once in an answer, even if fewer clients than asked for are left.
         assert_eq!(named(&mut mirror), [3]);
     }
 }

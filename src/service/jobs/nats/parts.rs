@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
-/// The work that a message of the queue stands for.
+/// The work that a message of the NATS queue stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Work {
     /// A job; if it is a sweep, its division into chunks and its table.
@@ -75,19 +75,21 @@ pub enum Done {
     /// solve was stopped.
     Rows {
         rows: usize,
-        /// The number of members that made processes die.
+        /// The number of members of the chunk without a solution, because they made their worker process die or
+        /// exceeded the time limit.
         lost: usize,
         steps: u64,
         bytes: usize,
         digest: Digest,
-        /// The time of the solve in seconds; zero if it does not predict the time of other members.
+        /// The time of the solves of the chunk in seconds; zero if it does not predict the time that other members of
+        /// the sweep take.
         seconds: f64,
         /// The attempt at the chunk that made the rows, which is a part of their name.
         attempt: u32,
     },
     /// A fault that prevents the whole sweep from continuing.
     Broken(Fault),
-    /// The chunk has made several workers die.
+    /// The chunk has made several workers die, and is not solved again.
     Poisoned,
     /// The chunk was withdrawn by the worker that divides the sweep.
     Withdrawn,
@@ -113,7 +115,7 @@ impl PartId {
         Self::of_key(sweep.parse().ok()?, key)
     }
 
-    /// Returns the key of the chunk's entry.
+    /// Returns the key of the chunk's entry in the bucket of states.
     pub fn key(self) -> String {
         let Self { sweep, attempt, number } = self;
         format!("part.{sweep}.{attempt}_{number}")
@@ -135,7 +137,7 @@ impl fmt::Display for Work {
     }
 }
 
-/// The error of a text that names no work known to this version.
+/// The error of a text that names neither a job nor a chunk, as far as this version knows.
 #[derive(Debug)]
 pub struct Unknown;
 
@@ -154,12 +156,12 @@ impl FromStr for Work {
 }
 
 impl Work {
-    /// Parses the work that a message with this subject stands for.
+    /// Parses the job or chunk that a message with this NATS subject stands for.
     pub fn of(subject: &str) -> Option<Self> {
         subject.rsplit('.').next()?.parse().ok()
     }
 
-    /// Returns the job of the work; for a chunk, that of its sweep.
+    /// Returns the job itself; for a chunk, the job of its sweep.
     pub fn job(self) -> JobId {
         match self {
             Self::Job(id) | Self::Part(PartId { sweep: id, .. }) => id,
@@ -231,8 +233,8 @@ impl Exchange {
         }
         let rows = format!("{}rows.{sweep}.>", self.data.prefix);
         self.data.stream.purge().filter(rows).await.map_err(|error| away(&error))?;
-        // The entries are removed last, since long rows are found by them. A worker that takes the message of a chunk
-        // without an entry acknowledges it.
+        // The entries of the chunks are removed last, since long rows are found by them. A worker that takes the
+        // message of a chunk without an entry acknowledges the message.
         self.clear(&format!("part.{sweep}.*")).await
     }
 }
@@ -345,7 +347,8 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The next worker asks this worker, which answers that it does not have the chunk.
+            // The claim may stay in the entry: the next worker that gets the message asks this worker, which answers
+            // that it does not have the chunk.
             Err(_) => Reply::Later(PAUSE),
         }
     }
@@ -374,8 +377,8 @@ impl Worker {
                 is_mine
             });
             match change.await {
-                // The claim stays in the entry, by which an end whose confirmation was lost is recognized here as
-                // well.
+                // The claim stays in the entry of the chunk: by it, an outcome that an earlier attempt has written,
+                // and whose confirmation was lost, is recognized here as well.
                 Ok(Some((part, _))) if part.claim == claim && !matches!(part.done, Some(Done::Withdrawn)) => {
                     return Reply::Acknowledge;
                 }
@@ -441,7 +444,7 @@ pub fn outcome(job: &Job, ended: &Ended, time: Duration) -> (Done, Vec<u8>) {
     }
     let Some(chunks) = &job.chunks else { return (Done::Broken(Fault::Defect), Vec::new()) };
     let (lost, log) = (chunks.lost(), chunks.log());
-    // The log of a chunk contains at most one record.
+    // The row log of a chunk that is solved as a job of its own contains at most one record.
     let (count, steps, rows) = match log.in_order().next() {
         Some((record, Ok(rows))) => (record.members.len(), record.steps, rows),
         Some((_, Err(_))) | None => (0, 0, Vec::new()),

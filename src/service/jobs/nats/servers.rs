@@ -57,7 +57,7 @@ impl From<Trouble> for Away {
 const ANSWER: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The interval of pings; after two unanswered pings a connection counts as lost.
+/// The interval of pings to the NATS servers; after two unanswered pings the connection counts as lost.
 const PING: Duration = Duration::from_secs(10);
 
 /// The first and the longest pause between attempts to connect to the servers.
@@ -159,7 +159,7 @@ impl Exchange {
         if self.is_near() { Ok(()) } else { Err(Away) }
     }
 
-    /// Returns the core subject `kind` of `of` under the name that gateways and workers share.
+    /// Returns the core NATS subject `NAME.kind.of`, where `NAME` is the name that gateways and workers share.
     pub fn subject(&self, kind: &str, of: impl fmt::Display) -> String {
         format!("{}.{kind}.{of}", self.name)
     }
@@ -354,7 +354,7 @@ pub fn job_of(subject: &str) -> Option<JobId> {
     subject.rsplit('.').next()?.parse().ok()
 }
 
-/// Logs why a request to the NATS servers failed.
+/// Logs `error`, for which a request to the NATS servers failed.
 pub fn away(error: &dyn fmt::Display) -> Away {
     tracing::warn!(%error, "the NATS servers do not answer");
     Away

@@ -45,7 +45,7 @@ const UNSHARED: Duration = Duration::from_millis(100);
 /// The number of workers assumed for the size of chunks as long as no worker has taken a chunk.
 const EXPECTED: usize = 4;
 
-/// The least number of chunks that wait for workers.
+/// The least number of chunks of a shared sweep that are kept waiting for workers.
 const WAITING: usize = 2;
 
 /// The largest number of sweeps that one worker divides at a time: each has its rows in a file and follows its
@@ -69,7 +69,7 @@ const STOPPING: Duration = Duration::from_millis(200);
 enum Divided {
     /// The job of the sweep has ended, or has been given back.
     Settled,
-    /// The worker divides the largest number of sweeps already.
+    /// The worker divides the largest number of sweeps already, so that the sweep is given back.
     Full,
     /// Another worker has claimed the sweep.
     Lost,
@@ -91,7 +91,7 @@ struct Sweep<'w> {
     until: Option<Timestamp>,
     /// The chunks that wait or that other workers solve; the flag says whether a worker has claimed the chunk.
     out: HashMap<PartId, (Chunk, bool)>,
-    /// The chunk that the divider itself solves.
+    /// The chunk that the divider, the worker that divides the sweep, solves itself.
     here: Option<Here>,
     /// The outcomes and rows of chunks that the divider has solved and not written to the servers.
     unwritten: Vec<(PartId, Chunk, Done, Vec<u8>)>,
@@ -99,20 +99,21 @@ struct Sweep<'w> {
     stopping_since: Option<Instant>,
     /// The number of chunks that have made workers die.
     poisoned: usize,
-    /// Whether chunks of the sweep have entries.
+    /// Whether chunks of the sweep have entries in the bucket of states.
     has_parts: bool,
-    /// The count of this sweep among those that the worker divides for others, once it is shared.
+    /// Counts this sweep among those that the worker divides for others; `None` until the sweep is shared.
     counted: Option<Counted<'w>>,
 }
 
-/// A count of one, which is subtracted when this value is dropped.
+/// An increment by one of a counter, which is undone when this value is dropped.
 struct Counted<'w>(&'w AtomicUsize);
 
 impl<'w> Counted<'w> {
     /// Adds one to `count`, unless it has reached `most`.
     fn within(count: &'w AtomicUsize, most: usize) -> Option<Self> {
         let more = |count: usize| (count < most).then_some(count + 1);
-        // The value is made only on success: making and dropping it otherwise would subtract one.
+        // `Self` is made only if the counter was increased: to drop a value made otherwise would decrease the
+        // counter.
         count.fetch_update(Relaxed, Relaxed, more).is_ok().then(|| Self(count))
     }
 }
@@ -128,14 +129,14 @@ struct RowFile(PathBuf);
 
 impl Drop for RowFile {
     fn drop(&mut self) {
-        // Removal fails if no file was needed, which is harmless.
+        // Removal fails if the rows of the sweep never needed the file, which is harmless.
         let _ = fs::remove_file(&self.0);
     }
 }
 
 impl Worker {
-    /// Solves a sweep, in part by other workers. `is_new` says that no worker has had the sweep before; `place` is
-    /// dropped when this worker solves no chunk in it any more.
+    /// Solves a sweep, in part by other workers. `is_new` says that no worker has had the sweep before; `place`, one
+    /// of the worker's concurrent solves, is dropped when this worker solves no further chunk in it.
     pub async fn divide(
         self: &Arc<Self>,
         claimed: Claimed,
@@ -301,15 +302,15 @@ impl Sweep<'_> {
         };
         let of_attempt = parts.iter().filter(|(part, _)| part.attempt == self.attempt);
         self.number = of_attempt.map(|(part, _)| part.number + 1).max().unwrap_or(0);
-        // Finished chunks come first, in the order in which they were made: members that they did not solve may be in
-        // later chunks.
+        // Finished chunks come first, in the order in which they were made, since members that they did not solve may
+        // be in chunks made later.
         parts.sort_unstable_by_key(|(part, _)| (part.attempt, part.number));
         let (done, waiting): (Vec<_>, Vec<_>) = parts.into_iter().partition(|(_, part)| part.done.is_some());
         for (part_id, part) in done {
             let chunk = match part.done {
                 Some(Done::Rows { rows, .. }) => Chunk { members: part.first..part.first + rows, lost: part.lost },
                 Some(Done::Poisoned) => part.chunk(),
-                // Chunks with other outcomes have left no rows.
+                // Chunks of the earlier dividers with other outcomes have left no rows.
                 _ => continue,
             };
             if let Some(done) = part.done
@@ -353,7 +354,7 @@ impl Sweep<'_> {
         told
     }
 
-    /// Whether more chunks are to be put into the queue.
+    /// Whether more chunks of the sweep are to be put into the queue.
     fn wants_more(&self) -> bool {
         let claimed = self.out.values().filter(|(_, is_claimed)| *is_claimed).count();
         self.out.len() - claimed < WAITING.max(claimed)
@@ -365,7 +366,7 @@ impl Sweep<'_> {
         id
     }
 
-    /// Puts the next chunk into the queue; returns false if there was none.
+    /// Puts the next chunk of the sweep into the queue of the client; returns false if there was none.
     async fn post(&mut self) -> bool {
         let workers = self.out.len() + usize::from(self.here.is_some());
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
@@ -378,16 +379,17 @@ impl Sweep<'_> {
         true
     }
 
-    /// Writes the entry of a chunk that has none.
+    /// Writes the first entry of a chunk to the bucket of states.
     async fn enter(&mut self, id: PartId, part: &Part) {
         self.has_parts = true;
-        // An existing entry was written by an attempt of this call whose answer was lost.
+        // If the entry exists already, an earlier attempt in this loop has written it, and the answer of the servers
+        // was lost.
         while self.worker.exchange.create(&id.key(), part.text()).await.is_err() {
             sleep(PAUSE).await;
         }
     }
 
-    /// Updates the state of a chunk by its new entry.
+    /// Updates the state of a chunk of the sweep by its new entry in the bucket of states.
     async fn came(&mut self, id: PartId, part: Part) {
         let Some((_, is_claimed)) = self.out.get_mut(&id) else { return };
         *is_claimed = part.claim.is_some();
@@ -398,7 +400,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Records the outcome of a chunk, and fetches its rows.
+    /// Records the outcome of a chunk that its entry reports, and fetches its rows from the servers.
     async fn count(&mut self, id: PartId, chunk: &Chunk, done: Done) {
         let first = chunk.members.start;
         let (solved, time) = match done {
@@ -558,7 +560,7 @@ async fn settled(job: Option<Arc<Job>>) -> Option<Arc<Ended>> {
     }
 }
 
-/// Receives the next value, if there is a channel; without one, waits for ever.
+/// Receives the next value of a channel; without a channel, waits for ever.
 async fn next<T>(told: &mut Option<UnboundedReceiver<T>>) -> Option<T> {
     match told {
         Some(told) => told.recv().await,

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use tokio::io::AsyncReadExt;
 use tokio::task::spawn_blocking;
 
-/// The size of the pieces in which an object is read, in bytes.
+/// The size of the pieces in which an object is read from the NATS object store, in bytes.
 const PIECE: usize = 128 << 10;
 
 impl Exchange {
@@ -36,7 +36,8 @@ impl Exchange {
     /// The servers do not answer, the text is incomplete, or `to` cannot be written.
     async fn copy(&self, name: &str, to: &mut (impl Write + Send)) -> io::Result<bool> {
         self.near()?;
-        // Any server with a replica answers; one that is behind may not have the text, and then the leader is asked.
+        // Any server with a replica of the bucket may answer. If a replica that is behind does not have the text, the
+        // leader is asked.
         let value = match self.data.get(name).await {
             Ok(Some(value)) => Some(value),
             Ok(None) | Err(_) => self.last(&self.data, name).await?.map(|message| message.payload),

@@ -38,7 +38,7 @@ const KEEP: Duration = Duration::from_secs(5);
 /// The number of signs of life that a worker sends within the time after which it counts as lost.
 const BEATS: u32 = 4;
 
-/// The time limit for sending what remains when the worker stops.
+/// The time limit for sending the messages that remain in the buffer of the connection when the worker stops.
 const ANSWER: Duration = Duration::from_secs(2);
 
 /// The time limit for solves that are stopped to reach their next step.
@@ -57,7 +57,7 @@ pub struct Worker {
     pub jobs: Arc<Jobs>,
     pub lines: Lines,
     mine: Mutex<HashMap<Work, Option<Arc<Job>>>>,
-    /// The number of sweeps that this worker divides for others.
+    /// The number of sweeps that this worker divides into chunks for other workers.
     pub divided: AtomicUsize,
     /// The specification of the sweep of which the worker last had a chunk.
     latest: Mutex<Option<(JobId, Arc<[u8]>)>>,
@@ -65,7 +65,7 @@ pub struct Worker {
     /// The jobs that clients have asked to stop.
     cancelled: Mutex<HashSet<JobId>>,
     until_idle: Option<Duration>,
-    /// The time at which a message of a job was last answered.
+    /// The time at which the worker last answered the message of a job or chunk.
     active: Mutex<Instant>,
     is_stopping: AtomicBool,
 }
@@ -78,21 +78,22 @@ pub struct Claimed {
     pub document: Arc<[u8]>,
 }
 
-/// One of the worker's concurrent solves; when this value is dropped, the next message is taken.
+/// A place among the worker's concurrent solves; when this value is dropped, the place is free, and the worker takes
+/// the next message.
 pub type Place = oneshot::Sender<()>;
 
-/// The answer to a message of the queue.
+/// The answer of a worker to the message of a job or chunk.
 pub enum Reply {
     /// Acknowledge the message: the job has ended, or is deleted.
     Acknowledge,
-    /// Let the message be delivered again after this time.
+    /// Let the servers deliver the message again after this time.
     Later(Duration),
-    /// Send no answer: another worker has the job, and a message of its own.
+    /// Send no answer: another worker has the job, and will answer the message that it got.
     Nothing,
 }
 
 impl Reply {
-    /// Returns the answer to a message whose entry could not be read.
+    /// Returns the answer to the message of a job or chunk whose entry could not be read.
     pub fn after(trouble: Trouble) -> Self {
         match trouble {
             Trouble::OtherVersion => Self::Later(OTHERS),
@@ -188,7 +189,7 @@ impl Worker {
         }
     }
 
-    /// Gives up the sweeps that this worker divides, since it solves no more chunks itself.
+    /// Gives up the sweeps that this worker divides into chunks, since it solves no more chunks itself.
     fn leave_sweeps(&self) {
         let mine = self.mine();
         let jobs: Vec<_> = mine.iter().filter(|(work, _)| matches!(work, Work::Job(_))).collect();
@@ -212,18 +213,20 @@ impl Worker {
         while attended.join_next().await.is_some() {}
     }
 
-    /// Handles a message until it is answered, and sends signs of life meanwhile.
+    /// Handles the message of a job or chunk until it is answered, and sends signs of life meanwhile, so that
+    /// JetStream gives the message to no other worker.
     async fn attend(self: &Arc<Self>, message: &Message, lost_after: Duration, place: Place) {
         let mut beats = interval_at(Instant::now() + lost_after / BEATS, lost_after / BEATS);
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let beating = async {
             loop {
                 beats.tick().await;
-                // If a sign of life is lost, the next one comes in time.
+                // An error is ignored: if a sign of life is lost, the next one comes in time.
                 let _ = message.ack_with(AckKind::Progress).await;
             }
         };
-        // The place is freed with the answer at the latest.
+        // The place, which is one of the worker's concurrent solves, becomes free with the answer to the message at
+        // the latest.
         let mut place = Some(place);
         let reply = tokio::select! {
             reply = self.see_to(message, lost_after, &mut place) => reply,
@@ -235,7 +238,7 @@ impl Worker {
             Reply::Nothing => Ok(()),
         };
         if let Err(error) = replied {
-            // The message is delivered again, and the entry then says that the job has ended.
+            // Without an answer the message is delivered again, and the entry then says what became of the job.
             tracing::debug!(%error, "a message could not be answered");
         }
         *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
@@ -250,7 +253,8 @@ impl Worker {
 
     async fn see_to(self: &Arc<Self>, message: &Message, lost_after: Duration, place: &mut Option<Place>) -> Reply {
         let Some(work) = Work::of(&message.subject) else {
-            // The message is left to a worker of another version, which may know its kind.
+            // The kind of the message is unknown to this version: it is left to a worker of another version, which
+            // may know it.
             return Reply::Later(OTHERS);
         };
         if self.mine().contains_key(&work) {
@@ -278,7 +282,8 @@ impl Worker {
     /// Solves a job at once, if it is small, and otherwise claims it.
     async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
         let errand = Errand::read(&message.payload);
-        // A message that is delivered again may have made a worker die, which only a claim records.
+        // The job of a message that is delivered again may have made a worker die; such a job is claimed first, since
+        // only a claim records the death of a worker.
         if message.info().is_ok_and(|info| info.delivered == 1)
             && let Some(errand) = &errand
             && self.solve_small(id, errand).await
@@ -371,7 +376,8 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The next worker asks this worker, which answers that it does not have the job.
+            // The claim may stay in the entry: the next worker that gets the message asks this worker, which answers
+            // that it does not have the job.
             Err(_) => Reply::Later(PAUSE),
         }
     }
@@ -402,7 +408,7 @@ impl Worker {
     /// Removes a job that has ended, or was given back, from memory, and the requests and progress stored for it.
     pub async fn let_go(&self, job: &Arc<Job>, is_kept: bool) {
         let id = job.id;
-        // The job is removed before another job of this id is added: this worker may take the job again.
+        // The removal is awaited, since this worker may take the job again, and then adds another job with this id.
         let _ = self.jobs.forget(job).await;
         if is_kept {
             let _ = self.exchange.clear(&format!("progress.{id}")).await;
@@ -493,7 +499,8 @@ impl Worker {
                 is_mine
             });
             match change.await {
-                // An end whose confirmation was lost on its way is recognized here as well.
+                // This is also the case if an earlier attempt has written the end of the job and only its
+                // confirmation was lost.
                 Ok(Some((entry, revision))) if entry.record.ended.is_some() && entry.record.crashes + 1 == attempt => {
                     self.tell_end(id, &entry, revision).await;
                     return Reply::Acknowledge;

@@ -29,7 +29,8 @@ impl Store {
         if disk.has_failed()
             && let Ok(place) = disk.place().await
         {
-            // The change is empty: only whether it succeeds matters, which `has_failed` shows.
+            // The change is empty, and is made only to see whether the disk accepts it, which `has_failed` then
+            // shows.
             let _ = place.send(Change::default(), drop).written().await;
         }
         if disk.has_failed() {

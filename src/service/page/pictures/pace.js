@@ -9,7 +9,7 @@ export class Pace {
   #waits = false;
   #frames = [];
 
-  // Calls `slow()` if frames are slower than `SLOWEST` per second, and again after as many more slow frames.
+  // Calls `slow()` whenever the frames that are judged together were drawn at less than `SLOWEST` per second.
   constructor(slow) {
     this.#slow = slow;
   }

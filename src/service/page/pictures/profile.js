@@ -10,7 +10,7 @@ import { dot, fitted, line, surface } from "./surface.js";
 const FRAMES = 121;
 const ON_LINE = 161; // number of sample points over an interval
 const ON_SIDE = 41; // number of sample points along each side of a rectangle
-const TOUCHES = 1e-6; // fraction of the range of u: a smaller distance is contact
+const TOUCHES = 1e-6; // fraction of the range of the field: a smaller distance to the obstacle is contact
 const MOST_NODES = 4000;
 
 const scopeOf = (problem) => {

@@ -115,7 +115,8 @@ fn an_excerpt_reads_little_more_than_it_shows() {
         read.store(0, Relaxed);
         let selection = Excerpt { fields: None, from, to, every }.of(&columns).unwrap();
         selection.block(&columns, selection.rows).unwrap();
-        // Two bisections among the times, each reading the logarithm of the number of their blocks.
+        // The rows are found by two bisections of the times, each of which reads a number of blocks that is the
+        // base-two logarithm of the number of all blocks of the times.
         let (found, searches) = (read.load(Relaxed) / 512, 2 * 13);
         assert!(found <= blocks + searches, "{found} blocks for {} rows", selection.rows.len());
     }

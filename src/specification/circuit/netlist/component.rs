@@ -169,7 +169,7 @@ fn diode(
         }
         _ => None,
     };
-    // Skip the junction area, which an ideal diode does not have.
+    // Skip the number for the junction area on the line of a diode, which an ideal diode does not have.
     rest.values()?;
     let [forward, breakdown] = rest.options(["VF", "BV"])?;
     let of_model = |keys: &[&str]| model.and_then(|model| model.value(keys));

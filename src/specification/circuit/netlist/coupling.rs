@@ -147,11 +147,12 @@ fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
             }
         }
     }
-    // Edges go in both directions, so that a component of the graph is a whole group.
+    // Edges between couplings go in both directions, so that a strongly connected component of the graph is a whole
+    // group.
     connected(&edges).into_iter().map(|group| group.into_iter().map(|k| &couplings[k]).collect()).collect()
 }
 
-/// Returns the number that an expression is; NaN if it is not a number.
+/// Returns the value of an expression that is given as a number, and NaN for an expression in text.
 pub(super) fn number(expression: &Expression) -> f64 {
     if let Expression::Number(number) = expression { *number } else { f64::NAN }
 }

@@ -19,7 +19,8 @@ const DEEPEST: usize = 16;
 /// Largest number of warnings reported for one netlist.
 const MOST_REMARKS: usize = 20;
 
-/// The scope of a line of a netlist: the prefix of its names, the outer names of its port nodes, and its parameters.
+/// The scope of a line of a netlist: the prefix of the names in its subcircuit, such as `X1.`; the names of the port
+/// nodes of the subcircuit in the circuit around it; and the parameters.
 pub(super) struct Frame<'f> {
     prefix: &'f str,
     ports: HashMap<String, String>,
@@ -109,7 +110,7 @@ impl<'a> Expansion<'_, 'a> {
                 self.errors.push(error);
             }
             for token in statement.tokens.iter().skip(1) {
-                // The hint about farads applies to the value of a capacitor alone.
+                // The hint that the suffix `F` means femto, not farad, applies to the value of a capacitor alone.
                 let meant = likely_meant(token.text);
                 if let Some(meant) =
                     meant.filter(|meant| !meant.contains("farad") || first.text.starts_with(['C', 'c']))

@@ -8,8 +8,9 @@
 //! v_i = sum over m < i of r_im u_m + u_i,    u_m = D_m L_m j_m',    j_m = i_m + sum over i > m of r_im i_i
 //! ```
 //!
-//! where `u_m` and `j_m` are voltage and current of the inductor of winding `m`, across which the transformers of later
-//! windings have their secondaries. A source of zero volts begins each winding: its current is that of the inductor of the netlist.
+//! where `u_m` and `j_m` are voltage and current of the inductor of winding `m`, across which the transformers of
+//! later windings have their secondaries. A source of zero volts begins each winding: its current is that of the
+//! inductor of the netlist.
 
 use super::NetlistError;
 use super::coupling::{Coupling, number};
@@ -57,7 +58,8 @@ pub(super) fn apply(
     let henries: Vec<f64> = windings.iter().map(|winding| number(&winding.henries)).collect();
     let ratio = |i: usize, m: usize| factors.t[i][m] * (henries[i] / henries[m]).sqrt();
     for coupling in group {
-        // All inductors of the coupling are checked, as a name may stand in several couplings.
+        // Check all inductors of each coupling, since an inductor may occur in several couplings, and the error names
+        // the coupling.
         let are_positive = coupling
             .inductors
             .iter()

@@ -44,7 +44,7 @@ struct Around<'a> {
 /// An element of a body, the pose of its frame in the frame of the body, and its default class.
 type Placed<'a, 'x> = (Element<'a, 'x>, Isometry3<f64>, Option<&'a str>);
 
-/// A body that waits to be built.
+/// A nested element whose body has not been built yet.
 struct Made<'a, 'x> {
     around: Around<'a>,
     element: Element<'a, 'x>,
@@ -333,8 +333,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
                 element,
                 "several joints of one body act one after the other, by bodies between them with a millionth of its mass",
             );
-            // The light bodies between its joints keep the body and its parent from being neighbours, so their
-            // contact is excluded.
+            // Exclude contact between the body and its parent: because of the light bodies between the joints, no
+            // joint connects the two, which would exclude it.
             if let Some(parent) = around.carrier {
                 self.robot.apart.insert((parent.min(body), parent.max(body)));
             }
@@ -398,7 +398,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         if is_moved {
             self.reader.leave_out(joint, BEYOND_LIMITS);
         }
-        // In the position given by the description, the coordinate of a joint is its reference.
+        // In the position that the description gives, the coordinate of a joint equals its reference value.
         let (motion, at, along) = motion.behind(&local, (start - reference, velocity));
         Given { motion, at, axis: along, limits, stiffness, rest, damping, start }
     }

@@ -23,7 +23,7 @@ use std::collections::HashMap;
 const SAY_NOTHING: [&str; 9] =
     ["size", "visual", "statistic", "asset", "sensor", "custom", "keyframe", "compiler", "option"];
 const SECTIONS: [&str; 8] = ["compiler", "option", "default", "worldbody", "contact", "equality", "tendon", "actuator"];
-/// Elements that bring in other files, or make bodies by rules.
+/// Elements that include other files, or that generate bodies by rules.
 const MAKERS: [&str; 7] = ["include", "composite", "flexcomp", "replicate", "attach", "deformable", "extension"];
 
 /// Reads a robot from the root element of an MJCF model.

@@ -29,7 +29,7 @@ fn what_slides_does_not_lift_off() {
 fn without_friction_velocities_are_those_of_the_complementarity_problem() {
     let mut random = Random(5);
     for n in [2, 8, 30] {
-        // Take more contacts than degrees of freedom: the impulses are not unique, the velocities are.
+        // Take more contacts than degrees of freedom: the impulses are not unique, whereas the velocities are.
         let jacobian = DMatrix::from_fn(3 * n, n / 2 + 1, |_, _| random.number());
         let free = DVector::from_fn(jacobian.ncols(), |_, _| random.number());
         let dense = &jacobian * jacobian.transpose();
@@ -66,7 +66,7 @@ fn an_answer_handed_back_costs_nothing() {
 
 #[test]
 fn a_problem_without_a_solution_ends_at_the_limit_and_tells_what_was_tried() {
-    // A body squeezed by two closing walls.
+    // A body is squeezed by two walls that approach each other: no solution exists.
     let jacobian =
         DMatrix::from_row_slice(6, 3, &[1., 0., 0., 0., 1., 0., 0., 0., 1., -1., 0., 0., 0., 1., 0., 0., 0., 1.]);
     let q = vec![Vector3::new(-1.0, 0.0, 0.0); 2];
@@ -75,7 +75,8 @@ fn a_problem_without_a_solution_ends_at_the_limit_and_tells_what_was_tried() {
     let limits = Limits { iterations: 2_000, ..Limits::default() };
     let report = Coulomb::new(limits).solve(&problem, &mut r, &Control::new());
     assert_eq!(report.outcome, Outcome::Limit, "{r:?} {report:?}");
-    // Impulses may have grown until the relative measure is small; Signorini's condition shows the failure.
+    // The impulses may have grown until the residual relative to them is small, whereas the violation of Signorini's
+    // condition shows that there is no solution.
     assert!(report.evidence.signorini > 0.1, "{report:?}");
     for method in [Method::GaussSeidel, Method::ProximalNewton, Method::Admm] {
         assert!(report.attempts.iter().any(|attempt| attempt.method == method), "{report:?}");

@@ -56,7 +56,8 @@ fn factors_and_blocks_are_one_operator() {
         assert!((product - blocks.row_product(k, &r)).norm() < 1e-12);
         assert!((factors.diagonal(k) - blocks.diagonal(k)).norm() < 1e-12);
     }
-    // Add one impulse, and compare with the product of all impulses.
+    // Update the velocities of the bodies for a change of one impulse, and compare with the product of the operator
+    // and all impulses.
     let change = random.vector();
     factors.push(7, &change, &mut twists);
     let mut more = r;

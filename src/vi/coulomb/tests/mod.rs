@@ -9,7 +9,8 @@ mod stacks;
 use super::{BlockMatrix, CoulombProblem, Reach};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Contact patches with radii of the size of a radius of gyration, almost zero, and with very different lengths.
+/// Dimensions of contact patches, relative to a radius of gyration: of about its size, almost zero, and very
+/// different from each other.
 pub(super) const REACHES: [Reach; 8] = [
     Reach { drill: 1.0, roll: 1.0 },
     Reach { drill: 0.1, roll: 0.01 },

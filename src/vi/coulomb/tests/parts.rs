@@ -38,7 +38,7 @@ fn the_generalised_jacobian_agrees_with_differences_in_every_state() {
         let (r, u, mu, h) = (random.vector(), random.vector(), 0.8, 1e-7);
         let y = r - u;
         let slip = y.y.hypot(y.z);
-        // Skip points near the kinks of the function.
+        // Skip points near the kinks of the Alart-Curnier function, where it has no derivative.
         if y.x.abs() < 1e-3 || (slip - mu * y.x).abs() < 1e-3 {
             continue;
         }
@@ -85,7 +85,7 @@ fn dense_and_sparse_systems_of_blocks_are_solved() {
         assert!(system.factorise(&matrix, |_, _, block| *block));
         assert!(system.solve(x.as_mut_slice()));
         assert!((x - expected).amax() < 1e-12);
-        // Another matrix of the same pattern is singular.
+        // Another matrix of this block pattern is singular.
         system.factorise(&matrix, |_, _, _| Matrix3::zeros());
         assert!(!system.solve(&mut vec![1.0; 3 * n]));
     }

@@ -88,7 +88,7 @@ impl Problem for Bodies {
     fn fields(&self) -> Vec<Field> {
         let of_body = |k: usize| ["x", "z", "y"].map(|axis| Field::sized(format!("b{k}.{axis}")));
         let all: Vec<Field> = (0..self.bodies.len()).flat_map(of_body).collect();
-        // Fields whose initial values are perturbed come first.
+        // The fields whose initial values are perturbed come before all others.
         let (first, rest): (Vec<Field>, Vec<Field>) = all.into_iter().partition(|field| !field.name.ends_with(".y"));
         first.into_iter().chain(rest).collect()
     }

@@ -30,7 +30,8 @@ impl Scales {
         Part::Resistor(self.ohms * random.scale(low, high))
     }
 
-    /// Returns a capacitor whose time constant with the typical resistance is between `low` and `high` periods.
+    /// Returns a capacitor whose time constant with the typical resistance is between `low` and `high` periods of the
+    /// source.
     fn capacitor(&self, random: &mut Random, low: f64, high: f64, volts: f64) -> Part {
         Part::Capacitor(random.scale(low, high) * self.period / self.ohms, volts)
     }
@@ -71,7 +72,8 @@ fn source(random: &mut Random, amplitude: f64, period: f64) -> Signal {
     Signal { constant: if random.chance(0.3) { amplitude * random.uniform(-0.5, 0.5) } else { 0.0 }, waves }
 }
 
-/// Adds a source, with or without a series resistor, and returns the node that it feeds; the next node is free.
+/// Adds a source to the network, with or without a series resistor, and returns the node that it feeds; the node with
+/// the next number is unused.
 fn fed(random: &mut Random, scales: &Scales, network: &mut Network) -> usize {
     network.add(Part::Voltage(scales.source.clone()), 1, 0);
     if random.chance(0.5) {
@@ -90,7 +92,7 @@ fn detector(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network.add(scales.capacitor(random, 0.3, 300.0, volts), held, 0);
     network.add(scales.resistor(random, 1.0, 100.0), held, 0);
     if random.chance(0.3) {
-        // A second detector stage, which the first feeds.
+        // A second detector stage, which is fed by the first.
         network.add(Part::Diode, held, held + 1);
         network.add(scales.capacitor(random, 0.3, 300.0, volts + 0.01 * amplitude), held + 1, 0);
         network.add(scales.resistor(random, 1.0, 100.0), held + 1, 0);

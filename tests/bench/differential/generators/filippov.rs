@@ -120,7 +120,7 @@ impl Problem for Relay {
     }
 }
 
-/// Rows of linear functions, each with a forcing term.
+/// Rows of a linear function of the states, each with its forcing term.
 type Rows = Vec<(Vec<f64>, Signal)>;
 
 /// Linear vector fields on the two sides of a switching surface.
@@ -173,8 +173,8 @@ impl Problem for TwoFields {
         0.1
     }
 
-    /// Solutions branch where both vector fields are tangent to the surface and it becomes repulsive: uniqueness
-    /// depends on the certificates of the runs.
+    /// Uniqueness is decided by the certificates of the runs: solutions branch where both vector fields are tangent
+    /// to the surface and it becomes repulsive.
     fn is_unique(&self) -> bool {
         false
     }

@@ -197,7 +197,7 @@ impl Problem for Mechanical {
             MultibodySystem::Pendulum { length, .. } => *length,
             MultibodySystem::Pair { rest, .. } => *rest,
         };
-        // With a long unit of time velocities are large numbers, and with a short one they are small.
+        // In a long unit of time velocities are large numbers, and in a short one they are small.
         0.1 * size * (1.0 / self.end).min(1.0)
     }
 

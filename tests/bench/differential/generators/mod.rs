@@ -39,12 +39,12 @@ pub struct LinearProblem {
     pub is_unique: bool,
     /// Whether the problem is written as matrices (`lcs`); otherwise it is written as expressions (`dvi`).
     pub as_matrices: bool,
-    /// Weights of the states in an energy that does not grow for the difference of two solutions; `None` if none is
-    /// known.
+    /// Weights of the squared states in an energy that does not grow for the difference of two solutions; `None` if
+    /// no such energy is known.
     pub energy: Option<Vec<f64>>,
 }
 
-/// Number of steps of the coarsest run of the reference method by projections.
+/// Number of steps of the coarsest run of the reference method that uses projections.
 const COARSE: usize = 2_000;
 
 impl Problem for LinearProblem {
@@ -110,13 +110,13 @@ fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
 }
 
-/// Returns a diagonal shift that keeps a random Gram matrix away from singularity.
+/// Returns a shift of the diagonal that keeps a random Gram matrix of order `n` away from singularity.
 fn random_free(n: usize) -> f64 {
     0.1 * n as f64
 }
 
-/// Returns a bound of the growth of a perturbation, in the norm in which each state is divided by its size, if the
-/// energy with these weights does not grow.
+/// Returns a bound on the growth of a perturbation, in the norm in which each state is divided by its size, given
+/// weights of the squared states in an energy that does not grow.
 fn growth_by_energy(weights: &[f64], sizes: &[f64]) -> f64 {
     let energies = || weights.iter().zip(sizes).map(|(weight, size)| weight * size * size);
     (energies().sum::<f64>() / energies().fold(f64::INFINITY, f64::min)).sqrt()
@@ -156,7 +156,7 @@ fn faster(mut system: Linear, factor: f64) -> Linear {
     system
 }
 
-/// Returns the number of variables of a set.
+/// Returns the number of variables of a factor of the set.
 fn variables(set: &[(Shape, usize)]) -> usize {
     set.iter().map(|(_, size)| size).sum()
 }

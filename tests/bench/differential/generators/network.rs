@@ -184,7 +184,8 @@ impl Network {
             system.d.push(d);
             system.gap.push(gap);
         }
-        // Rounding errors of the elimination are set to zero, since they would act as small resistances.
+        // Entries that are rounding errors of the elimination are set to zero, since they would act as small
+        // resistances.
         for matrix in [&mut system.a, &mut system.b, &mut system.c, &mut system.d] {
             for row in matrix.iter_mut() {
                 let largest = row.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));

@@ -62,7 +62,8 @@ fn is_same(a: &Wave, b: &Wave) -> bool {
     a.omega == b.omega && a.phase == b.phase
 }
 
-/// The linear system `y' = M y`, with the matrix of its flow over one step that resolves the fastest motion.
+/// The linear system `y' = M y`, with the matrix of its flow over one step that is short enough to resolve the
+/// fastest motion.
 #[derive(Clone, Debug)]
 pub struct Flow {
     pub m: DMatrix<f64>,
@@ -70,8 +71,8 @@ pub struct Flow {
     over_step: DMatrix<f64>,
 }
 
-/// Step size times the norm of the balanced matrix, for which the cubic interpolant over a step has an error of about
-/// 1e-5.
+/// The product of step size and norm of the balanced matrix, chosen so that the cubic interpolant over a step has an
+/// error of about 1e-5.
 const STEP: f64 = 0.1;
 
 impl Flow {
@@ -122,8 +123,8 @@ fn balanced_norm(m: &DMatrix<f64>) -> f64 {
             }
         }
     }
-    // Forcing terms act on states, and states do not act on them: in sufficiently large units they do not contribute
-    // to the norm.
+    // Forcing terms act on the states, but not vice versa: in sufficiently large units of the forcing terms, their
+    // entries do not contribute to the norm.
     let is_state = |i: usize| a.column(i).sum() > 0.0 && a.row(i).sum() > 0.0;
     let rows = (0..n).filter(|&i| is_state(i)).map(|i| (0..n).filter(|&j| is_state(j)).map(|j| a[(i, j)]).sum::<f64>());
     rows.fold(f64::MIN_POSITIVE, f64::max)
@@ -136,9 +137,11 @@ pub struct Monitor {
     rate: RowDVector<f64>,
 }
 
-/// Relative zero tolerance of a monitor, for the errors of rounding and bisection.
+/// Relative zero tolerance of a monitor (a linear function of the unknowns), for the errors of rounding and
+/// bisection.
 pub const ZERO: f64 = 1e-9;
-/// Relative tolerance by which a monitor may be negative between events.
+/// Relative tolerance by which a monitor (a linear function that must not be negative) may be negative between
+/// events.
 const SLACK: f64 = 1e-12;
 
 impl Monitor {
@@ -150,8 +153,8 @@ impl Monitor {
         SLACK * terms(&self.row, sizes)
     }
 
-    /// Returns the first time within a step at which the monitor is below minus `factor` times its slack; `None` if
-    /// there is none.
+    /// Returns the first time within a step at which the monitor is below minus `factor` times its tolerance `SLACK`;
+    /// `None` if there is none.
     pub fn leaves(
         &self,
         flow: &Flow,
@@ -176,8 +179,8 @@ impl Monitor {
         for k in 1..=PARTS {
             let s = h * k as f64 / PARTS as f64;
             if value(s) < 0.0 {
-                // A monitor that starts above zero is located at its zero: a delay by the slack would add up over
-                // hundreds of events.
+                // The event of a monitor that starts above its tolerance is placed at the zero of the monitor: if it
+                // were placed where the tolerance is exceeded, the delays would add up over hundreds of events.
                 let zero = if value(before) >= slack { slack } else { 0.0 };
                 let (mut low, mut high) = (before, s);
                 for _ in 0..60 {
@@ -197,8 +200,8 @@ pub fn terms(row: &RowDVector<f64>, sizes: &DVector<f64>) -> f64 {
     row.iter().zip(sizes.iter()).map(|(c, size)| (c * size).abs()).sum()
 }
 
-/// Returns the sign of the first derivative of `row y` along `y' = M y`, from order zero, that exceeds the fraction
-/// `zero` of its terms; zero if there is none.
+/// Returns the sign of the linear function `row y` just after the current time along `y' = M y`: that of its first
+/// derivative, from order zero, that exceeds the fraction `zero` of its terms; zero if there is none.
 pub fn lexicographic_sign(
     row: &RowDVector<f64>,
     m: &DMatrix<f64>,

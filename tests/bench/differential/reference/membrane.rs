@@ -23,11 +23,11 @@ pub struct Membrane {
 
 const COARSE: usize = 4_000;
 const SWEEPS: usize = 2_000;
-/// The number of steps between two outputs is at least that for evenly spaced outputs divided by `LEAST`.
+/// Factor by which the number of steps between two outputs may fall below the number for evenly spaced outputs.
 const LEAST: f64 = 8.0;
 
 impl Membrane {
-    /// Returns the values at `probes` and the integral over the interval, at `times`.
+    /// Returns the values of the membrane at the points `probes` and its integral over the interval, at `times`.
     pub fn solve(&self, probes: &[f64], times: &[f64]) -> Option<Values> {
         let coarse = self.run(probes, times, COARSE)?;
         let fine = self.run(probes, times, 2 * COARSE)?;

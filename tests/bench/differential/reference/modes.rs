@@ -51,7 +51,7 @@ struct Modes<'a> {
     gaps: Vec<RowDVector<f64>>,
     bounds: Vec<(f64, f64)>,
     driven: Driven,
-    /// Zero tolerances, as a multiple of `HOLDS` and `ZERO`.
+    /// The zero tolerances, as a multiple of the constants `HOLDS` (constraints) and `ZERO` (monitors).
     part: f64,
 }
 
@@ -78,7 +78,8 @@ pub fn solve(system: &Linear, initial: &[f64], times: &[f64]) -> Option<Values> 
     let (rates, gaps) = (rows(&system.a, &system.drive), rows(&system.c, &system.gap));
     let coarse = Modes { system, rates, gaps, bounds, driven, part: 1.0 };
     let values = coarse.run(initial, times)?;
-    // If the finer tolerances are below rounding, there is no finer run, and the run's own error estimate is used.
+    // If the finer tolerances are below rounding, the finer run fails, and the error estimate of the coarser run is
+    // used.
     let Some(mut finer) = (Modes { part: FINER, ..coarse }).run(initial, times) else { return Some(values) };
     for (k, accuracy) in finer.accuracy.iter_mut().enumerate() {
         let apart = finer.columns[k].iter().zip(&values.columns[k]).map(|(a, b)| (a - b).abs());
@@ -114,8 +115,8 @@ impl Modes<'_> {
                     next += 1;
                 }
                 if next == times.len() {
-                    // At each event the zero tolerance may select a wrong mode, which is followed until the next
-                    // event.
+                    // At each event the zero tolerances may select a wrong mode, which is then followed until the
+                    // next event: the error estimate grows with each event.
                     let part = 1e-9 + self.part * HOLDS * events as f64;
                     let accuracy = sizes.iter().take(n).map(|size| part * size).collect();
                     return Some(Values { columns, accuracy });
@@ -136,12 +137,13 @@ impl Modes<'_> {
         None
     }
 
-    /// Returns the scales of the unknowns, which are their magnitudes.
+    /// Returns the scales of the unknowns, which are their magnitudes in `y`.
     fn sizes(&self, y: &DVector<f64>) -> DVector<f64> {
         y.map(|x| x.abs().max(f64::MIN_POSITIVE))
     }
 
-    /// Returns the mode that continues from `y`; `None` if there is none, or if several modes continue differently.
+    /// Returns the mode in which the solution continues from the unknowns `y`; `None` if there is none, or if several
+    /// modes continue differently.
     fn choose(&self, y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let m = self.bounds.len();
         let mut found: Option<(Mode, DVector<f64>)> = None;
@@ -156,7 +158,8 @@ impl Modes<'_> {
             match &found {
                 None => found = Some((mode, direction)),
                 Some((first, other)) => {
-                    // Modes that differ only in undetermined variables are equivalent.
+                    // Modes that give equal rates of the states, and differ only in undetermined variables, are
+                    // equivalent.
                     let scale = |i: usize| {
                         terms(&mode.flow.row(i).clone_owned(), sizes)
                             .max(terms(&first.flow.row(i).clone_owned(), sizes))
@@ -170,12 +173,12 @@ impl Modes<'_> {
         found.map(|(mode, _)| mode)
     }
 
-    /// Returns the mode with these active bounds, if the states admit it and it determines the variables as far as
-    /// they act on the states.
+    /// Returns the mode with the given active bounds, if the current states admit the mode and it determines the
+    /// variables as far as they act on the states.
     fn mode(&self, places: &[Place], y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let (n, unknowns, one) = (self.system.states(), self.driven.unknowns(), self.system.states());
         let inside: Vec<usize> = (0..places.len()).filter(|&i| places[i] == Place::Inside).collect();
-        // Writes the variables as linear functions of the unknowns, first those at a bound.
+        // Write the variables as linear functions of the unknowns, beginning with those at a bound.
         let mut z = DMatrix::zeros(places.len(), unknowns);
         for (i, place) in places.iter().enumerate() {
             let (lower, upper) = self.bounds[i];
@@ -200,7 +203,8 @@ impl Modes<'_> {
             let rows: Vec<RowDVector<f64>> = inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
             let r = DMatrix::from_rows(&rows);
             let left = left_null_space(&d_inside);
-            // Constraints that only the states can satisfy, and then their rates.
+            // Constraints that do not depend on the inactive variables, so that the states must satisfy them; then
+            // the rates of these constraints.
             let kept = left.transpose() * &r;
             for row in kept.row_iter() {
                 let row = row.clone_owned();
@@ -301,8 +305,8 @@ fn left_null_space(a: &DMatrix<f64>) -> DMatrix<f64> {
     if null.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&null) }
 }
 
-/// Returns the least-squares solution `z` of least norm of `stack z + known = 0`, and a basis of the null space. Rows
-/// are scaled to one, so that rows of `D` and of rates have equal weight.
+/// Returns the least-squares solution `z` of least norm of `stack z + known = 0`, and a basis of the null space of
+/// `stack`. Rows are scaled to a largest entry of one, so that rows of `D` and rows of rates have equal weight.
 fn least_squares(stack: &DMatrix<f64>, known: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let (mut stack, mut known) = (stack.clone(), known.clone());
     for i in 0..stack.nrows() {

@@ -136,8 +136,8 @@ impl Implicit {
     }
 }
 
-/// Returns the step size of a contracting fixed-point iteration: one over the norm if `D` is symmetric, and a shorter
-/// one according to its asymmetry.
+/// Returns a step size for which the projected fixed-point iteration is a contraction: one over the norm of `D` if
+/// `D` is symmetric, and less according to its asymmetry otherwise.
 fn step_of(d: &DMatrix<f64>) -> f64 {
     let norm = d.norm();
     let skew = (d - d.transpose()).norm() / 2.0;

@@ -67,7 +67,7 @@ fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
     solution["output"]["times"] = json!("steps");
     let solution = solve(&solution);
     assert!(column(&solution, "disc.wz")[2..].iter().all(|w| w.abs() < 1e-9));
-    // Friction opposes the spin, and not the slide, during at most one step.
+    // Friction opposes the spin of the disc, and not its slide, during at most one step.
     assert!(distance(&solution, "disc.vx", |t| (1.0 - MU * G * t).max(0.0)) < MU * G * 1e-3 + 1e-9);
     assert_sound(&solution, 0.5 + 0.25 * R * R * 100.0);
 }
@@ -90,13 +90,15 @@ fn a_patch_turns_within_an_impact() {
     // A ball that rolls without slip keeps rolling through a rebound, apart from the effect of the rolling torque.
     for law in ["simultaneous", "sequential"] {
         let (v, c) = (1.0, 1e-3);
-        // The ball strikes in the first step, while it touches the ground: the lever arm is its radius.
+        // The ball strikes the ground in the first step, while it touches it, so that the lever arm of friction is
+        // the radius of the ball.
         let ball = ball("ball", [0.0, 0.0, 0.1], [v, 0.0, -speed], [0.0, v / 0.1, 0.0]);
         let mut scene =
             weightless(on_the_ground(&[ball], &json!({"friction": 0.5, "rolling": c, "restitution": e}), 0.2, 1e-3));
         scene["method"]["impact_law"] = json!(law);
         let solution = solve(&scene);
-        // Angular momentum about the contact point: 7/5 m r v changes by c p.
+        // Angular momentum about the contact point: 7/5 m r v changes by c p, with the coefficient c of the rolling
+        // torque and the normal impulse p.
         let slowed = c * (1.0 + e) * speed / (1.4 * 0.1);
         assert!((last(&solution, "ball.vx") - (v - slowed)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.vx"));
         assert!((last(&solution, "ball.wy") - (v - slowed) / 0.1).abs() < 1e-8, "{law}");

@@ -27,7 +27,7 @@ fn on_a_patch(velocity: [f64; 2], spin: f64, end: f64, step: f64) -> Value {
     on_the_ground(&[disc(velocity, spin)], &json!({"friction": MU, "patch": R}), end, step)
 }
 
-/// Asserts that the contact law was solved to its tolerance, and that friction dissipated the energy `lost`.
+/// Asserts that every step solved the contact law to its tolerance, and that friction dissipated the energy `lost`.
 fn assert_sound(solution: &Solution, lost: f64) {
     let residual = solution.diagnostics.vi.as_ref().unwrap().largest_residual;
     assert!(residual <= 1e-10, "{residual:e}");

@@ -7,27 +7,28 @@
 //! stepping takes over until as many arcs have been saved again; each further time for twice as long, so that the
 //! attempts cost little however long there are many impacts.
 
-/// The number of arcs that each step adds to the budget.
+/// The number of smooth arcs that each step adds to the budget.
 const ARCS_A_STEP: f64 = 10.0;
 
-/// Maximum number of saved arcs: a constant, and an addition per moving body. A ball makes some tens of impacts
-/// before it rests.
+/// Maximum number of smooth arcs in the budget: the first number, plus the second for each moving body. A ball makes
+/// some tens of impacts before it rests.
 const SAVED: [f64; 2] = [64.0, 1.0];
 
 /// The number of smooth arcs that an event-driven run may still make.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Budget {
-    /// The number of arcs that may still be made, and (in `most`) its maximum.
+    /// The number of smooth arcs that may still be made, and (in `most`) the maximum of this number.
     arcs: f64,
     most: f64,
-    /// The length of a step that adds [`ARCS_A_STEP`] arcs: a comparison run with steps twice as long adds as many
-    /// arcs per unit of time.
+    /// The step length for which the budget grows by [`ARCS_A_STEP`] smooth arcs in each step; a step of another
+    /// length adds arcs in proportion. A comparison run with steps twice as long has the same value, so that it may
+    /// make as many arcs per unit of time.
     step: f64,
     /// Whether the current step is made by time stepping, and (in `pause`) the time for which time stepping goes on
     /// after it.
     is_paused: bool,
     pause: f64,
-    /// The length of the next period of time stepping.
+    /// The time for which time stepping takes over when no smooth arcs are left the next time.
     next: f64,
 }
 
@@ -39,7 +40,7 @@ impl Budget {
         Self { arcs: most, most, step, is_paused: false, pause: 0.0, next: most / ARCS_A_STEP * step }
     }
 
-    /// Returns the number of arcs that the next step, of length `h`, may make; zero for time stepping.
+    /// Returns the number of smooth arcs that the next step, of length `h`, may make; zero for time stepping.
     pub fn most(&mut self, h: f64) -> usize {
         self.arcs = (self.arcs + ARCS_A_STEP * h / self.step).min(self.most);
         // Compare with a tolerance, since the sum of step lengths has rounding errors.
@@ -48,8 +49,8 @@ impl Budget {
         if self.is_paused { 0 } else { self.arcs as usize }
     }
 
-    /// Deducts the arcs of a step of length `h` from the budget; `is_passed` states whether time stepping took over
-    /// for its rest.
+    /// Deducts the smooth arcs of a step of length `h` from the budget; `is_passed` states whether time stepping took
+    /// over for the rest of the step.
     pub fn spend(&mut self, arcs: usize, h: f64, is_passed: bool) {
         if self.is_paused {
             return;
@@ -70,7 +71,7 @@ impl Budget {
 mod tests {
     use super::*;
 
-    /// Returns the number of arcs of a run in which each step needs `needed` arcs.
+    /// Returns the number of smooth arcs that a run makes in `steps` steps if each step needs `needed` arcs.
     fn made(needed: usize, steps: usize) -> usize {
         let mut budget = Budget::new(0.1, 36);
         let of_step = |_| {
@@ -90,8 +91,8 @@ mod tests {
     #[test]
     fn a_burst_is_located_and_a_heap_is_not() {
         assert_eq!(made(50, 2), 100);
-        // The run makes a hundred arcs, and again after 10, 20, 40, .. steps: at most ten times in ten thousand
-        // steps.
+        // The run makes a hundred smooth arcs, and again after 10, 20, 40, .. steps: at most ten times in ten
+        // thousand steps.
         let arcs = made(1000, 10_000);
         assert!(arcs <= 10_000 + 10 * 100, "{arcs}");
     }

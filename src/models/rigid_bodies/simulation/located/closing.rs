@@ -28,22 +28,22 @@ use problem::Control;
 /// Rounding error of a gap, relative to the coordinates of the bodies and their sizes.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Minimum advance of the search for closing contacts, relative to the arc: grazing contacts of shorter duration are
-/// skipped.
+/// Minimum advance of the search for closing contacts, relative to the smooth arc: grazing contacts of shorter
+/// duration are skipped.
 const LEAST: f64 = 1e-3;
 
-/// The factor by which accelerations within an arc may exceed their mean.
+/// The factor by which accelerations within a smooth arc may exceed their mean.
 const UNEVEN: f64 = 2.0;
 
 /// Approach velocities below this fraction of the speeds of the surfaces are treated as rounding errors.
 const SLOW: f64 = 1e-9;
 
-/// Accuracy in time, relative to the arc, to which a contact is bisected if the bound on the second derivative does
-/// not hold.
+/// Accuracy in time, relative to the smooth arc, to which a contact is bisected if the bound on the second derivative
+/// does not hold.
 const PAST: f64 = 1e-12;
 
-/// Maximum number of points of the search for one pair of bodies. The arc ends at the last point, and another arc
-/// continues the search.
+/// Maximum number of points of the search for one pair of bodies. The smooth arc ends at the last point, and another
+/// arc continues the search.
 const POINTS: usize = 200;
 
 /// The motion of a body over a smooth arc.
@@ -52,9 +52,9 @@ enum Course<'a> {
     Rests(&'a Isometry3<f64>),
     /// The body has prescribed motion; the index is that among the bodies with prescribed motion.
     Given(usize),
-    /// The body moves freely from this state at the beginning of the arc.
+    /// The body moves freely from this state at the beginning of the smooth arc.
     Flies(&'a Motion),
-    /// The body moves with sustained contacts between these states at both ends of the arc.
+    /// The body moves with sustained contacts between these states at both ends of the smooth arc.
     Held(&'a Motion, &'a Motion),
 }
 
@@ -77,9 +77,9 @@ impl At {
 }
 
 impl MoreauStepping<'_> {
-    /// Returns the first time after the beginning `t` of an arc of length `s` at which a contact between the given
-    /// pairs of bodies closes that is not sustained; `None` if there is none. `self` holds the bodies at the end of
-    /// the arc.
+    /// Returns the first time after the beginning `t` of a smooth arc of length `s` at which a contact between the
+    /// given pairs of bodies closes that is not sustained; `None` if there is none. `self` holds the bodies at the
+    /// end of the arc.
     pub(super) fn closes(
         &self,
         located: &Located,
@@ -108,7 +108,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Returns the pose and the velocities of a body at a time `d` after the beginning `t` of an arc of length `s`.
+    /// Returns the pose and the velocities of a body at a time `d` after the beginning `t` of a smooth arc of length
+    /// `s`.
     fn at(&self, located: &Located, course: &Course<'_>, [t, s, d]: [f64; 3]) -> At {
         match *course {
             Course::Rests(pose) => At { pose: *pose, velocity: Vector3::zeros(), omega: Vector3::zeros() },
@@ -196,7 +197,7 @@ impl MoreauStepping<'_> {
         Some(d)
     }
 
-    /// Returns a bound on the displacement of a body in an arc of length `s`.
+    /// Returns a bound on the displacement of a body in a smooth arc of length `s`.
     fn room(&self, course: &Course<'_>, samples: &[[At; 2]; 3], side: usize, reach: f64, s: f64) -> f64 {
         match course {
             Course::Flies(motion) | Course::Held(motion, _) => margin(motion, reach, s * self.scene.gravity.norm(), s),
@@ -210,8 +211,8 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// Returns a bound `B` on the negative second derivative of gaps over an arc of length `s`, from the states of both
-/// bodies at its beginning, in its middle and at its end.
+/// Returns a bound `B` on the negative second derivative of gaps over a smooth arc of length `s`, from the states of
+/// both bodies at its beginning, in its middle and at its end.
 fn bend(samples: &[[At; 2]; 3], reaches: [f64; 2], s: f64) -> f64 {
     let apart = (samples[0][1].pose.translation.vector - samples[0][0].pose.translation.vector).norm();
     let (mut bend, mut spins) = (0.0, 0.0_f64);

@@ -27,14 +27,15 @@ use std::f64::consts::FRAC_1_SQRT_2;
 /// The diagonal coefficient `c` of the Runge-Kutta method.
 const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
 
-/// The weight of the impulses of the first stage in the update at the end of the arc, relative to those in the stage.
+/// The weight of the impulses of the first stage in the update at the end of the smooth arc, relative to those in the
+/// stage.
 const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
 
-/// Maximum number of arcs tried from one beginning. Bisection takes about twenty; each contact that closes takes a
-/// few, since the paths of bodies with sustained contacts depend on the length of the arc (in third order).
+/// Maximum number of smooth arcs tried from one beginning. Bisection takes about twenty; each contact that closes
+/// takes a few, since the paths of bodies with sustained contacts depend on the length of the arc (in third order).
 const TRIALS: usize = 64;
 
-/// Relative change of an arc's length below which the arc is not computed again.
+/// Relative change of a smooth arc's length below which the arc is not computed again.
 const SAME: f64 = 1e-12;
 
 impl MoreauStepping<'_> {
@@ -105,8 +106,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Returns whether all bodies moved with constant accelerations in an arc of length `s`; `self` holds the bodies
-    /// at its end.
+    /// Returns whether all bodies moved with constant accelerations in a smooth arc of length `s`; `self` holds the
+    /// bodies at its end.
     fn is_even(&self, located: &Located, starts: &[Motion], s: f64) -> bool {
         let fall = located.step * self.scene.gravity.norm();
         let bodies = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -173,8 +174,8 @@ impl MoreauStepping<'_> {
         Ok(slip)
     }
 
-    /// Solves the contact law for the sustained contacts of a stage at the time `passed` after `t`, in an arc of
-    /// length `s`, and adds their impulses, multiplied by `weight`, to the report. The solver starts from zero
+    /// Solves the contact law for the sustained contacts of a stage at the time `passed` after `t`, in a smooth arc
+    /// of length `s`, and adds their impulses, multiplied by `weight`, to the report. The solver starts from zero
     /// impulses: if the contact law does not determine the impulses, as for four feet on a floor, it then finds the
     /// same impulses in every run, whatever the steps.
     fn stage(

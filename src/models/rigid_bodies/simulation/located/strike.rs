@@ -10,7 +10,7 @@ use problem::{Control, EventKind};
 
 impl MoreauStepping<'_> {
     /// Applies the impact law at the current time if a contact closes, and determines the sustained contacts of the
-    /// next arc.
+    /// next smooth arc.
     pub(super) fn strike(&mut self, located: &mut Located, control: &Control) -> Result<(), StepFailure> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
@@ -26,7 +26,7 @@ impl MoreauStepping<'_> {
             let contact = &mut self.contacts[k];
             contact.gap = 0.0;
             if is_known || approach <= noise[k] {
-                // The approach velocity of a sustained contact is an error of the last arc.
+                // The approach velocity of a sustained contact is an error of the last smooth arc.
                 contact.before.x = contact.before.x.max(0.0);
                 continue;
             }
@@ -73,9 +73,9 @@ impl MoreauStepping<'_> {
 
     /// Keeps the contacts that are closed: sustained contacts, and contacts with zero gap. If a contact with zero gap
     /// strikes, other gaps that are not larger than their error are treated as zero, too. The gaps of closed contacts
-    /// are errors of the last arc, and the gap of the last foot of a face is a combination of the gaps of its other
-    /// feet: the error of a gap is the sum of the gaps of the closed contacts on a body. All feet of a face that
-    /// lands from one of its edges therefore strike at once, in whatever order their errors bring them.
+    /// are errors of the last smooth arc, and the gap of the last foot of a face is a combination of the gaps of its
+    /// other feet: the error of a gap is the sum of the gaps of the closed contacts on a body. All feet of a face
+    /// that lands from one of its edges therefore strike at once, in whatever order their errors bring them.
     fn retain_closed(&mut self, located: &Located) {
         let lasts = |contact: &Contact| located.lasting.contains(&contact.key);
         let strikes = |contact: &Contact| !lasts(contact) && -contact.before.x > self.rounding(located, contact);
@@ -99,8 +99,8 @@ impl MoreauStepping<'_> {
         self.contacts.retain(|_| closed.next().unwrap_or(false));
     }
 
-    /// Solves the impact law for the closed contacts, and changes the velocities; the impacts of the contacts `told`,
-    /// given by index, are reported as events.
+    /// Solves the impact law for the closed contacts, and changes the velocities; `told` are the indices of the
+    /// contacts whose impacts are reported as events.
     fn hit(&mut self, located: &Located, told: &[usize], control: &Control) -> Result<(), StepFailure> {
         self.group();
         let (t, h) = (self.t, located.step);

@@ -13,11 +13,11 @@ use super::{Key, Located};
 use nalgebra::Vector3;
 
 /// Relative tolerance of transitions: velocities of sustained contacts below this fraction of their change in the
-/// arc, or of the velocity change by gravity in the step, are treated as zero, and transitions are located to this
-/// fraction of the arc. The resulting errors are far below those of second order.
+/// smooth arc, or of the velocity change by gravity in the step, are treated as zero, and transitions are located to
+/// this fraction of the arc. The resulting errors are far below those of second order.
 const ZERO: f64 = 1e-6;
 
-/// The state of a sustained contact at the beginning of an arc.
+/// The state of a sustained contact at the beginning of a smooth arc.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Begun {
     pub key: Key,
@@ -26,19 +26,19 @@ pub(super) struct Begun {
     pub feature: u32,
 }
 
-/// The transitions of sustained contacts within an arc.
+/// The transitions of sustained contacts within a smooth arc.
 #[derive(Debug, Default)]
 pub(super) struct Change {
-    /// The contacts that opened within the arc.
+    /// The contacts that opened within the smooth arc.
     pub opened: Vec<Key>,
-    /// The least slip of a contact at the end of the arc, along its slip at the beginning and relative to it: zero if
-    /// the contact sticks, negative if the slip reversed.
+    /// The least slip of a contact at the end of the smooth arc, along its slip at the beginning and relative to it:
+    /// zero if the contact sticks, negative if the slip reversed.
     pub slip: f64,
     /// Whether the slip of a contact passed through zero.
     stops: bool,
     /// Whether the curvature of the surfaces at a contact jumped.
     passes: bool,
-    /// Whether all slips that passed through zero are zero at the end of the arc.
+    /// Whether all slips that passed through zero are zero at the end of the smooth arc.
     sticks: bool,
 }
 
@@ -48,33 +48,33 @@ impl Change {
     }
 }
 
-/// The decision on an arc that was tried.
+/// What to do after a smooth arc of some length has been tried.
 #[derive(Debug)]
 pub(super) enum Next {
-    /// Accept the arc.
+    /// Accept the smooth arc that was tried.
     Take,
-    /// Try an arc of this length.
+    /// Reject the arc that was tried, and try a smooth arc of this length.
     Try(f64),
-    /// Try an arc without these contacts, which open at its beginning.
+    /// Try a smooth arc without these contacts, which open at its beginning.
     Without(Vec<Key>),
 }
 
-/// The search for the first transition of sustained contacts in an arc.
+/// The search for the first transition of sustained contacts in a smooth arc.
 #[derive(Debug)]
 pub(super) struct Search {
-    /// The length of the longest arc, to the end of the step or to the first contact that closes.
+    /// The length of the longest smooth arc, to the end of the step or to the first contact that closes.
     rest: f64,
-    /// The last two arc lengths before the zero of the slip, each with the slip at its end relative to that at the
-    /// beginning.
+    /// The last two lengths of the smooth arc before the zero of the slip, each with the slip at its end relative to
+    /// that at the beginning.
     slips: [(f64, f64); 2],
-    /// The longest arc without a transition, the shortest arc with one (`high`), and the contacts that open in it
-    /// (`opened`).
+    /// The longest smooth arc without a transition, the shortest arc with one (`high`), and the contacts that open in
+    /// it (`opened`).
     low: f64,
     high: Option<f64>,
     opened: Vec<Key>,
     /// Whether the transition is located by bisection, since there is no slip to interpolate.
     bisects: bool,
-    /// The arc length at which the last secant predicts zero slip.
+    /// The length of the smooth arc at which the last secant predicts zero slip.
     predicted: Option<f64>,
 }
 
@@ -84,13 +84,13 @@ impl Search {
         Self { rest, slips, low: 0.0, high: None, opened: Vec::new(), bisects: false, predicted: None }
     }
 
-    /// Returns the contacts that open at the end of the accepted arc.
+    /// Returns the contacts that open at the end of the accepted smooth arc.
     pub fn leaving(&self) -> &[Key] {
         &self.opened
     }
 
-    /// Decides on an arc of length `s` with the transitions `change`; `slip` is the least slip in its first stage, at
-    /// the time `first`, relative to that at the beginning.
+    /// Decides on a smooth arc of length `s` with the transitions `change`; `slip` is the least slip in its first
+    /// stage, at the time `first`, relative to that at the beginning.
     pub fn judge(&mut self, s: f64, change: Change, (first, slip): (f64, f64)) -> Next {
         let within = ZERO * self.rest;
         if !change.is_any() {
@@ -129,12 +129,12 @@ impl Search {
         if self.opened.is_empty() { Next::Take } else { Next::Without(std::mem::take(&mut self.opened)) }
     }
 
-    /// Returns the next length to try, below `high`; `by` is an estimate of the arc length at which a slip is zero.
+    /// Returns the next length to try, below `high`; `by` is an estimate of the length at which a slip is zero.
     fn next(&mut self, high: f64, by: Option<f64>) -> Next {
         let within = ZERO * self.rest;
         self.predicted = None;
         if self.bisects {
-            // Try a very short arc first, since most contacts that open do so at the beginning of an arc.
+            // Try a very short arc first, since most contacts that open do so at the beginning of a smooth arc.
             let at_once = self.low == 0.0 && !self.opened.is_empty();
             return Next::Try(if at_once { 0.5 * within } else { 0.5 * (self.low + high) });
         }
@@ -151,8 +151,8 @@ impl Search {
 }
 
 impl MoreauStepping<'_> {
-    /// Returns the sustained contacts at the beginning of an arc, with the gaps and velocities that contact detection
-    /// found.
+    /// Returns the sustained contacts at the beginning of a smooth arc, with the gaps and velocities that contact
+    /// detection found.
     pub(super) fn begun(&self, located: &Located) -> Vec<Begun> {
         let lasts = |contact: &&Contact| located.lasting.contains(&contact.key);
         let begun = |contact: &Contact| {
@@ -165,13 +165,13 @@ impl MoreauStepping<'_> {
         self.contacts.iter().filter(lasts).map(begun).collect()
     }
 
-    /// Returns the transitions of the sustained contacts in an arc; `self` holds the bodies at its end.
+    /// Returns the transitions of the sustained contacts in a smooth arc; `self` holds the bodies at its end.
     pub(super) fn change(&self, located: &Located, begun: &[Begun]) -> Change {
         let mut change = Change { slip: f64::INFINITY, sticks: true, ..Change::default() };
         let zero = |contact: &Contact, change: f64| self.zero(located, contact, change);
         let after = |contact: &Contact| self.velocity_of(contact);
-        // The velocity at which a contact separates at the beginning of an arc is an error of second order, and does
-        // not grow while the contact is pressed together.
+        // The velocity at which a contact separates at the beginning of a smooth arc is an error of second order, and
+        // does not grow while the contact is pressed together.
         let is_open = |contact: &Contact, start: f64| {
             let u = after(contact);
             contact.impulse.x <= 0.0 && u.x > start.max(0.0) + zero(contact, (u.x - start).abs())
@@ -208,7 +208,7 @@ impl MoreauStepping<'_> {
         change
     }
 
-    /// Returns the contacts that stick at the end of an arc.
+    /// Returns the contacts that stick at the end of a smooth arc.
     pub(super) fn sticking(&self, located: &Located) -> Vec<Key> {
         let sticks = |contact: &&Contact| {
             let u = self.velocity_of(contact);
@@ -222,15 +222,15 @@ impl MoreauStepping<'_> {
         contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
     }
 
-    /// Returns the velocity below which that of a sustained contact is treated as zero, if the arc changes it by
-    /// `change`.
+    /// Returns the velocity below which that of a sustained contact is treated as zero, if the smooth arc changes it
+    /// by `change`.
     fn zero(&self, located: &Located, contact: &Contact, change: f64) -> f64 {
         let fall = located.step * self.scene.gravity.norm();
         ZERO * (change + fall) + rounding(contact, &self.moving)
     }
 
-    /// Returns the least slip of the sustained contacts along their slip at the beginning of the arc, relative to it.
-    /// A slip within the error of the solution of the contact law is returned as zero.
+    /// Returns the least slip of the sustained contacts along their slip at the beginning of the smooth arc, relative
+    /// to it. A slip within the error of the solution of the contact law is returned as zero.
     pub(super) fn least_slip(&self, located: &Located, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;

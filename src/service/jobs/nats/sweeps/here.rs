@@ -35,7 +35,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Records the outcome of the chunk that this worker has solved; `None` if it was parked.
+    /// Records the outcome of the chunk that this worker has solved; `None` means that the chunk was parked, to be
+    /// solved again later.
     pub async fn count_here(&mut self, ended: Option<Arc<Ended>>) {
         let Some(Here { id, chunk, job, begun }) = self.here.take() else { return };
         self.worker.mine().remove(&Work::Part(id));
