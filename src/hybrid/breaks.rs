@@ -302,9 +302,11 @@ impl Breaks {
             }
             bracket.narrow(t, found);
         }
-        let found = self.refined(problem, a, (bracket.before.0, bracket.behind.0));
-        let until = found.0 - ONE * f64::EPSILON * found.1.abs();
-        (until > a && self.is_proven(problem, Interval::new(a, until))?).then_some(found)
+        let behind = bracket.behind.0;
+        let until = bracket.before.0 - ONE * f64::EPSILON * behind.abs();
+        // Others may change their signs within rounding of the root: the first of them is the breakpoint.
+        let is_first = until > a && self.is_proven(problem, Interval::new(a, until))?;
+        is_first.then(|| self.refined(problem, a, (until, behind)))
     }
 
     /// Bisects an interval with a sign change to the resolution of its distance from `begin`, however long the step is.
@@ -438,5 +440,17 @@ mod tests {
         let second = after + breaks.up_to_break(&mut problem, after, 2.0);
         assert!(second < 1.25 && 1.25 - second < 1e-15, "{second}");
         assert!(problem.enclosed > enclosed);
+    }
+
+    #[test]
+    fn of_breakpoints_within_rounding_the_first_ends_the_step() {
+        for apart in [2.0, 100.0, 900.0] {
+            let first = 1.0 - apart * f64::EPSILON;
+            for at in [vec![1.0, first], vec![first, 1.0]] {
+                let mut problem = Steps { at, values: vec![], ranges: vec![], enclosed: 0 };
+                let end = Breaks::new(0.0).up_to_break(&mut problem, 0.0, 3.0);
+                assert!(end < first && first - end <= f64::EPSILON, "{end} {first}");
+            }
+        }
     }
 }

@@ -35,11 +35,11 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
             page += &comparison::html(telling.iter().copied());
         }
         page += &comparison::verdicts(chapters.iter());
-        page += &chapters::reported(chapters);
         if !exact.is_empty() {
             page += include_str!("exact.html");
             page += &chapters::summary(exact.iter().copied());
         }
+        page += &chapters::reported(chapters);
         page += include_str!("limits.html");
         telling.iter().chain(&exact).for_each(|chapter| chapters::section(&mut page, chapter, fixed));
     }

@@ -40,6 +40,7 @@ fn chapter(name: &str, runs: Vec<Run>) -> Chapter {
             columns: vec![vec![1.0]],
             outside: vec![(0, 1.0)],
             switches: vec![2.0],
+            located: vec![2.0],
             switches_outside: true,
             run: Some("the tolerance 1e-13".to_owned()),
             agreement: Some(3e-14),

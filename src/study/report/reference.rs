@@ -58,6 +58,10 @@ pub struct Reference {
     pub outside: Vec<(usize, f64)>,
     /// Switching times of the reference.
     pub switches: Vec<f64>,
+    /// Switching times of the reference run. A switch of another run near one of them or of `switches` is not surplus:
+    /// the switches that are known from outside this program need not be all.
+    #[serde(skip)]
+    pub located: Vec<f64>,
     /// Whether the switching times are from outside this program.
     pub switches_outside: bool,
     /// Accuracy setting of the reference run, in words; absent if no run reached the end, or if all runs contradict
@@ -100,7 +104,7 @@ impl Reference {
         });
         let events: Vec<f64> = found.iter().flat_map(|(_, solution)| switch_times(solution)).collect();
         let switches_outside = !known.switches.is_empty();
-        let switches = if switches_outside { known.switches.clone() } else { events };
+        let switches = if switches_outside { known.switches.clone() } else { events.clone() };
         let keep = kept(&spread, &switches, time.start);
         let mut columns = match &found {
             Some((_, solution)) => columns_of(solution),
@@ -128,6 +132,7 @@ impl Reference {
             names,
             outside,
             switches,
+            located: events,
             switches_outside,
             run,
             agreement,
@@ -180,7 +185,10 @@ impl Reference {
         let nearest = |t: &f64, of: &[f64]| of.iter().map(|other| (other - t).abs()).reduce(f64::min);
         let largest = switches.and_then(|found| {
             let lost = self.switches.iter().map(|t| nearest(t, found));
-            let surplus = found.iter().map(|t| nearest(t, &self.switches));
+            let surplus = found.iter().map(|t| {
+                let near = [&self.switches, &self.located].map(|times| nearest(t, times));
+                near.into_iter().flatten().reduce(f64::min)
+            });
             lost.chain(surplus).map(|one| one.unwrap_or(self.horizon)).reduce(f64::max)
         });
         let finite = |error: Option<f64>| error.filter(|error| error.is_finite());
