@@ -19,13 +19,22 @@ use problem::{Dvi, FaceEquations};
 pub struct Orientation {
     /// The relative determinant, at most one in absolute value.
     pub determinant: f64,
+    /// The determinant of the matrix itself, in its units.
+    pub of_matrix: f64,
     /// The number of variables on the face, free variables excluded.
     pub variables: usize,
+    /// Bound on the rounding error of the relative determinant.
+    rounding: f64,
 }
 
+/// Rounding error of each product of two entries of the derivatives, relative to its size: those that the inverse of the
+/// mass matrix multiplies err by a few units.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 impl Orientation {
-    /// Returns the orientation of the active face of `K` at `(t, y)`, of the variables inside their intervals, by `inside`. `None`
-    /// without such variables, where one of them is bounded on one side only, or on the face of a block.
+    /// Returns the orientation of the active face of `K` at `(t, y)`, of the variables inside their intervals, by
+    /// `inside`. `None` without such variables, where one of them is bounded on one side only, on the face of a block, or
+    /// where the determinant vanishes.
     pub fn at(
         problem: &mut dyn Dvi,
         t: f64,
@@ -57,16 +66,18 @@ impl Orientation {
         };
         let sums: Vec<f64> = terms.row_iter().map(|row| row.sum()).collect();
         let scaled = DMatrix::from_fn(variables, variables, |i, j| matrix[(i, j)] / sums[i]);
-        let determinant = scaled.determinant();
-        determinant.is_finite().then_some(Self { determinant, variables })
+        let rounding = ROUNDING * ((problem.states() + variables) * variables) as f64;
+        let found = Self { determinant: scaled.determinant(), of_matrix: matrix.determinant(), variables, rounding };
+        // Where the determinant vanishes, further differentiations of `G` determine the variables.
+        let is_regular = found.determinant.abs() > rounding && found.of_matrix.is_finite();
+        is_regular.then_some(found)
     }
 
     /// Returns the value below which the determinant proves that there are other solutions: zero, less rounding
     /// errors. For a single variable, the determinant is the cosine between a rate and the normal of a switching
     /// surface, which is known only up to the `tolerance` of the states: this tolerance is returned.
     pub fn least_determinant(self, tolerance: f64) -> f64 {
-        let rounding = (self.variables * self.variables) as f64 * f64::EPSILON;
-        if self.variables == 1 && tolerance > 0.0 { tolerance } else { -rounding }
+        if self.variables == 1 && tolerance > 0.0 { tolerance } else { -self.rounding }
     }
 }
 

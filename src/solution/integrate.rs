@@ -3,6 +3,7 @@
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
 use super::impulse::{Impulse, SAME_IMPULSE};
+use super::other_solutions::OrientationWatch;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
@@ -71,7 +72,9 @@ pub(super) fn integrate_once(
         let tolerances = (settings.rtol, settings.atol.as_slice());
         let lipschitz = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        let faces = FaceWatch::new(model.structure(), analysis, rtol.unwrap_or(0.0));
+        let faces = FaceWatch::new(model.structure(), analysis);
+        let orientations =
+            OrientationWatch::new(model.structure(), analysis, (rtol.unwrap_or(0.0), settings.atol.as_slice()));
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let followed =
             plan.sensitivities.as_ref().map(|asked| Followed::new(model, plan, asked, tolerances)).transpose();
@@ -91,6 +94,7 @@ pub(super) fn integrate_once(
             balance,
             lipschitz,
             faces,
+            orientations,
         })
     })
 }
@@ -115,6 +119,7 @@ struct RadauRun<'p> {
     balance: Option<EnergyBalance>,
     lipschitz: Option<LipschitzWatch<'p>>,
     faces: Option<FaceWatch>,
+    orientations: Option<OrientationWatch<'p>>,
 }
 
 impl RadauRun<'_> {
@@ -311,6 +316,9 @@ impl Stepper for RadauRun<'_> {
         if let Some(watch) = &mut self.lipschitz {
             watch.observe(self.radau.t(), self.radau.y());
         }
+        if let Some(watch) = &mut self.orientations {
+            watch.observe(&mut self.radau, switched);
+        }
         if let Some(watch) = &mut self.faces {
             let met = diagnostics.faces.last().filter(|face| face.t == self.radau.t());
             watch.observe(&mut self.radau, switched, met.map(|face| &face.analysis));
@@ -333,6 +341,9 @@ impl Stepper for RadauRun<'_> {
             watch.finish(diagnostics);
         }
         if let Some(watch) = &self.faces {
+            watch.finish(diagnostics);
+        }
+        if let Some(watch) = &self.orientations {
             watch.finish(diagnostics);
         }
     }

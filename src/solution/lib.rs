@@ -30,6 +30,7 @@ mod observables;
 mod obstacle;
 mod orbit;
 mod order_of_impacts;
+mod other_solutions;
 mod passages;
 pub mod pictures;
 mod provenance;
@@ -55,6 +56,7 @@ mod unseen_forces;
 mod unseen_friction;
 mod unseen_gaps;
 mod unseen_motion;
+mod unseen_signals;
 mod verdict;
 mod version;
 

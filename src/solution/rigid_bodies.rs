@@ -8,6 +8,7 @@ use super::run::{Plan, Stepper, run};
 use super::unseen_actions::UnseenAction;
 use super::unseen_friction::UnseenFriction;
 use super::unseen_motion::UnseenMotion;
+use super::unseen_signals::UnseenSignals;
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
@@ -130,6 +131,8 @@ struct RigidBodyRun<'a> {
     unseen: Vec<UnseenAction>,
     /// Estimate of the motion of bodies with a prescribed motion between the ends of steps.
     unseen_motion: Option<UnseenMotion>,
+    /// Estimate of the integrals of motors and prescribed velocities that steps miss.
+    unseen_signals: Option<UnseenSignals>,
     /// Estimate of the variations of friction coefficients between the ends of steps.
     unseen_friction: Option<UnseenFriction>,
     /// The errors of the motions due to impacts, if the run is compared with a run with longer steps.
@@ -177,6 +180,7 @@ impl<'a> RigidBodyRun<'a> {
         let simulation = begin()?;
         let is_compared = simulation.ends.len() <= MOST_COMPARED;
         let mut course = Self::of(scene, plan, settings, control, simulation);
+        course.unseen_signals = UnseenSignals::of(scene);
         if is_compared {
             let mut longer = Self::of(scene, plan, settings, control, begin()?);
             (course.is_compared, longer.is_compared) = (true, true);
@@ -236,6 +240,7 @@ impl<'a> RigidBodyRun<'a> {
             forces_before: Vec::new(),
             unseen: Vec::new(),
             unseen_motion: None,
+            unseen_signals: None,
             unseen_friction: None,
             astray: None,
             is_compared: false,
@@ -293,8 +298,18 @@ impl<'a> RigidBodyRun<'a> {
         self.energy.explain(error, exchanged);
     }
 
-    /// Records checks of how far the last step violates the contact laws and the joints.
+    /// Records checks of how far the last step violates the contact laws and the joints, and of what steps miss of the
+    /// signals that drive joints and bodies.
     fn judge(&mut self) {
+        if let Some(signals) = &mut self.unseen_signals {
+            let (t, missed) = (self.t, signals.step([self.before, self.t], &self.scene.signals));
+            self.checks.record(CheckCode::LocalError, missed, TWO_DIGITS, || {
+                format!(
+                    "up to t = {t:?} steps miss up to {missed:.1e} of the integral of a motor or of a prescribed \
+                     velocity, which varies within a step; choose a smaller `step`"
+                )
+            });
+        }
         let (report, t) = (&self.simulation.report, self.t);
         let remedy = "choose a smaller `step`";
         self.checks.record(CheckCode::LawResidual, report.residual, LARGEST_PART, || {

@@ -3,8 +3,8 @@
 //! equations are not Lipschitz continuous, and whether the certificate holds on the faces and at the states that it
 //! visits.
 
-use super::{CheckCode, Diagnostics};
-use analysis::{Analysis, Orientation, Uniqueness, analyse_face};
+use super::Diagnostics;
+use analysis::{Analysis, Uniqueness, analyse_face};
 use expression::{Irregularities, Irregularity};
 use hybrid::OneStep;
 use models::DviModel;
@@ -75,60 +75,31 @@ impl<'p> LipschitzWatch<'p> {
 /// analysis takes longer than a step and is made only at switches.
 const MOST_AT_EVERY_STEP: usize = 40;
 
-/// Detects faces on which a certificate of uniqueness no longer holds, and faces on which other solutions are proven:
-/// where an attractive sliding surface becomes repulsive, a solution may leave it at any time.
+/// Detects faces on which a certificate of uniqueness no longer holds, as where an attractive sliding surface becomes
+/// repulsive.
 pub(super) struct FaceWatch {
-    /// Whether the certificate of uniqueness at the start may be lost on another active face.
-    may_lose: bool,
-    /// Whether other solutions may be proven on an active face.
-    may_prove: bool,
     at_every_step: bool,
-    /// The relative tolerance of the states; zero at steps of a given size.
-    rtol: f64,
     /// The time and the analysis of the face on which the certificate was lost.
     lost: Option<(f64, Analysis)>,
-    /// The first time at which the existence of other solutions is proven, with the determinant of the active face,
-    /// and the least determinant that a face with a unique solution may have (a negative determinant proves other
-    /// solutions).
-    others: Option<(f64, [f64; 2])>,
 }
 
 impl FaceWatch {
-    /// Begins the detection at the start of a run; returns `None` if the certificate of uniqueness cannot be lost, or
-    /// if there is none and the existence of other solutions cannot be proven either.
-    pub(super) fn new(structure: &Structure, analysis: &Analysis, rtol: f64) -> Option<Self> {
-        let is_certified = analysis.uniqueness.is_certified();
-        let may_lose = is_certified && !structure.constant_jacobian;
-        let is_small = structure.unknowns() <= MOST_AT_EVERY_STEP;
-        // Without a certificate the determinant of an active face may be negative, which proves other solutions, even
-        // if the Jacobian is constant.
-        let is_constant = is_certified && structure.constant_jacobian;
-        let may_prove = !is_constant && is_small && (0..structure.variables).any(|k| structure.is_bounded(k));
-        (structure.variables > 0 && (may_lose || may_prove)).then_some(Self {
-            may_lose,
-            may_prove,
-            at_every_step: is_small && !structure.constant_jacobian,
-            rtol,
-            lost: None,
-            others: None,
-        })
+    /// Begins the detection at the start of a run; returns `None` if there is no certificate of uniqueness, or if it cannot
+    /// be lost: without variables, or with a constant Jacobian.
+    pub(super) fn new(structure: &Structure, analysis: &Analysis) -> Option<Self> {
+        let may_lose = analysis.uniqueness.is_certified() && structure.variables > 0 && !structure.constant_jacobian;
+        may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
     }
 
     /// Examines the active face at the end of a step; `known` is the analysis of the face, if it already exists.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
-        if !moves || !(self.at_every_step || switched) {
+        if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
             return;
         }
-        if self.may_prove && self.others.is_none() {
-            let found = orientation_of_face(radau).map(|face| [face.determinant, face.least_determinant(self.rtol)]);
-            self.others = found.filter(|[found, least]| found < least).map(|found| (radau.t(), found));
-        }
-        if self.may_lose && self.lost.is_none() {
-            let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
-            if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
-                self.lost = Some((radau.t(), analysis));
-            }
+        let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
+        if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
+            self.lost = Some((radau.t(), analysis));
         }
     }
 
@@ -137,15 +108,6 @@ impl FaceWatch {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
             let because = format!("on the face that became active at t = {t}: {because}");
             take_back(diagnostics, |analysis| Analysis { uniqueness: *uniqueness, because, ..analysis });
-        }
-        if let Some((t, [determinant, least])) = self.others {
-            diagnostics.checks.record(CheckCode::OtherSolutions, least - determinant, 0.0, || {
-                format!(
-                    "at t = {t} other solutions exist, up to the tolerance: on the active face the determinant of CB (or \
-                     G_z) relative to its terms is {determinant:.1e}, and of a solution that may be the only one it is at \
-                     least {least:.1e}; a solution may leave the face at any time, and the program selects when this one does"
-                )
-            });
         }
     }
 }
@@ -164,11 +126,4 @@ pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
     let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
     let blocks = radau.equations_of_blocks();
     analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Activity::Inactive)
-}
-
-/// Returns the orientation of the active face at the current time of a run.
-fn orientation_of_face(radau: &mut Radau<'_>) -> Option<Orientation> {
-    let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
-    let blocks = radau.equations_of_blocks();
-    Orientation::at(radau.problem(), t, &y, &blocks, |k| face.places[k] == Activity::Inactive)
 }

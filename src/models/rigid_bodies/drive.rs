@@ -133,9 +133,9 @@ pub struct Driving {
     pub reference: f64,
     /// The rate of the coordinate prescribed by a motor at the end of the step.
     pub rate: f64,
-    /// The target of a servo at the midpoint of the step, and the mean rate of the target over the step.
+    /// The mean target of a servo, and the mean rate of the target, over the step.
     servo: [f64; 2],
-    /// The additional force of the drive at the midpoint of the step.
+    /// The mean of the additional force of the drive over the step.
     effort: f64,
 }
 
@@ -230,10 +230,10 @@ impl Drive {
                 driving.rate = course.end[signal];
             }
             DriveLaw::Force(law) => {
-                driving.effort = law.effort.map_or(0.0, |signal| course.middle[signal]);
+                driving.effort = law.effort.map_or(0.0, |signal| course.means[signal]);
                 if let Some(servo) = &law.servo {
                     let (from, to) = (course.start[servo.target], course.end[servo.target]);
-                    driving.servo = [course.middle[servo.target], (to - from) / course.h];
+                    driving.servo = [course.means[servo.target], (to - from) / course.h];
                 }
             }
         }

@@ -182,7 +182,7 @@ impl Written for RigidBodiesProblem {
         joints.extend(springs::lower(&self.springs, &bodies, &names, &place.key("springs"), &mut lowering));
         joints.extend(bushings::lower(&self.bushings, &bodies, &names, &place.key("bushings"), &mut lowering));
         let actions = forces::lower(&self.forces, &bodies, &names, &place.key("forces"), &mut lowering);
-        let signals = functions.signals(&lowering);
+        let signals = functions.signals(&mut lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = MultibodySystem {
             gravity: gravity.unwrap_or_default(),

@@ -127,14 +127,14 @@ impl Functions {
     }
 
     /// Compiles all functions of time and their rates.
-    pub fn signals(&self, lowering: &Lowering<'_>) -> Signals {
-        Signals { program: Tape::compile(&lowering.graph, &self.nodes), count: self.nodes.len() / 2 }
+    pub fn signals(&self, lowering: &mut Lowering<'_>) -> Signals {
+        Signals::new(&mut lowering.graph, &self.nodes)
     }
 
     /// Returns the rounding error of the value of a function of time at the start.
-    fn rounding_at_start(&self, function: usize, lowering: &Lowering<'_>) -> f64 {
-        let program = Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]);
-        lowering.start.map_or(0.0, |t| Signals { program, count: 1 }.rounding(t))
+    fn rounding_at_start(&self, function: usize, lowering: &mut Lowering<'_>) -> f64 {
+        let signals = Signals::new(&mut lowering.graph, &self.nodes[2 * function..2 * function + 2]);
+        lowering.start.map_or(0.0, |t| signals.rounding(t))
     }
 
     /// Returns value and rate of a function of time at the start, if the start time is known.

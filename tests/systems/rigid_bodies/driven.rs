@@ -345,3 +345,43 @@ fn a_motor_that_jumps_and_forces_that_end_or_have_no_end_are_failures() {
     let moved = scene(&json!({"bodies": [ball([0.0; 3], [0.0; 3]), motion]}), 1.0, 1e-2);
     assert_eq!(failure(&moved).0, "not_finite");
 }
+
+/// Motors, servos and prescribed velocities act by their integrals over a step: impulse and displacement of a pulse are
+/// exact, also of one that is shorter than a step, or lies between two.
+#[test]
+fn no_pulse_of_a_motor_is_lost_between_steps() {
+    let body =
+        |place: [f64; 3]| json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": place});
+    let run = |joint: &Value| solve(&scene(&json!({"bodies": [body([0.0, 0.0, -1.0])], "joints": [joint]}), 1.0, 1e-2));
+    let slider =
+        |motor: Value| json!({"slider": {"bodies": ["ball"], "at": [0, 0, -1], "axis": [1, 0, 0], "motor": motor}});
+    let hinge =
+        |motor: Value| json!({"hinge": {"bodies": ["ball"], "at": [0, 0, 0], "axis": [0, -1, 0], "motor": motor}});
+    // Impulses of 1 N s and 1 N m s; the ball has the moment of inertia 1 + 2/5 0.1^2 about the hinge.
+    for pulse in ["1000*pulse(t, 0.303, 0.001)", "1e6*pulse(t, 0.303, 1e-6)", "pulse(t, 0.303, 0.015)/0.015"] {
+        let slid = run(&slider(json!({"effort": pulse})));
+        assert!(slid.verdict.trusted && (last(&slid, "ball.vx") - 1.0).abs() < 1e-9, "{pulse}: {:?}", slid.verdict);
+        let turned = run(&hinge(json!({"effort": pulse})));
+        let rate = last(&turned, "ball.wy");
+        assert!((rate + 1.0 / 1.004).abs() < 1e-3, "{pulse}: {rate}");
+        let moved = run(&slider(json!({"velocity": pulse})));
+        assert!((last(&moved, "ball.x") - 1.0).abs() < 1e-9, "{pulse}: {}", last(&moved, "ball.x"));
+    }
+    let pwm = run(&slider(json!({"effort": "pwm(t + 0.003, 0.01, 0.1)"})));
+    assert!(pwm.verdict.trusted && (last(&pwm, "ball.vx") - 0.1).abs() < 1e-9, "{}", last(&pwm, "ball.vx"));
+    // A spring of stiffness one swings about the target: the impulse 1 at t = 0.3035 sets it in motion.
+    let servo = run(&slider(
+        json!({"servo": {"target": "1000*pulse(t, 0.303, 0.001)", "stiffness": 1, "largest_effort": 1e9}}),
+    ));
+    assert!((last(&servo, "ball.vx") - 0.6965_f64.cos()).abs() < 5e-3, "{}", last(&servo, "ball.vx"));
+    // A body with a prescribed velocity carries another along.
+    let carrier = json!({"name": "carrier", "shape": {"sphere": {"radius": 0.1}}, "position": [0, 0, 0],
+        "motion": {"velocity": ["1000*pulse(t, 0.303, 0.001)", 0, 0]}});
+    let members = json!({"gravity": [0, 0, 0], "bodies": [carrier, body([5.0, 0.0, 0.0])],
+        "joints": [{"fixed": {"bodies": ["carrier", "ball"]}}]});
+    let carried = solve(&scene(&members, 1.0, 1e-2));
+    assert!((last(&carried, "ball.x") - 6.0).abs() < 1e-9, "{}", last(&carried, "ball.x"));
+    // A smooth kick has no edges: what the quadrature of a step cannot show is doubted.
+    let kick = run(&slider(json!({"effort": "1e5*exp(-((t - 0.3037)/1e-5)^2)"})));
+    assert!(!kick.verdict.trusted, "{}", last(&kick, "ball.vx"));
+}
