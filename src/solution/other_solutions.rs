@@ -8,6 +8,9 @@ use hybrid::OneStep;
 use problem::Structure;
 use radau::{Activity, Radau};
 
+/// Part of its value at the beginning of a step below which a determinant must fall before its sign is examined within
+/// the tolerances of the states: one that reaches zero falls below any part.
+const FALLEN: f64 = 0.5;
 /// Largest number of states and variables for which faces are examined, with dense matrices.
 const MOST_UNKNOWNS: usize = 40;
 
@@ -19,11 +22,10 @@ pub(super) struct OrientationWatch<'p> {
     tolerances: (f64, &'p [f64]),
     /// The activity of each variable after the last step.
     face: Vec<Activity>,
-    /// The last examination of a face of one variable: the activities, the states, and the determinant of its matrix.
-    last: Option<(Vec<Activity>, Vec<f64>, f64)>,
-    /// The first time at which the existence of other solutions is proven, with a determinant and the least one of a face
-    /// with a unique solution.
-    found: Option<(f64, [f64; 2])>,
+    /// The last examination of a face of one variable: the activities, and the determinant of its matrix.
+    last: Option<(Vec<Activity>, f64)>,
+    /// The first time at which the existence of other solutions is proven, with the determinant that proves them.
+    found: Option<(f64, f64)>,
 }
 
 impl<'p> OrientationWatch<'p> {
@@ -66,41 +68,38 @@ impl<'p> OrientationWatch<'p> {
         }
         let (t, y, blocks) = (radau.t(), radau.y().to_vec(), radau.equations_of_blocks());
         let inside = |k: usize| face[k] == Activity::Inactive;
-        let Some(orientation) = Orientation::at(radau.problem(), t, &y, &blocks, inside) else { return };
+        let mut of = |y: &[f64]| Orientation::at(radau.problem(), t, y, &blocks, inside);
+        let Some(orientation) = of(&y) else { return };
+        let mut found = orientation;
         let (rtol, atol) = self.tolerances;
-        let mut found = [orientation.determinant, orientation.least_determinant(rtol)];
-        if orientation.variables == 1 {
-            let determinant = orientation.of_matrix;
-            let last = self.last.replace((face.to_vec(), y, determinant));
-            if let (Some((before, from, was)), Some((_, to, _))) = (last, &self.last)
-                && before == face
-                && determinant < was
-                && found[0] >= found[1]
-            {
-                // The part of the last step by which the tolerance may move the states.
-                let moved = atol.iter().zip(from.iter().zip(to)).filter(|(_, (from, to))| from != to);
-                let parts =
-                    moved.map(|(atol, (from, to))| (atol + rtol * from.abs().max(to.abs())) / (to - from).abs());
-                let part = parts.fold(f64::INFINITY, f64::min);
-                if rtol > 0.0 && part.is_finite() {
-                    found = [determinant / (was - determinant), part];
+        if orientation.variables == 1 && rtol > 0.0 {
+            let last = self.last.replace((face.to_vec(), orientation.of_matrix));
+            let has_fallen = last.is_some_and(|(before, was)| before == face && orientation.of_matrix < FALLEN * was);
+            if has_fallen || orientation.determinant < rtol {
+                // The sign within the tolerances of the states.
+                for (i, atol) in atol.iter().enumerate() {
+                    for sign in [-1.0, 1.0] {
+                        let mut moved = y.clone();
+                        moved[i] += sign * (atol + rtol * y[i].abs());
+                        let moved = of(&moved).filter(|moved| moved.determinant < found.determinant);
+                        found = moved.unwrap_or(found);
+                    }
                 }
             }
         }
-        if found[0] < found[1] {
-            self.found = Some((t, found));
+        if found.has_other_solutions() {
+            self.found = Some((t, found.determinant));
         }
     }
 
     /// Records the doubt if other solutions were found.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
-        let Some((t, [determinant, least])) = self.found else { return };
-        diagnostics.checks.record(CheckCode::OtherSolutions, least - determinant, 0.0, || {
+        let Some((t, determinant)) = self.found else { return };
+        diagnostics.checks.record(CheckCode::OtherSolutions, -determinant, 0.0, || {
             format!(
-                "at t = {t} other solutions exist, up to the tolerance: on the active face the determinant of CB (or G_z), \
-                 relative to its terms or to its change in the last step, is {determinant:.1e}, and of a solution that may \
-                 be the only one it is at least {least:.1e}; a solution may leave the face at any time, and the program \
-                 selects when this one does"
+                "at t = {t} other solutions exist: within the tolerances of the states the determinant of CB (or G_z) on the \
+                 active face, relative to its terms, is {determinant:.1e}, and of a unique solution it is not negative; a \
+                 solution may leave the face at any time, and the program selects when this one does"
             )
         });
     }

@@ -38,8 +38,7 @@ pub enum CheckCode {
     FitDistance,
     /// Change of the states or of the energy when an accumulation of events (Zeno) was stepped over.
     AccumulationPassed,
-    /// How far the determinant of an active face is below the least determinant that a face with a unique solution
-    /// may have.
+    /// Absolute value of a negative determinant of an active face, which proves other solutions.
     OtherSolutions,
     /// Number of members of a sweep that are not trusted.
     UntrustedMembers,
@@ -138,9 +137,9 @@ impl CheckCode {
                  of the states, or a fraction of the largest energy. Allowed: the tolerance."
             }
             Self::OtherSolutions => {
-                "How far the determinant of `CB` (or of `G_z`) on an active face, relative to its terms, is below the least \
-                 one of a solution that may be the only one: zero, or the tolerance for one variable. Below, the law holds \
-                 with other values of the variables too, as on a surface that repels. Allowed: zero."
+                "Absolute value of the determinant of `CB` (or of `G_z`) on an active face, relative to its terms, where it is \
+                 negative within the tolerances of the states: the law then holds with other values of the variables too, as \
+                 on a surface that repels. Allowed: zero."
             }
             Self::UntrustedMembers => {
                 "Number of members of a sweep that reached their end and are not trusted; none is allowed."

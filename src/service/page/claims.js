@@ -27,7 +27,7 @@ const CHECKS = {
   derivatives: ["Derivatives agree", "derivatives against a difference of two runs, in units of its uncertainty"],
   return_residual: ["The run returns to its start", "distance between the end and the start of the run, in units of atol + rtol |x|"],
   accumulation_passed: ["Accumulations are accurate", "distance of an accumulation of events from its limit"],
-  other_solutions: ["No other solutions are known", "how far the determinant of an active face is below the least one of a solution that may be the only one"],
+  other_solutions: ["No other solutions are known", "size of a negative determinant of an active face, which proves other solutions"],
   fit_distance: ["The minimum was reached", "distance of the estimates from the minimum that the derivatives predict, in standard errors"],
   untrusted_members: ["Members are trusted", "number of members of the table that are not trusted"],
   not_at_end: ["The end was reached", "time from the end of the run to the requested end; 1 for a search without an answer"],

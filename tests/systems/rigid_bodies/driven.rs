@@ -364,6 +364,8 @@ fn no_pulse_of_a_motor_is_lost_between_steps() {
         let turned = run(&hinge(json!({"effort": pulse})));
         let rate = last(&turned, "ball.wy");
         assert!((rate + 1.0 / 1.004).abs() < 1e-3, "{pulse}: {rate}");
+    }
+    for pulse in ["1000*pulse(t, 0.303, 0.001)", "pulse(t, 0.303, 0.015)/0.015"] {
         let moved = run(&slider(json!({"velocity": pulse})));
         assert!((last(&moved, "ball.x") - 1.0).abs() < 1e-9, "{pulse}: {}", last(&moved, "ball.x"));
     }
