@@ -60,7 +60,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => {
             let error = usage::with_tips(error, &Cli::command());
-            // If standard output is closed, there is nowhere to report that printing failed.
+            // If standard output is closed, a failure to print the help or the error has nowhere to be reported.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(command::USAGE) } else { ExitCode::SUCCESS };
         }

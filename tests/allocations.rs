@@ -54,7 +54,7 @@ fn solvers_over_blocks_allocate_at_the_first_problem_only() {
     }
 }
 
-/// Returns the estimated memory of a solve and the peak of its measured memory, in bytes.
+/// Returns the estimated memory of the solve of a specification and the peak of its measured memory, in bytes.
 fn memory(document: &str) -> (f64, f64) {
     let specification = Specification::from_json(document.as_bytes()).unwrap();
     let held = measure(|| assert!(dvi::solve(&specification, &Control::new()).error.is_none()));
@@ -103,7 +103,7 @@ fn a_solve_with_many_times_takes_the_memory_that_is_foretold() {
     );
 }
 
-/// Specification of spheres on one movable tray: the tray couples each contact with each other one.
+/// Specification of rigid spheres on one movable tray: through the tray each contact is coupled with all others.
 fn on_a_tray(spheres: usize) -> String {
     let ground = serde_json::json!({"shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true});
     let tray = serde_json::json!({"shape": {"box": {"size": [200, 200, 1]}}, "density": 1, "position": [0, 0, 0.5]});
@@ -183,7 +183,8 @@ fn memory_of(text: &str) -> (f64, f64) {
         let solution = dvi::solve(&specification, &Control::new());
         let bytes = |event: &Event| size_of_val(event) + event.of.len();
         let all: usize = solution.trajectory.events.iter().map(bytes).sum();
-        // The list of events grows by doubling, and the `Control` of the solve holds the latest 256.
+        // The events of a solution are counted twice: in its list, which grows by doubling, and in the `Control` of the
+        // solve, which holds the latest 256.
         let latest: usize = solution.trajectory.events.iter().rev().take(256).map(bytes).sum();
         events = 2 * all + latest;
     };
@@ -205,8 +206,8 @@ fn assert_all_foretold(documents: impl Iterator<Item = (String, String)>) {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// An example whose sparse matrix factors have more fill-in than estimated: the solve takes 7.1 MB in place of the
-/// estimated 1.6 MB.
+/// Name of an example whose sparse matrix factors have more fill-in than estimated: the solve takes 7.1 MB of memory in
+/// place of the estimated 1.6 MB.
 const FILLED: &str = "viscoelastic_block";
 
 #[test]

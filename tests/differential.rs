@@ -10,8 +10,8 @@ use differential::derivatives::{self, Finding};
 use differential::{Campaign, Kind};
 use std::time::Duration;
 
-/// Permitted fraction of correct results that a solve reports as not to be trusted. Circuits, for which the fraction
-/// is larger, are left out.
+/// Permitted fraction of correct results that the verdict of a solve reports as not to be trusted. Circuits, for which
+/// the fraction is larger, are left out.
 const FALSE_ALARMS: f64 = 0.02;
 
 #[test]

@@ -1,5 +1,5 @@
-//! Tests of the numerical methods against independent solutions: test systems, measured orders of convergence, and
-//! stability at the limits.
+//! Tests of the numerical methods: test systems compared with independent solutions, measured orders of convergence,
+//! and stability at the limits of the methods.
 
 mod convergence;
 mod stability;

@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Returns the radius of the limit cycle for a unit mass, from a run of 40 units of time.
+/// Returns the radius of the limit cycle of a unit mass on the belt, from a run of 40 units of time.
 pub fn radius_of_cycle(stiffness: f64, friction: f64, speed: f64) -> Result<f64, Box<dyn std::error::Error>> {
     let belt = Problem::new()
         .state("x", 4.0)

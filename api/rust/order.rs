@@ -7,7 +7,8 @@
 use dvi::{Problem, Set, Settings};
 use std::f64::consts::PI;
 
-/// For each method, its number of stages, a step size below which the theoretical order is observed, and that order.
+/// For each Radau IIA method, its number of stages, a step size below which the theoretical order is observed, and that
+/// order.
 pub const LADDERS: [(usize, f64, f64); 3] = [(1, 0.01, 1.0), (3, 0.2, 5.0), (5, 0.8, 9.0)];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -22,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Returns the error of position and speed at the end of a run with a fixed step size.
+/// Returns the error of position and speed of the mass at `t = 3 pi/2`, after a run with a fixed step size.
 pub fn error(stages: usize, step: f64) -> Result<f64, Box<dyn std::error::Error>> {
     let floor = Problem::new()
         .state("x", 3.5)

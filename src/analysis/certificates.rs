@@ -10,14 +10,16 @@ use serde::Serialize;
 /// replaces `G` and the distance to a bound.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Certificates {
-    /// The largest natural-map residual `|z - P_K(z - G)|`.
+    /// The largest natural-map residual `|z - P_K(z - G)|` at the end of a step, with the projection `P_K` onto `K`.
     pub natural_map: f64,
-    /// The largest violation of its interval or block by a variable `z_i`, as a negative number.
+    /// The largest violation of its interval or block of `K` by a variable `z_i`, as a negative number; zero without
+    /// violation.
     pub smallest_z: f64,
-    /// The smallest `G_i`, with its sign reversed at an upper bound, if below zero; zero for an exact solution.
+    /// The smallest `G_i` of a variable at its lower bound, `-G_i` at its upper bound or `-|G_i|` inside its interval,
+    /// if below zero; zero for an exact solution.
     #[serde(rename = "smallest_G")]
     pub smallest_g: f64,
-    /// The largest product of the distance of a variable to its nearest bound and `|G_i|`.
+    /// The largest complementarity product: the distance of a variable `z_i` to its nearest bound times `|G_i|`.
     pub largest_product: f64,
     /// The largest `|<dz, G>|`, where `dz` is the change of `z` over a step without a switch of the active face; zero
     /// for an exact solution. It is not divided by the size of `G`, which is a mere rounding error if a variable is
@@ -33,13 +35,14 @@ pub struct Certificates {
 }
 
 impl Certificates {
-    /// Updates the certificates with `z` and `G` at the end of a step, for the variables with indices `bounded`;
-    /// `smooth` if the step has kept one active face and `K` does not move.
+    /// Updates the complementarity certificates with the variables `z` and inequality functions `G` at the end of a
+    /// step, for the variables with indices `bounded`; `smooth` if the step has kept one active face and `K` does not
+    /// move.
     pub fn observe(&mut self, set: &ConvexSet, bounded: &[usize], z: &[f64], g: &[f64], smooth: bool) {
         for &k in bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
             let (z, g) = (z[k], g[k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            // The comparison of the distance to a bound with `G`, as in the natural map, decides which bound, if any,
+            // As in the natural map, compare the distance of `z_k` to a bound with `G_k` to decide which bound, if any,
             // is active.
             let signed = if z - set.lower[k] <= g {
                 g
@@ -82,7 +85,8 @@ impl Certificates {
 mod tests {
     use super::*;
 
-    /// Returns the certificates for pairs `(z, G)` of one nonnegative variable at the ends of steps.
+    /// Returns the complementarity certificates for a run with one nonnegative variable, from its pairs `(z, G)` at the
+    /// ends of steps.
     fn observed(run: &[(f64, f64)]) -> Certificates {
         let set = ConvexSet::intervals(vec![0.0], vec![f64::INFINITY]);
         let mut certificates = Certificates::default();

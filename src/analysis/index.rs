@@ -9,28 +9,28 @@ use super::linearisation::{Linearisation, RANK};
 use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
-/// Maximum number of differentiations of `G` in the structure algorithm.
+/// Maximum number of times that the structure algorithm differentiates the inequality functions `G` in time.
 const MOST_DIFFERENTIATIONS: usize = 8;
 
-/// The result of the structure algorithm: how many variables each differentiation of `G` determines.
+/// The differentiation index of a linearised problem, computed by the structure algorithm: how many variables `z` each
+/// time derivative of `G` determines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Index {
-    /// The number of variables that each differentiation of `G` determines; the first entry is for the
-    /// undifferentiated `G`.
+    /// The number of variables `z` that each time derivative of `G` determines, `G` itself first.
     pub levels: Vec<usize>,
-    /// The number of variables that no differentiation of `G` determines.
+    /// The number of variables `z` that no time derivative of `G` determines.
     pub undetermined: usize,
 }
 
 impl Index {
-    /// Returns the index, the number of differentiations until `G` determines all variables; `None` if no number
-    /// suffices.
+    /// Returns the differentiation index: the number of time derivatives of `G` after which all variables `z` are
+    /// determined; `None` if no number suffices.
     pub fn value(&self) -> Option<usize> {
         (self.undetermined == 0).then(|| self.levels.len().saturating_sub(1))
     }
 }
 
-/// Computes the index of a linearised problem; `None` if a product of its matrices overflows.
+/// Computes the differentiation index of a linearised problem; `None` if a product of its matrices overflows.
 pub fn index(linearisation: &Linearisation) -> Option<Index> {
     let m = linearisation.variables();
     let (mut c, mut d) = (linearisation.c.clone(), linearisation.d.clone());
@@ -48,7 +48,8 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
         if rank == m {
             break;
         }
-        // Rows `rank..` of the rotated system do not contain `z`: differentiate them.
+        // Rows `rank..` of the rotated inequality functions `G = C x + D z` do not contain `z`: differentiate them in
+        // time.
         let rotated = &combinations * &d;
         let mut states = combinations * &c;
         let rest = states.rows(rank, m - rank).into_owned();
@@ -69,8 +70,8 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
     Some(Index { levels, undetermined: m - determined })
 }
 
-/// Scales each row of `(C, D)` by the size of its part in `D`, or in `C` if that in `D` vanishes, so that ranks do
-/// not depend on units.
+/// Scales each row of `(C, D)` in `G = C x + D z` by the size of its part in `D`, or in `C` if that in `D` vanishes, so
+/// that ranks do not depend on units.
 fn equilibrate(c: &mut DMatrix<f64>, d: &mut DMatrix<f64>) {
     for i in 0..d.nrows() {
         let size = if d.row(i).amax() > 0.0 { d.row(i).amax() } else { c.row(i).amax() };

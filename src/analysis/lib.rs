@@ -23,19 +23,20 @@ use problem::{Dvi, FaceEquations, Mass};
 use reversal::reversal;
 use serde::{Serialize, Serializer};
 
-/// Maximum number of states and variables for which a problem is analysed; the analysis uses dense matrices.
+/// Maximum number of states and variables of a problem that is analysed; the analysis uses dense matrices.
 const MOST_UNKNOWNS: usize = 300;
 
-/// Number of dense matrices in the states and variables that an analysis has in memory at once (measured): the
-/// matrices of the problem, and singular values and vectors.
+/// Number of dense square matrices, of the order of the number of states and variables, that an analysis has in memory
+/// at once (measured): the matrices of the problem, and singular values and vectors.
 const MATRICES: usize = 8;
 
-/// Returns the memory of the analysis of a problem with this number of states and variables, as a count of `f64`.
+/// Returns the memory that the analysis of a problem needs, as a count of `f64`; `unknowns` is the number of its states
+/// and variables.
 pub fn analysis_numbers(unknowns: usize) -> usize {
     if unknowns <= MOST_UNKNOWNS { MATRICES * unknowns * unknowns } else { 0 }
 }
 
-/// The analysis of a differential variational inequality at one point.
+/// The analysis of a differential variational inequality, linearised at one point: index, existence and uniqueness.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Analysis {
     /// The number of differentiations of `G` until it determines `z`: 0, 1, 2, ..; for a mixed index the largest.
@@ -43,19 +44,19 @@ pub struct Analysis {
     /// Volterra inequality), the exponent of the kernel, which need not be an integer.
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "whole_where_it_is")]
     pub index: Option<f64>,
-    /// The number of variables that each differentiation of `G` determines, the undifferentiated `G` first; the index
-    /// is mixed if more than one number is above zero.
+    /// The number of variables that each time derivative of `G` determines, `G` itself first; the index is mixed if
+    /// more than one number is above zero.
     pub levels: Vec<usize>,
-    /// The verdict on existence and uniqueness of the solution.
+    /// The verdict on existence and uniqueness of the solution of the problem.
     pub uniqueness: Uniqueness,
-    /// The reason for the verdict on uniqueness, with its figures.
+    /// The reason for the verdict on existence and uniqueness, with the figures on which it rests.
     pub because: String,
-    /// The index of the part of the problem with variables in unbounded sets: bounded variables have no impulses,
-    /// whatever their index.
+    /// The index of the part of the problem whose variables are in unbounded sets: the other variables are bounded and
+    /// have no impulses, whatever their index.
     #[serde(skip)]
     pub unbounded_index: Option<f64>,
-    /// The part of the problem (inequalities, or their variables in the rates) whose sign appears to be reversed, if
-    /// any.
+    /// The part of the problem (the inequality functions, or the terms of their variables in the rates) whose sign
+    /// appears to be reversed, if any.
     #[serde(skip)]
     pub reversed: Option<Reversal>,
 }
@@ -127,7 +128,7 @@ mod tests {
     use super::{Index, Linearisation, Uniqueness, index, uniqueness};
     use nalgebra::DMatrix;
 
-    /// Returns the linearisation of a constant linear problem over an orthant.
+    /// Returns the linearised problem `x' = A x + B z`, `G = C x + D z` with constant matrices and nonnegative `z`.
     fn orthant(a: &[f64], b: &[f64], c: &[f64], d: &[f64]) -> Linearisation {
         let m = d.len().isqrt();
         let n = a.len().isqrt();
@@ -152,8 +153,8 @@ mod tests {
 
     #[test]
     fn the_index_counts_differentiations() {
-        // In a chain of integrators, `D`, `C B`, `C A B` or `C A A B` is the first nonzero matrix, by the distance of
-        // `G` from `z`.
+        // In a chain of integrators, `D`, `C B`, `C A B` or `C A A B` is the first nonzero matrix, according to the
+        // number of integrators between `z` and `G`.
         let a = [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
         let b = [0.0, 0.0, 1.0];
         for (expected, c, d) in [
@@ -169,8 +170,8 @@ mod tests {
 
     #[test]
     fn a_mixed_index_is_found_by_blocks() {
-        // `G` determines `z1`, `G'` determines `z2` and `G''` determines `z3`, in units that differ by twelve
-        // decades; then the system is rotated, so that no single entry shows the index.
+        // The function `G` determines `z1`, `G'` determines `z2` and `G''` determines `z3`, in units that differ by
+        // twelve decades; then the system is rotated, so that no single entry shows the index.
         let a = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let b = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e6, 0.0];
         let c = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0];
@@ -201,14 +202,14 @@ mod tests {
 
     #[test]
     fn the_cyclic_matrix_is_a_p_matrix_and_no_more() {
-        // The matrix `M = [[1,3,0],[0,1,3],[3,0,1]]` has the minors 1, 1, 28; its symmetric part has the eigenvalues
-        // 4, -1/2, -1/2.
+        // The matrix `M = [[1,3,0],[0,1,3],[3,0,1]]` is a P-matrix, with the leading minors 1, 1, 28, but is not
+        // positive definite: its symmetric part has the eigenvalues 4, -1/2, -1/2.
         let m = [1.0, 3.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0, 1.0];
         let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let (index, uniqueness, because) = verdict(&orthant(&[0.0; 9], &m, &identity, &[0.0; 9]));
         assert_eq!((index.value(), uniqueness), (Some(1), Uniqueness::ExistsNotCertified));
         assert!(because.contains("a P-matrix") && because.contains("-5.000e-1"), "{because}");
-        // With the P-matrix as `D` (index zero), `z` is unique.
+        // With a P-matrix as `D` in `G = C x + D z` (index zero), the variable `z` is unique.
         let (index, uniqueness, _) = verdict(&orthant(&[0.0; 9], &identity, &identity, &m));
         assert_eq!((index.value(), uniqueness), (Some(0), Uniqueness::Unique));
     }
@@ -222,7 +223,7 @@ mod tests {
 
     #[test]
     fn a_passive_circuit_is_unique_though_d_is_singular_in_its_symmetric_part() {
-        // The equations of a bridge of four diodes.
+        // The circuit equations of a bridge rectifier of four diodes.
         let b = [0.0, 0.0, -1e6, 1e6, 0.0, 0.0, 0.0, 0.0];
         let c = [0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0];
         let d = [1e-3, 1e-3, -1.0, 0.0, 1e-3, 1e-3, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];

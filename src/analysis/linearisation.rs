@@ -12,31 +12,31 @@ use factorisation::Singular;
 use nalgebra::DMatrix;
 use problem::{Dvi, FaceEquations, Mass, Shape, Structure};
 
-/// The matrices of the linearised problem, and the properties of its convex set `K`.
+/// The matrices of the linearised problem `x' = A x + B z`, `G = C x + D z`, and the properties of its convex set `K`.
 #[derive(Clone, Debug)]
 pub struct Linearisation {
-    /// The matrix `A` of the states in the rates, `n x n`.
+    /// The derivative `A` of the rates `x'` with respect to the states `x`, `n x n`.
     pub a: DMatrix<f64>,
-    /// The matrix `B` of the variables in the rates, `n x m`.
+    /// The derivative `B` of the rates `x'` with respect to the variables `z`, `n x m`.
     pub b: DMatrix<f64>,
-    /// The matrix `C` of the states in the inequalities, `m x n`.
+    /// The derivative `C` of the inequality functions `G` with respect to the states `x`, `m x n`.
     pub c: DMatrix<f64>,
-    /// The matrix `D` of the variables in the inequalities, `m x m`.
+    /// The derivative `D` of the inequality functions `G` with respect to the variables `z`, `m x m`.
     pub d: DMatrix<f64>,
-    /// Whether each variable is free (unconstrained in `K`), so that its inequality `G` is an equation.
+    /// For each variable, whether it is free (unconstrained in `K`), so that its inequality is the equation `G = 0`.
     pub free: Vec<bool>,
     /// Whether `K` is a shifted orthant: every variable that is not free has exactly one finite bound, which does not
-    /// move.
+    /// move with time or state.
     pub is_orthant: bool,
     /// Whether `K` is a product of intervals, without blocks that couple several variables.
     pub is_box: bool,
-    /// Whether a bound of `K` varies with the states.
+    /// Whether a bound of the convex set `K` varies with the states.
     pub set_moves_with_states: bool,
     /// Whether the Jacobian of the problem, and with it `A`, `B`, `C` and `D`, is constant in `(t, y)`.
     pub is_constant: bool,
 }
 
-/// Singular values below this fraction of the largest are treated as zero.
+/// Relative tolerance for the rank of a matrix: singular values below this fraction of the largest are treated as zero.
 pub(super) const RANK: f64 = 1e-11;
 
 impl Linearisation {
@@ -132,12 +132,12 @@ impl Linearisation {
         })
     }
 
-    /// Returns the number of differential states.
+    /// Returns the number of differential states `x` of the linearised problem.
     pub fn states(&self) -> usize {
         self.a.nrows()
     }
 
-    /// Returns the number of variables, algebraic states included.
+    /// Returns the number of variables `z` of the linearised problem, algebraic states included.
     pub fn variables(&self) -> usize {
         self.d.nrows()
     }
@@ -156,7 +156,7 @@ fn jacobian_of(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Option<DMatrix<f64>>
     values.iter().all(|value| value.is_finite()).then_some(jacobian)
 }
 
-/// Returns the unit vectors of the states and of the given variables, as columns.
+/// Returns the unit vectors of the states and of the given variables in the space of unknowns `(x, z)`, as columns.
 fn selection(structure: &Structure, variables: &[usize]) -> DMatrix<f64> {
     let n = structure.states;
     let kept: Vec<usize> = (0..n).chain(variables.iter().map(|k| n + k)).collect();
@@ -174,8 +174,8 @@ fn without_mass(
     let m = free.len();
     let mut mass = DMatrix::<f64>::zeros(n, n);
     entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
-    // The singular vectors of the range of `M`, the differential directions, come first, then those of its null
-    // space.
+    // Of the singular vectors of the mass matrix `M`, those of its range (the differential directions) come first, then
+    // those of its null space.
     let singular = Singular::of(&mass)?;
     let rank = singular.rank(RANK);
     let mut left = DMatrix::<f64>::identity(n + m, n + m);

@@ -13,11 +13,11 @@ use super::linearisation::Linearisation;
 use nalgebra::DMatrix;
 use problem::{Dvi, FaceEquations};
 
-/// The determinant of `D`, or of `C B` if `D` vanishes, on an active face of intervals, with each row of the matrix
-/// divided by the sum of the absolute values of its terms.
+/// The orientation of a solution on an active face of intervals: the determinant of `D`, or of `C B` if `D` vanishes,
+/// with each row of the matrix divided by the sum of the absolute values of its terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orientation {
-    /// The relative determinant, at most one in absolute value.
+    /// The relative determinant of `D` or `C B` on the active face, at most one in absolute value.
     pub determinant: f64,
     /// The determinant of the matrix itself, in its units.
     pub of_matrix: f64,
@@ -50,8 +50,8 @@ impl Orientation {
         Self::of(&Linearisation::on_face(problem, t, y, blocks, inside)?)
     }
 
-    /// Returns the orientation of an active face; `None` if `K` is not a product of intervals, a bound moves with the
-    /// states, or no variables remain after elimination of the free ones.
+    /// Returns the orientation of the active face of a linearised problem; `None` if `K` is not a product of intervals,
+    /// a bound moves with the states, or no variables remain after elimination of the free ones.
     fn of(problem: &Linearisation) -> Option<Self> {
         let eliminated = problem.without_free();
         let problem = eliminated.as_ref().unwrap_or(problem);
@@ -100,8 +100,8 @@ mod tests {
         }
     }
 
-    /// Returns the number of solutions `z` of `0 in C z + q + N(z)`, with the normal cone `N` of `[-1, 1]^2`, over
-    /// all nine faces.
+    /// Returns the number of solutions `z` of `0 in C z + q + N(z)`, with the normal cone `N` of the square
+    /// `[-1, 1]^2`, by enumeration of the nine faces of the square.
     fn solutions(c: &[f64], q: [f64; 2]) -> usize {
         let ends = [-1.0, 0.0, 1.0];
         let all = ends.iter().flat_map(|&first| ends.iter().map(move |&second| [first, second]));

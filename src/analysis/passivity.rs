@@ -19,13 +19,14 @@ use factorisation::{Singular, least_eigenvalue};
 use nalgebra::{DMatrix, DVector};
 use std::fmt;
 
-/// Rounding error of the entries and eigenvalues of the product `C B`, relative to its largest entry.
+/// Rounding error of the entries and eigenvalues of the product `C B` of the linearised problem, relative to its
+/// largest entry.
 const ROUNDING: f64 = 1e-9;
 
-/// The eigenvalues that certify a passive system.
+/// The eigenvalues that certify that the linearised system is passive from `z` to `G`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Passivity {
-    /// The least eigenvalue of the symmetric part of `D`.
+    /// The least eigenvalue of the symmetric part of `D = dG/dz`.
     of_d: f64,
     /// The least eigenvalue of the symmetric part of `C B` on the kernel of `D + D^T`; `None` if the kernel is zero.
     of_cb: Option<f64>,
@@ -50,12 +51,12 @@ impl fmt::Display for Passivity {
     }
 }
 
-/// Returns the eigenvalues that certify that the system is passive up to a shift of `A`; `None` if it is not, or if a
-/// product of its matrices overflows.
+/// Returns the eigenvalues that certify that the linearised system is passive from `z` to `G`, up to a shift of `A`;
+/// `None` if it is not, or if a product of its matrices overflows.
 pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     let symmetric = &problem.d * 0.5 + problem.d.transpose() * 0.5;
     let of_d = least_eigenvalue(&symmetric)?;
-    // Scale each variable so that its diagonal entry of `D`, or else of `C B`, is one.
+    // Scale each variable `z_i` so that its diagonal entry of `D`, or else of `C B`, is one.
     let cb = &problem.c * &problem.b;
     let size = problem.d.amax();
     let unit = |k: usize| match (symmetric[(k, k)], cb[(k, k)]) {
@@ -77,17 +78,18 @@ pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     if !has_storage(&problem.b * &kernel, kernel.tr_mul(&problem.c)) {
         return None;
     }
-    // Report the eigenvalue of `C B` in the user's units if the kernel of `D + D^T` is the whole space.
+    // The eigenvalue of `C B` for the report is that in the user's units if the kernel of `D + D^T` is the whole space.
     let cb = if kept.len() == problem.variables() { cb } else { kernel.tr_mul(&cb) * kernel };
     let of_cb = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5))?;
     Some(Passivity { of_d: of_d.max(0.0), of_cb: Some(of_cb.max(0.0)) })
 }
 
-/// Returns whether `P B = C^T` for some symmetric positive definite `P`: whether `C B` is symmetric positive
-/// semidefinite with the rank of `B` and `C`, and `B` and `C^T` have the same kernel.
+/// Returns whether the system has a quadratic storage function, `P B = C^T` for some symmetric positive definite `P`:
+/// whether `C B` is symmetric positive semidefinite with the rank of `B` and `C`, and `B` and `C^T` have the same
+/// kernel.
 fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     let n = b.nrows();
-    // Scale each state so that its rows in `B` and in `C^T` have equal norms.
+    // Scale each state so that its row in `B` and its row in `C^T` have equal norms.
     for i in 0..n {
         let (column, row) = (c.column(i).norm(), b.row(i).norm());
         if column > 0.0 && row > 0.0 {

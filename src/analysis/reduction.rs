@@ -13,15 +13,16 @@ use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
 impl Linearisation {
-    /// Returns the problem without its free variables; `None` if there are no free variables, if all are free, or if
-    /// their elimination takes more than one differentiation.
+    /// Returns the linearised problem after elimination of its free variables; `None` if there are no free variables,
+    /// if all are free, or if their elimination takes more than one differentiation of `G`.
     pub(super) fn without_free(&self) -> Option<Self> {
         let (free, bounded): (Vec<usize>, Vec<usize>) = (0..self.variables()).partition(|&k| self.free[k]);
         if free.is_empty() || bounded.is_empty() {
             return None;
         }
         let (n, m) = (self.states(), bounded.len());
-        // Rows of the matrices: rates, then `G` of the bounded variables. Columns: states, then bounded variables.
+        // Stack the derivatives. Rows: rates, then `G` of the bounded variables. Columns: states, then bounded
+        // variables.
         let rows = stack(&self.a, &self.c.select_rows(&bounded));
         let by_bounded = stack(&self.b.select_columns(&bounded), &self.block(&bounded, &bounded));
         let mut known = join(&rows, &by_bounded);
@@ -66,8 +67,8 @@ impl Linearisation {
         Some(reduced.on(&differences))
     }
 
-    /// Returns the problem restricted to the subspace of states in which two solutions can differ, orthogonal to the
-    /// linear invariants; `None` if there are no invariants.
+    /// Returns the linearised problem restricted to the subspace of states in which two solutions can differ,
+    /// orthogonal to its linear invariants; `None` if there are no invariants.
     pub(super) fn without_invariants(&self) -> Option<Self> {
         if !self.is_constant || self.states() == 0 {
             return None;
@@ -88,19 +89,19 @@ impl Linearisation {
         Some(self.on(&kernel(&invariants)?))
     }
 
-    /// Restricts the problem to states in the span of `basis`, whose columns are orthonormal; the span must contain
-    /// the rates of these states.
+    /// Restricts the linearised problem to states in the span of `basis`, whose columns are orthonormal; the span must
+    /// contain the rates of these states.
     fn on(&self, basis: &DMatrix<f64>) -> Self {
         Self { a: basis.tr_mul(&self.a) * basis, b: basis.tr_mul(&self.b), c: &self.c * basis, ..self.clone() }
     }
 
-    /// Returns the submatrix of `D` in the given rows and columns.
+    /// Returns the submatrix of `D = dG/dz` in the given rows and columns.
     fn block(&self, rows: &[usize], columns: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.d[(rows[i], columns[j])])
     }
 }
 
-/// Computes an orthonormal basis of the kernel of a matrix of full row rank, with rows scaled to equal size.
+/// Computes an orthonormal basis of the kernel of a matrix of full row rank, whose rows are first scaled to equal size.
 fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (rows, n) = matrix.shape();
     let mut square = DMatrix::zeros(n.max(rows), n);
@@ -113,13 +114,13 @@ fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(singular.v_t.rows(rank, n - rank).transpose())
 }
 
-/// Stacks one matrix above another.
+/// Returns the matrix in which the matrix `above` is stacked on the matrix `below`.
 fn stack(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
     let n = above.nrows();
     DMatrix::from_fn(n + below.nrows(), above.ncols(), |i, j| if i < n { above[(i, j)] } else { below[(i - n, j)] })
 }
 
-/// Joins two matrices side by side.
+/// Returns the matrix in which the matrix `left` stands beside the matrix `right`.
 fn join(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let n = left.ncols();
     DMatrix::from_fn(left.nrows(), n + right.ncols(), |i, j| if j < n { left[(i, j)] } else { right[(i, j - n)] })

@@ -1,20 +1,20 @@
-//! Detection of reversed signs: if `D`, or `C B` if `D` vanishes, is negative definite, the variables drive their
-//! inequalities further into violation.
+//! Detection of reversed signs in a linearised problem: if `D = dG/dz`, or `C B` if `D` vanishes, is negative definite,
+//! the variables `z` drive their inequality functions `G` further into violation.
 
 use super::linearisation::Linearisation;
 use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 
-/// Which sign of a problem may be wrong.
+/// The sign in the user's equations that may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reversal {
-    /// The sign of the inequalities `G`.
+    /// The sign of the inequality functions `G` may be wrong.
     Inequality,
-    /// The sign of the inequalities `G`, or of the terms of their variables in the rates `F`.
+    /// The sign of the inequality functions `G`, or of the terms of their variables `z` in the rates `F`, may be wrong.
     InequalityOrRate,
 }
 
-/// Detects a reversed sign in a problem, after elimination of its free variables.
+/// Detects a reversed sign in a linearised problem, after elimination of its free variables.
 pub(super) fn reversal(problem: &Linearisation) -> Option<Reversal> {
     let eliminated = problem.without_free();
     let problem = eliminated.as_ref().unwrap_or(problem);

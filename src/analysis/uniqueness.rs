@@ -18,27 +18,27 @@ use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// The certified verdict on existence and uniqueness of the solution.
+/// The verdict on existence and uniqueness of the solution, as far as the analysis certifies it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uniqueness {
-    /// The solution is unique.
+    /// The solution of the problem is unique.
     Unique,
-    /// The solution is unique until it reaches a point where the equations are not Lipschitz.
+    /// The solution of the problem is unique until it reaches a point where the equations are not Lipschitz.
     LocallyUnique,
-    /// A solution exists, but uniqueness is not guaranteed.
+    /// A solution of the problem exists, but its uniqueness is not guaranteed.
     ExistsNotCertified,
-    /// Neither existence nor uniqueness is certified.
+    /// The analysis certifies neither existence nor uniqueness.
     NotCertified,
-    /// Solutions are not unique in general.
+    /// Solutions of the problem are not unique in general.
     NotUnique,
-    /// The problem was not analysed.
+    /// The problem was not analysed: it is too large, or its matrices are not finite or overflow.
     #[default]
     NotAnalysed,
 }
 
 impl Uniqueness {
-    /// Returns whether the solution is certified to be unique, at least for a finite time.
+    /// Returns whether the verdict certifies that the solution is unique, at least for a finite time.
     pub fn is_certified(self) -> bool {
         matches!(self, Self::Unique | Self::LocallyUnique)
     }
@@ -57,10 +57,11 @@ impl std::fmt::Display for Uniqueness {
     }
 }
 
-/// Maximum order of a matrix for which all principal minors are computed.
+/// Maximum order of a matrix for which all principal minors are computed, to decide whether it is a P-matrix.
 const MOST_MINORS: usize = 12;
 
-/// Returns the verdict on uniqueness and its reason; `None` if a product of the matrices overflows.
+/// Returns the verdict on existence and uniqueness of a linearised problem and its reason; `None` if a product of the
+/// matrices overflows.
 pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness, String)> {
     let m = problem.variables();
     if m == 0 {
@@ -87,7 +88,8 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         let because = "K moves with the states (a quasi-variational inequality): no theorem applied here covers it";
         return Some((Uniqueness::NotCertified, because.into()));
     }
-    // Eliminate invariants and free variables first, so that the verdict does not depend on the formulation.
+    // Eliminate linear invariants and free variables first, so that the verdict on uniqueness does not depend on the
+    // formulation.
     let differing = problem.without_invariants();
     let problem = differing.as_ref().unwrap_or(problem);
     let eliminated = problem.without_free();
@@ -216,20 +218,20 @@ fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
     comparison.try_inverse().is_some_and(|inverse| inverse.iter().all(|&entry| entry >= 0.0))
 }
 
-/// The figures of a square matrix `A` on which the verdict on uniqueness rests.
+/// The properties of a square matrix `A` on which the verdict on uniqueness rests.
 struct Figures {
-    /// The largest absolute entry of the matrix.
+    /// The largest absolute entry of the matrix `A`.
     size: f64,
-    /// The least eigenvalue of the symmetric part of the matrix.
+    /// The least eigenvalue of the symmetric part of the matrix `A`.
     least_eigenvalue: f64,
-    /// The relative asymmetry `|A - A^T| / |A|` in the largest entry.
+    /// The relative asymmetry `|A - A^T| / |A|` of the matrix `A`, in the norm of the largest entry.
     asymmetry: f64,
 }
 
 impl Figures {
-    /// Computes the figures of a matrix; `None` if an entry is not finite.
+    /// Computes the size, the least eigenvalue and the asymmetry of a matrix; `None` if an entry is not finite.
     fn of(matrix: &DMatrix<f64>) -> Option<Self> {
-        // Halve each matrix first: the sum of two large entries may overflow.
+        // Halve the matrix and its transpose before they are added: the sum of two large entries may overflow.
         let symmetric = matrix * 0.5 + matrix.transpose() * 0.5;
         let size = matrix.amax();
         let asymmetry = if size > 0.0 { (matrix / size - matrix.transpose() / size).amax() } else { 0.0 };
@@ -237,7 +239,8 @@ impl Figures {
     }
 }
 
-/// Returns whether all principal minors are positive; `None` if the matrix is too large to compute them.
+/// Returns whether the matrix is a P-matrix (all principal minors are positive); `None` if it is too large to compute
+/// them.
 fn is_p_matrix(matrix: &DMatrix<f64>) -> Option<bool> {
     let m = matrix.nrows();
     if m > MOST_MINORS {

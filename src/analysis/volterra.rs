@@ -13,10 +13,12 @@ use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
 
-/// Relative rounding error of eigenvalues: those below this fraction of the largest entry are treated as zero.
+/// Relative rounding error of eigenvalues of a matrix: those below this fraction of its largest entry are treated as
+/// zero.
 const ROUNDING: f64 = 1e-12;
 
-/// Returns the verdict for a Volterra inequality whose kernel has index `a` in `(0, 2]` and the matrix `M` near zero.
+/// Returns the analysis of a Volterra inequality whose kernel behaves like `M t^(a-1)` near zero, with the index `a` in
+/// `(0, 2]` and the matrix `M`.
 pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     let m = matrix.nrows();
     let levels = if a.fract() == 0.0 { [vec![0; a as usize], vec![m]].concat() } else { Vec::new() };
@@ -68,8 +70,8 @@ pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     }
 }
 
-/// Computes the least eigenvalue of the Hermitian matrix `cos(pi a/2) S + i sin(pi a/2) N`, from a real symmetric
-/// matrix of twice the size.
+/// Computes the least eigenvalue of the Hermitian matrix `cos(pi a/2) S + i sin(pi a/2) N`, where `S` and `N` are the
+/// symmetric and the skew part of the kernel's matrix at zero, from a real symmetric matrix of twice the size.
 fn positivity(a: f64, symmetric: &DMatrix<f64>, skew: &DMatrix<f64>) -> Option<f64> {
     let m = symmetric.nrows();
     let (sine, cosine) = (FRAC_PI_2 * a).sin_cos();
@@ -105,8 +107,8 @@ mod tests {
 
     #[test]
     fn the_skew_part_counts_the_more_the_higher_the_index() {
-        // With `S = I` and `N = k [[0, 1], [-1, 0]]` the eigenvalues are `cos(pi a/2) +- k sin(pi a/2)`, so that they
-        // are positive for `a < (2/pi) atan(1/k)`.
+        // For a kernel matrix with the symmetric part `S = I` and the skew part `N = k [[0, 1], [-1, 0]]`, the
+        // eigenvalues are `cos(pi a/2) +- k sin(pi a/2)`, so that they are positive for `a < (2/pi) atan(1/k)`.
         let matrix = [1.0, 1.0, -1.0, 1.0];
         assert_eq!(verdict(0.49, matrix), Uniqueness::Unique);
         assert_eq!(verdict(0.51, matrix), Uniqueness::ExistsNotCertified);

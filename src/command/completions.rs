@@ -19,7 +19,7 @@ Examples:
   dvi completions zsh > ~/.zfunc/_dvi                 with fpath+=~/.zfunc before compinit
   dvi completions fish > ~/.config/fish/completions/dvi.fish";
 
-/// Runs `dvi completions`: writes the completions to standard output; returns the exit code.
+/// Runs `dvi completions`: writes the completion script for a shell to standard output; returns the exit code.
 pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
     let mut text = Vec::new();
     generate(arguments.shell, &mut program, "dvi", &mut text);

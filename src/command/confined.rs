@@ -67,7 +67,8 @@ pub fn solve(
     }
 }
 
-/// Decodes the columns of a result, as the child process stores them, into the JSON text of the result.
+/// Converts the columns of a result, the binary form in which the child process stores it, to the JSON text of the
+/// result.
 fn whole(columns: Vec<u8>, prints: &Prints) -> io::Result<Vec<u8>> {
     let index = columns[columns.len().saturating_sub(prints.index.bytes)..].to_vec();
     let columns = Stored::open(columns, &index)?;

@@ -18,10 +18,10 @@ pub struct Arguments {
     listen: SocketAddr,
 }
 
-/// The time limit for connecting and for each read or write.
+/// Time limit for connecting to the service, and for each read from the connection or write to it.
 const IO_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// The beginning of a response that reports that the service is alive.
+/// The beginning of an HTTP response that reports that the service is alive.
 const STATUS_LINE: &str = "HTTP/1.1 200";
 
 /// Runs `dvi healthcheck`: sends one request to the service; returns the exit code.
@@ -40,7 +40,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// Returns the address to connect to: the loopback address, if the service listens on all addresses.
+/// Returns the address to connect to for a service that listens on `listen`: the loopback address, if it listens on all
+/// addresses.
 fn reachable(mut listen: SocketAddr) -> SocketAddr {
     match listen.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => listen.set_ip(Ipv4Addr::LOCALHOST.into()),
@@ -73,7 +74,8 @@ mod tests {
         let address = listener.local_addr().unwrap();
         let server = thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
-            // Read the whole request: closing with unread bytes would reset the connection and lose the response.
+            // Read the whole request of the test client: closing with unread bytes would reset the connection and lose
+            // the response.
             let request: Vec<String> =
                 BufReader::new(&stream).lines().map(Result::unwrap).take_while(|line| !line.is_empty()).collect();
             stream.write_all(answer.as_bytes()).unwrap();

@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
 
 fn finished(written: io::Result<()>) -> ExitCode {
     match written {
-        // The reader has closed its end early, as a pager does.
+        // A broken pipe is not reported: the reader of the page, such as a pager, has closed its end early.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the page: {error}");
             ExitCode::from(UNWRITABLE)

@@ -33,7 +33,7 @@ Examples:
   dvi methods
   dvi methods --format json | less";
 
-/// Runs `dvi methods`: prints the list; a closed standard output is ignored.
+/// Runs `dvi methods`: prints the choices and the conditions of the methods; a closed standard output is ignored.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let text = match arguments.format {
         Format::Text => told(catalogue()),

@@ -33,21 +33,21 @@ use std::io::{self, Read};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Exit code: the end time was not reached.
+/// Exit code: a solve did not reach the end time.
 pub const UNFINISHED: u8 = 1;
 /// Exit code: the service is not alive.
 pub const UNHEALTHY: u8 = 1;
 /// Exit code: the specification has errors.
 pub const BAD_SPECIFICATION: u8 = 2;
-/// Exit code: the specification could not be read.
+/// Exit code: the file of the specification could not be read.
 pub const UNREADABLE: u8 = 3;
-/// Exit code: the result could not be written.
+/// Exit code: the file of the result could not be written.
 pub const UNWRITABLE: u8 = 4;
 /// Exit code: the service could not start.
 pub const UNSERVABLE: u8 = 5;
 /// Exit code: a server did not answer, or refused the request.
 pub const UNANSWERED: u8 = 6;
-/// Exit code: the end time was reached, but the solution is not trusted.
+/// Exit code: a solve reached the end time, but its verdict does not trust the solution.
 pub const UNTRUSTED: u8 = 7;
 /// Exit code: the child process that solved was killed, for instance for want of memory.
 pub const ENDED: u8 = 8;
@@ -121,7 +121,7 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
     std::fs::read(file).map(|text| document_of(&text).into_owned())
 }
 
-/// Formats the errors for people: one paragraph per error, which begins with the JSON pointer.
+/// Formats the errors of a specification for people: one paragraph per error, which begins with the JSON pointer.
 fn report(file: &Path, errors: &[Told]) -> String {
     let count = if errors.len() == 1 { "1 error".to_owned() } else { format!("{} errors", errors.len()) };
     let mut text = format!("{}: {count}\n", file.display());

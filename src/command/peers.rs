@@ -17,19 +17,20 @@ fn interpreters(folder: &Path) -> [PathBuf; 3] {
     [folder.join("venv/bin/python3"), PathBuf::from("python3"), PathBuf::from("/usr/bin/python3")]
 }
 
-/// Environment variables that limit the threads of the linear algebra libraries used by other programs.
+/// Environment variables that limit the threads of the linear algebra libraries that the compared programs use.
 const THREADS: [&str; 3] = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"];
 
 /// The programs in a folder that solve the example systems with other software.
 #[derive(Default)]
 pub struct Peers {
-    /// The programs whose software is installed: interpreter and file of each.
+    /// The compared programs whose software is installed: Python interpreter and script of each.
     found: Vec<(PathBuf, PathBuf)>,
     all: Vec<Peer>,
 }
 
 impl Peers {
-    /// Finds the programs in a folder that solve the example systems; none if the folder does not exist.
+    /// Finds the programs in a folder that solve the example systems with other software; none if the folder does not
+    /// exist.
     pub fn in_folder(folder: &Path) -> Self {
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut scripts: Vec<PathBuf> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
@@ -48,7 +49,7 @@ impl Peers {
         peers
     }
 
-    /// All programs, including those that are not installed.
+    /// All programs that solve the example systems with other software, including those that are not installed.
     pub fn all(&self) -> &[Peer] {
         &self.all
     }
@@ -62,30 +63,31 @@ impl Peers {
     }
 }
 
-/// Returns the name of a program that is not installed, and how to install it.
+/// Returns the name of a compared program whose software is not installed, and how to install it.
 fn missing(folder: &Path, script: &Path) -> Option<Peer> {
     let told = interpreters(folder).iter().find_map(|program| said(program, script, "--install"))?;
     let (name, install) = told.split_once('\n')?;
     Some(Peer { name: name.to_owned(), install: Some(install.trim().to_owned()) })
 }
 
-/// Returns the output of a program that is called with an option; `None` if the program fails.
+/// Returns the output of a compared program that is called with an option; `None` if the program fails.
 fn said(program: &Path, script: &Path, option: &str) -> Option<String> {
     let told = Command::new(program).arg(script).arg(option).stderr(Stdio::null()).output().ok()?;
     let text = String::from_utf8_lossy(&told.stdout).trim().to_owned();
     (told.status.success() && !text.is_empty()).then_some(text)
 }
 
-/// Returns the answers of a program to a request. Its standard error is passed on, so that a failing program is
-/// noticed.
+/// Returns the answers of another program to the request to solve an example system. Its standard error is passed on,
+/// so that a failing program is noticed.
 fn ask(program: &Path, script: &Path, request: &str) -> Vec<Answer> {
     let answers = || {
         let mut command = Command::new(program);
         command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
-        // Other programs get one thread, like the runs of this program.
+        // Give another program one thread, like the runs of this program that it is compared with.
         command.envs(THREADS.map(|name| (name, "1")));
         let mut process = command.spawn().ok()?;
-        // Standard input is dropped at once, so that the program reads its end.
+        // Close the standard input of the other program once the request has been written, so that it reads the end of
+        // its input.
         let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));
         let told = process.wait_with_output().ok()?;
         sent?.ok()?;

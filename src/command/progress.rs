@@ -4,10 +4,10 @@ use std::io::{self, IsTerminal, Write};
 
 /// Width of the progress bar, in characters.
 const WIDTH: usize = 30;
-/// The largest width of a step's name, in characters; a longer line would wrap.
+/// The largest width of the name of a step of the command, in characters; a longer line would wrap on a terminal.
 const NAME: usize = 40;
 
-/// The progress of a command: the number of steps done, out of all steps.
+/// The progress of a long command: the number of its steps done, out of all steps.
 pub struct Progress {
     done: usize,
     all: usize,
@@ -20,7 +20,7 @@ impl Progress {
         Self { done: 0, all, terminal: io::stderr().is_terminal() }
     }
 
-    /// Reports that the next step begins. A closed standard error is ignored.
+    /// Reports that the next step of the command begins. A closed standard error is ignored.
     pub fn next(&mut self, name: &str) {
         let mut to = io::stderr().lock();
         let _ = if self.terminal {
@@ -41,7 +41,7 @@ impl Progress {
         self.done = (self.done + 1).min(self.all);
     }
 
-    /// Clears the bar on a terminal.
+    /// Clears the progress bar, if standard error is a terminal.
     pub fn end(&self) {
         if self.terminal {
             let _ = write!(io::stderr(), "\r\x1b[K");

@@ -26,7 +26,7 @@ use tokio::net::TcpStream;
 use tokio::signal::ctrl_c;
 use tokio::time::sleep;
 
-/// A service to send requests to.
+/// The address of a service that requests are sent to, and the token to send.
 #[derive(Clone, Debug)]
 pub struct Server {
     authority: String,
@@ -63,18 +63,18 @@ impl FromStr for Server {
 /// Value of the `Prefer` header: the seconds that the service may take to respond with results before it responds
 /// with a job.
 const MOMENT: &str = "wait=5";
-/// The interval between two polls of a job.
+/// The interval between two requests for the status of a job.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// The largest size of a response other than results, in bytes.
 const MOST: usize = 16 << 20;
 
-/// The reason why a remote solve has no results.
+/// The reason why a solve by a service has no results.
 enum RemoteError {
-    /// The service could not be reached, or the connection broke off.
+    /// The connection to the service could not be made, or broke off.
     Lost(String),
     /// The service refused the request.
     Refused(ProblemDetails),
-    /// Standard output could not be written.
+    /// Standard output, or the file of the results, could not be written.
     Unwritable(io::Error),
 }
 
@@ -87,14 +87,14 @@ struct ProblemDetails {
     errors: Vec<Told>,
 }
 
-/// The members of a job's status that the client uses.
+/// The members of the status of a job that the client uses.
 #[derive(Deserialize)]
 struct Status {
     status: String,
     progress: u8,
     steps: u64,
     message: Option<String>,
-    /// The verdict on the solution, once there is one.
+    /// The verdict on the solution of the job; absent while the job has no solution.
     verdict: Option<Verdict>,
 }
 
@@ -142,7 +142,7 @@ pub fn run(
 }
 
 impl Server {
-    /// Returns the service with a token that is sent with every request.
+    /// Returns the service with a token that is sent with every request to it.
     pub fn showing(self, token: Option<&str>) -> Self {
         Self { token: token.map(|token| format!("Bearer {token}")), ..self }
     }
@@ -243,7 +243,7 @@ impl Server {
     }
 }
 
-/// Starts an HTTP/1 client on a connection.
+/// Starts an HTTP/1 client on a connection to the service.
 async fn speak(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, RemoteError> {
     let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
     tokio::spawn(connection);
@@ -254,7 +254,7 @@ fn lost(error: impl std::fmt::Display) -> RemoteError {
     RemoteError::Lost(error.to_string())
 }
 
-/// Returns the path of the job, from the header `Location` or from the `monitor` link.
+/// Returns the path of the job, from the header `Location` or from the `monitor` link of the response.
 fn job_of(headers: &HeaderMap) -> Option<String> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let link = || text(header::LINK)?.strip_prefix('<')?.split_once('>').map(|(path, _)| path);
@@ -266,14 +266,14 @@ async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, RemoteErr
     serde_json::from_slice(&bytes).map_err(lost)
 }
 
-/// Copies the results in a response to standard output, or to a file.
+/// Copies the results in the response of the service to standard output, or to a file.
 async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), RemoteError> {
     let mut out = destination(output).map_err(RemoteError::Unwritable)?;
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(lost)?;
         let Some(data) = frame.data_ref() else { continue };
         match out.write_all(data) {
-            // The reader has closed its end early, as `head` does.
+            // A broken pipe is not reported: the reader of the results, such as `head`, has closed its end early.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
             written => written.map_err(RemoteError::Unwritable)?,
         }

@@ -121,12 +121,13 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     Ok(page)
 }
 
-/// Returns the present day, in UTC.
+/// Returns the present day, in UTC, as the date of the report.
 fn today() -> String {
     Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
-/// Returns the contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.
+/// Returns the contents of the JSON file `name` that an earlier run has left in the folder `out`, or else a new
+/// measurement, which is written to that file.
 fn kept<T: Serialize + DeserializeOwned>(
     out: &Path,
     name: &str,
@@ -140,7 +141,8 @@ fn kept<T: Serialize + DeserializeOwned>(
     }
     let found = measure();
     if let Some(found) = &found {
-        // The file is written under another name and then renamed, so that it is complete after an interruption, too.
+        // Write the measurement under another name, and then rename the file, so that it is complete after an
+        // interruption, too.
         let part = out.join(format!("{name}.json.part"));
         fs::write(&part, serde_json::to_vec_pretty(found)?)?;
         fs::rename(&part, &file)?;

@@ -29,7 +29,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the requested format, or that of a file by its extension; JSON if neither is given.
+    /// Returns the requested format of a result, or that of a file by its extension; JSON if neither is given.
     pub fn of(asked: Option<Self>, file: Option<&Path>) -> Result<Self, ExitCode> {
         let extension = file.and_then(Path::extension).and_then(OsStr::to_str);
         let Some(extension) = extension.filter(|_| asked.is_none()) else { return Ok(asked.unwrap_or(Self::Json)) };
@@ -71,7 +71,7 @@ impl Format {
         }
     }
 
-    /// Returns the file extension of the format.
+    /// Returns the extension of files in this format of a result.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Json => "json",
@@ -84,7 +84,7 @@ impl Format {
         }
     }
 
-    /// Returns the media type of the format.
+    /// Returns the media type of this format of a result.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",

@@ -82,10 +82,10 @@ Exit codes:
   5   the service could not start, for example because the address or the folder is in use
   64  the command line or RUST_LOG is invalid";
 
-/// Time limit for writing the last log lines at exit.
+/// Time limit for writing the last lines of the log when the service exits.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// Time for which binding an address in use is retried, and time between two attempts.
+/// Time for which the service retries to bind an address in use, and time between two attempts.
 const REBINDING: Duration = Duration::from_secs(1);
 const BETWEEN_BINDINGS: Duration = Duration::from_millis(5);
 
@@ -201,7 +201,7 @@ async fn bind(address: SocketAddr) -> io::Result<TcpListener> {
     }
 }
 
-/// Returns a channel that receives a message for every SIGTERM and SIGINT.
+/// Returns a channel that receives a message for every SIGTERM and SIGINT that this process receives.
 pub fn signals() -> io::Result<Receiver<()>> {
     let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
     let (sender, stop) = channel(2);
@@ -219,7 +219,7 @@ pub fn signals() -> io::Result<Receiver<()>> {
     Ok(stop)
 }
 
-/// Starts the log on standard error.
+/// Starts the log of the service on standard error.
 fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,

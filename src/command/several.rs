@@ -25,7 +25,7 @@ struct Outcome {
     code: u8,
 }
 
-/// The controls of the solves that Ctrl-C stops: of those that run, and of those that begin afterwards.
+/// The controls of the solves that Ctrl-C stops: of those that run, and of those that begin after Ctrl-C.
 #[derive(Default)]
 struct Running {
     stopped: AtomicBool,
@@ -98,7 +98,7 @@ fn distinct(files: &[PathBuf], format: Format) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the path of the result of a file.
+/// Returns the path of the result of a specification file, beside that file: `a.result.json` for `a.json`.
 fn beside(file: &Path, format: Format) -> PathBuf {
     file.with_extension(format!("result.{}", format.extension()))
 }

@@ -83,7 +83,7 @@ Examples:
   dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
 
-/// The interval between two updates of the progress.
+/// The interval between two updates of the displayed progress of a solve.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Runs `dvi solve`: solves the specifications and writes the results; returns the exit code.
@@ -137,7 +137,7 @@ fn run_alone(arguments: &Arguments, file: &Path, format: Format) -> ExitCode {
 
 pub(super) fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> ExitCode {
     match written {
-        // The reader has closed its end early, as `head` does.
+        // A broken pipe is not reported: the reader of the result, such as `head`, has closed its end early.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the result: {error}");
             ExitCode::from(UNWRITABLE)
@@ -151,7 +151,7 @@ pub(super) fn threads() -> NonZeroUsize {
     thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
-/// The label of a specification; all other keys are ignored.
+/// The label in the text of a specification; all other keys are ignored.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,
@@ -173,7 +173,7 @@ fn solve_confined(
     eprint!("{}", verdict::lines(&solved.verdict));
     let written = destination(arguments.output.as_deref()).and_then(|mut out| match format {
         Format::Json => out.write_all(&json).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()),
-        // The results are available as JSON, from which all other formats are converted.
+        // The child process returns the results as JSON, from which all other formats are converted.
         _ => {
             let label = serde_json::from_slice::<Labelled>(document).ok().and_then(|document| document.label);
             encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), format, &mut out))
@@ -210,7 +210,7 @@ pub(super) fn with_progress<T>(control: &Control, solve: impl FnOnce() -> T) -> 
     })
 }
 
-/// Draws the progress until the sender of `ended` is dropped, then clears it.
+/// Draws the progress of a solve on the terminal until the sender of `ended` is dropped, then clears it.
 fn show_progress(control: &Control, ended: &Receiver<()>) {
     let mut drawn = false;
     while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(POLL_INTERVAL) {

@@ -19,13 +19,13 @@ mod exported {
     use tracing_subscriber::filter::filter_fn;
     use tracing_subscriber::registry::LookupSpan;
 
-    /// The environment variables that name a collector.
+    /// The environment variables that name the OpenTelemetry collector of trace spans.
     const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT"];
 
-    /// The time limit for exporting the last spans.
+    /// The time limit for exporting the last trace spans when the program ends.
     const LAST_SPANS: Duration = Duration::from_secs(3);
 
-    /// The exporter of spans, if a collector is configured.
+    /// The exporter of trace spans, if an OpenTelemetry collector is configured.
     pub struct Spans(Option<SdkTracerProvider>);
 
     impl Spans {
@@ -43,7 +43,7 @@ mod exported {
             Ok(Self(Some(SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build())))
         }
 
-        /// The tracing layer that exports the spans of the service, and none of libraries.
+        /// The tracing layer that exports the spans of the service, but none of the libraries that it uses.
         pub fn layer<S>(&self) -> Option<impl Layer<S> + use<S>>
         where
             S: Subscriber + for<'a> LookupSpan<'a>,
@@ -52,7 +52,7 @@ mod exported {
             Some(layer.with_filter(filter_fn(|of| of.is_span() && of.target().starts_with("service"))))
         }
 
-        /// Exports the spans that have not been exported yet, before the program ends.
+        /// Exports the trace spans that have not been exported yet, before the program ends.
         pub fn end(self) {
             if let Some(Err(error)) = self.0.map(|provider| provider.shutdown_with_timeout(LAST_SPANS)) {
                 tracing::warn!(%error, "the last spans did not reach the collector");
@@ -68,21 +68,22 @@ mod none {
     use tracing_subscriber::Layer;
     use tracing_subscriber::layer::Identity;
 
-    /// Stand-in for the exporter of spans in a program without the feature `otlp`.
+    /// Stand-in for the exporter of trace spans in a program built without the feature `otlp`.
     pub struct Spans;
 
     impl Spans {
-        /// Returns a stand-in that exports nothing.
+        /// Returns a stand-in for the exporter, which exports no trace spans.
         pub fn start() -> Result<Self, Infallible> {
             Ok(Self)
         }
 
-        /// Returns no layer: a layer without a filter, even one that does nothing, would have every span recorded.
+        /// Returns no tracing layer: a layer without a filter, even one that does nothing, would have every span
+        /// recorded.
         pub fn layer<S: Subscriber>(&self) -> Option<impl Layer<S> + use<S>> {
             None::<Identity>
         }
 
-        /// Does nothing, since no spans are recorded.
+        /// Does nothing, since no trace spans are recorded.
         pub fn end(self) {}
     }
 }

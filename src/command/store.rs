@@ -45,7 +45,7 @@ impl Attended {
     fn attend(&self) {
         if self.attended {
             thread::spawn(|| {
-                // Nothing is written to standard input: it ends, or it cannot be read.
+                // Nothing is ever written to this standard input: it ends, or it cannot be read.
                 let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
                 process::exit(UNREADABLE.into());
             });

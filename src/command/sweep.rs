@@ -75,7 +75,7 @@ fn shard(text: &str) -> Result<Shard, String> {
 }
 
 impl Shard {
-    /// Returns the members of the part, for a sweep with `all` members.
+    /// Returns the indices of the members in this part, for a sweep with `all` members.
     fn members(self, all: usize) -> Range<usize> {
         let begin = |number: usize| (all as u128 * number as u128 / self.of as u128) as usize;
         begin(self.number - 1)..begin(self.number)

@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn list(folder: &Path) -> ExitCode {
-    // A missing folder is more often a typing error than a folder yet to be created.
+    // A data folder that does not exist is more often a typing error than a folder yet to be created.
     let rows = fs::metadata(folder).and_then(|_| access::list(folder));
     let listed = rows.map(|rows| {
         if rows.is_empty() {

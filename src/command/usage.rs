@@ -4,8 +4,8 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, Error};
 use std::env;
 
-/// Adds tips to an error: the environment variable that the value came from, the least number, or the form of an
-/// address.
+/// Adds tips to an error of the command line: the environment variable that the value came from, the least number, or
+/// the form of an address.
 pub fn with_tips(mut error: Error, command: &Command) -> Error {
     let tips = tips(&error, command);
     if !tips.is_empty() {
@@ -46,7 +46,7 @@ fn variable(flag: &str, command: &Command) -> Option<String> {
     env::var_os(variable).map(|_| variable.to_string_lossy().into_owned())
 }
 
-/// Whether a flag was given on the command line.
+/// Whether a flag was given on the command line of this process.
 fn is_written(flag: &str) -> bool {
     env::args().any(|argument| argument.split('=').next() == Some(flag))
 }

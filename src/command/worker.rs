@@ -60,7 +60,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     let confinement = Confinement::impose(arguments.memory_mib.get().saturating_mul(1 << 20));
     log_plainly();
     match perform(confinement) {
-        // A solve that is still running ends with the process.
+        // Standard input has ended: a solve that is still running ends with the process.
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("dvi: {error}");
@@ -87,7 +87,7 @@ fn work_on(memory_mib: NonZeroUsize, options: WorkOptions) -> io::Result<()> {
         let launcher = program(None, memory_mib.get());
         work(options, memory_mib, Arc::new(dvi::solve), &launcher, signals()?).await
     })?;
-    // A thread that still reads a result must not delay the exit.
+    // A thread that still reads the result of a job must not delay the exit of the worker.
     runtime.shutdown_background();
     Ok(())
 }

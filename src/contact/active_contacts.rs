@@ -79,7 +79,8 @@ impl ActiveContacts {
         Contacts { delassus, free, before, gap, mu, restitution, cone, roles: &[], h }
     }
 
-    /// Returns the input of the contact law with friction, restitution and gaps set to zero.
+    /// Returns the input of the contact law for the contact velocities `free` without impulses, with friction,
+    /// restitution and gaps set to zero.
     pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
         let Self { delassus, cone, zeros, none, .. } = self;
         let delassus = crate::law::Delassus::Blocks(delassus);

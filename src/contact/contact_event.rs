@@ -1,4 +1,4 @@
-//! Contact events.
+//! Contact events: impacts, lift-offs, and changes between stick and slip.
 
 use problem::EventKind;
 
@@ -8,8 +8,8 @@ use problem::EventKind;
 pub struct ContactEvent {
     /// The time of the event, in the units of the problem.
     pub t: f64,
-    /// The kind of event.
+    /// The kind of event: impact, lift-off, stick or slip.
     pub kind: EventKind,
-    /// The index of the contact.
+    /// The index of the contact at which the event occurs.
     pub contact: usize,
 }

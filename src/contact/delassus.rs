@@ -37,14 +37,15 @@ impl Delassus {
         }
     }
 
-    /// Factorises the mass matrix `M`.
+    /// Factorises the mass matrix `M` of a mechanical system at one state.
     pub fn factorise(&mut self, mass: &DMatrix<f64>) {
         self.factors.entries().copy_from_slice(mass.as_slice());
         self.factors.factorise();
         self.factorisations += 1;
     }
 
-    /// Overwrites `p` with `M^-1 p`; returns false if the result is not finite.
+    /// Overwrites the generalised impulse `p` with the velocity change `M^-1 p`; returns false if the result is not
+    /// finite.
     pub fn solve(&mut self, p: &mut [f64]) -> bool {
         self.factors.solve(p)
     }
@@ -87,7 +88,8 @@ impl Delassus {
         true
     }
 
-    /// Returns the joint impulses that remove a velocity violation of the joints, least in the metric of `M`.
+    /// Returns the joint impulses that remove the velocity violation `A v + b` of the joints and are the least in the
+    /// metric of `M`.
     pub fn joint_impulses(&self, violation: &[f64]) -> Vec<f64> {
         impulses(&self.joints, violation).collect()
     }
@@ -101,8 +103,8 @@ impl Delassus {
         }
     }
 
-    /// Projects `x -= M^-1 C^T (C M^-1 C^T)^+ off`, where `C` consists of the given rows of the constraint Jacobian;
-    /// returns false if the result is not finite.
+    /// Projects coordinates or velocities `x` that violate constraints by `off`: `x -= M^-1 C^T (C M^-1 C^T)^+ off`,
+    /// where `C` consists of the given rows of the constraint Jacobian; returns false if the result is not finite.
     pub fn remove(&mut self, constraints: &Constraints, rows: &[usize], off: &[f64], x: &mut [f64]) -> bool {
         if rows.is_empty() {
             return true;
@@ -172,12 +174,12 @@ fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     pivoted.pseudo_inverse(pivoted.rank(REDUNDANT))
 }
 
-/// Returns the joint impulses `-(A M^-1 A^T)^+ violation`.
+/// Returns the joint impulses `-(A M^-1 A^T)^+ violation` that remove a velocity violation of the joints.
 fn impulses(inverse: &DMatrix<f64>, violation: &[f64]) -> impl Iterator<Item = f64> {
     (0..violation.len()).map(|i| -violation.iter().enumerate().map(|(k, off)| inverse[(i, k)] * off).sum::<f64>())
 }
 
-/// Adds `M^-1 A^T` times the joint impulses that remove the velocity violation to `v`.
+/// Adds `M^-1 A^T` times the joint impulses that remove the velocity violation of the joints to the velocities `v`.
 fn add_joint_response(joints: &[f64], inverse: &DMatrix<f64>, violation: &[f64], v: &mut [f64]) {
     for (response, impulse) in joints.chunks_exact(v.len().max(1)).zip(impulses(inverse, violation)) {
         v.iter_mut().zip(response).for_each(|(v, response)| *v += response * impulse);

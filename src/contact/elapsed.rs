@@ -14,7 +14,7 @@ pub struct Elapsed {
 }
 
 impl Elapsed {
-    /// Shifts the origin of time to `start`.
+    /// Shifts the origin of time of a mechanical system to `start`, the start time of the run.
     pub fn new(problem: Box<dyn Mechanical>, start: f64) -> Self {
         Self { problem, start }
     }

@@ -33,21 +33,21 @@ pub struct Energy {
     pub kinetic_at_end: f64,
     /// Potential energy at the end of the run.
     pub potential_at_end: f64,
-    /// Work of the forces without a potential.
+    /// Work in the run of the forces without a potential.
     pub work_of_forces: f64,
     /// Work of drives: surfaces, belts and joints that depend on time, and a potential or masses that depend on time.
     pub work_of_drives: f64,
-    /// Energy dissipated by friction.
+    /// Energy dissipated by friction in the run.
     pub dissipated_by_friction: f64,
     /// Energy dissipated by viscosity; absent from the output if zero.
     #[serde(skip_serializing_if = "is_none")]
     pub dissipated_by_viscosity: f64,
-    /// Energy lost in impacts.
+    /// Energy lost in the impacts of the run.
     pub lost_in_impacts: f64,
     /// Defect of the energy balance at the end of the run: the change of energy less all work, plus dissipation and
     /// losses.
     pub defect: f64,
-    /// The largest absolute defect of the energy balance during the run.
+    /// The largest absolute defect of the energy balance at the end of any step of the run.
     pub largest_defect: f64,
     /// The largest energy gained through impacts in one step, which should be zero, relative to the largest energy of
     /// the run so far: kinetic with or without the contact impulses, or exchanged with the potential.
@@ -61,19 +61,20 @@ pub struct Energy {
     /// The largest energy gained through impacts in one step, in units of energy.
     #[serde(skip)]
     gain: f64,
-    /// The largest defect of the balance with velocities taken at the middles of steps; `None` if not recorded.
+    /// The largest absolute defect of the energy balance with velocities taken at the middles of steps; `None` if not
+    /// recorded.
     #[serde(skip)]
     largest_at_middles: Option<f64>,
-    /// The largest change of potential energy in half a step.
+    /// The largest change of potential energy in half a step of the run so far.
     #[serde(skip)]
     largest_lag: f64,
-    /// The sum of the absolute values of all work and dissipation.
+    /// The sum of the absolute values of all work and dissipation of the run so far.
     #[serde(skip)]
     throughput: f64,
     /// The sum of the absolute values of the estimated energy errors of first-order steps.
     #[serde(skip)]
     explained: f64,
-    /// The largest energy that the forces may exchange in one step.
+    /// The largest energy that the forces may exchange between kinetic and potential energy in one first-order step.
     #[serde(skip)]
     exchanged: f64,
     /// The largest terms of the energy balance, which bound its rounding error.
@@ -85,7 +86,7 @@ pub struct Energy {
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Energy {
-    /// Opens an energy balance with the energies at the start of the run.
+    /// Starts the energy balance of a run with the energies at the start of the run.
     pub fn new(kinetic: f64, potential: f64) -> Self {
         Self {
             kinetic_at_start: kinetic,
@@ -162,20 +163,21 @@ impl Energy {
         }
     }
 
-    /// Adds the work of forces without a potential, and of drives.
+    /// Adds the work that forces without a potential, and drives, do in a step to the balance.
     pub fn work(&mut self, forces: f64, drives: f64) {
         self.work_of_forces += forces;
         self.work_of_drives += drives;
         self.throughput += forces.abs() + drives.abs();
     }
 
-    /// Adds the energy dissipated by viscosity.
+    /// Adds the energy that viscosity dissipates in a step to the balance.
     pub fn dissipate_by_viscosity(&mut self, viscosity: f64) {
         self.dissipated_by_viscosity += viscosity;
         self.throughput += viscosity.abs();
     }
 
-    /// Interpolates work and dissipation linearly towards a later balance; `part` runs from 0 to 1.
+    /// Interpolates the work and dissipation of an energy balance linearly towards those of a later balance; `part` of
+    /// the interval runs from 0 to 1.
     #[must_use]
     pub fn towards(mut self, later: &Self, part: f64) -> Self {
         let booked = |energy: &mut f64, later: f64| *energy += part * (later - *energy);

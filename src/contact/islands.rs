@@ -58,17 +58,17 @@ impl Islands {
         }
     }
 
-    /// Returns the number of islands that have links.
+    /// Returns the number of islands that have links (contacts or joints).
     pub fn len(&self) -> usize {
         self.offsets.len().saturating_sub(1)
     }
 
-    /// Whether no island has links.
+    /// Whether no island has links (contacts or joints).
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Returns the indices of the links of an island.
+    /// Returns the indices of the links (contacts and joints) of an island.
     pub fn links(&self, island: usize) -> &[u32] {
         &self.links[self.offsets[island]..self.offsets[island + 1]]
     }
@@ -102,7 +102,8 @@ pub fn solve_apart<T: Send, W: Send>(
         }
         return;
     }
-    // Assign the heaviest task first, each to the thread with the least load so far.
+    // Assign the tasks (islands to solve) to threads, the heaviest first, each to the thread with the least load so
+    // far.
     let mut order: Vec<&mut T> = tasks.iter_mut().collect();
     order.sort_by_key(|task| std::cmp::Reverse(weight(task)));
     let mut shares: Vec<(usize, Vec<&mut T>)> = workspaces.iter().map(|_| (0, Vec::new())).collect();

@@ -1,12 +1,12 @@
-//! User settings of contact, and errors of a run.
+//! User settings of runs with contacts, and the errors that end such a run.
 
 /// The law for simultaneous impacts at several contacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ImpactLaw {
-    /// One impact law for all contacts at once.
+    /// Simultaneous: one impact law for all contacts at once.
     #[default]
     Simultaneous,
-    /// Newton's impact law for one contact after the other.
+    /// Sequential: Newton's impact law for one contact after the other.
     Sequential,
 }
 
@@ -31,7 +31,7 @@ pub enum ContactError {
         "a {what} is not finite at t = {t}: a division by zero, a function outside its domain, or a number too large"
     )]
     NotFinite {
-        /// The name of the quantity that is not finite.
+        /// The name of the quantity that is not finite, for the message.
         what: &'static str,
         /// The time at which the quantity is not finite.
         t: f64,
@@ -42,7 +42,7 @@ pub enum ContactError {
          outside its domain, or a number too large"
     )]
     Force {
-        /// The index of the coordinate on which the force acts.
+        /// The index of the coordinate on which the force that is not finite acts.
         component: usize,
         /// The time at which the force is not finite.
         t: f64,
@@ -56,7 +56,7 @@ pub enum ContactError {
     /// The matrix of the linearly implicit forces, or the response to an impulse, has no finite inverse.
     #[error("the matrix of the step is singular at t = {t}: take a smaller step")]
     Singular {
-        /// The time at which the matrix is singular.
+        /// The time at which the matrix has no finite inverse.
         t: f64,
     },
     /// The gradient of a gap vanishes where the gap closes.
@@ -90,9 +90,9 @@ pub enum ContactError {
     Unsolved {
         /// The time at which the contact law was not solved.
         t: f64,
-        /// The number of active contacts.
+        /// The number of active contacts of the contact law that was not solved.
         contacts: usize,
-        /// The relative residual of the contact law.
+        /// The relative residual that the solvers of the contact law reached.
         residual: f64,
     },
 }

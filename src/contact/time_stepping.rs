@@ -26,20 +26,20 @@ pub struct TimeStepping<'p> {
     pub energy: Energy,
     /// The energy balance at the beginning of the last step.
     pub energy_before: Energy,
-    /// Contact events of the last step.
+    /// The contact events (impact, lift-off, stick or slip) of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// The number of steps made.
+    /// The number of steps that the run has made.
     pub accepted: u64,
-    /// The largest violations of joints and gaps so far.
+    /// The largest violations of joints and gaps in the run so far.
     pub violations: Violations,
-    /// The status of each contact after the last step.
+    /// The status (open, or closed for a while) of each contact after the last step.
     touching: Vec<Touch>,
     /// Forces and velocities at the beginning of the step before the last; `None` in the first step.
     before: Option<(Vec<f64>, Vec<f64>)>,
     settings: Settings,
     start: f64,
     end: f64,
-    /// Workspace: coordinates at a time within a step, and the values of joints and gaps for these coordinates.
+    /// Workspace: coordinates at a time within a step, and the values of joints and gaps at these coordinates.
     between: (Vec<f64>, Vec<f64>),
 }
 
@@ -47,18 +47,18 @@ pub struct TimeStepping<'p> {
 /// golden ratio, to avoid multiples of a period of the motion.
 const BETWEEN: [f64; 2] = [0.381_966_011_250_105, 0.763_932_022_500_210];
 
-/// The status of a contact in a step.
+/// The status of a contact in a step: open, or closed for a while.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     Open,
-    /// Closed for `steps` consecutive steps.
+    /// The contact has been closed for `steps` consecutive steps.
     Struck {
         steps: u64,
         slips: bool,
     },
 }
 
-/// Relative zero tolerance for velocities and gaps.
+/// Velocities and gaps below this fraction of the terms that add up to them count as zero.
 const ZERO_TOL: f64 = 1e-10;
 
 impl<'p> TimeStepping<'p> {

@@ -30,7 +30,7 @@ use vi::Outcome;
 /// State of a mechanical system: time, coordinates and velocities.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
-    /// The time `t`.
+    /// The time `t` of the state.
     pub t: f64,
     /// The generalised coordinates `q`.
     pub q: Vec<f64>,
@@ -58,12 +58,12 @@ const OPEN: f64 = 1e-3;
 /// Rounding error of the value of a joint or a gap, relative to its largest terms so far.
 const ROUNDING: f64 = 1e-13;
 
-/// Cost counters of a run.
+/// Cost counters of a run with contacts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Work {
-    /// Number of evaluations of the forces.
+    /// Number of evaluations of the generalised forces.
     pub forces: u64,
-    /// Number of evaluations of the derivatives of the forces.
+    /// Number of evaluations of the derivatives of the generalised forces.
     pub jacobians: u64,
     /// Number of contact problems solved.
     pub solves: u64,
@@ -71,7 +71,7 @@ pub struct Work {
     pub iterations: u64,
     /// Name of the solver that solved the last contact problem.
     pub solver: &'static str,
-    /// The largest relative residual of the contact law.
+    /// The largest relative residual of the contact law in the run so far.
     pub residual: f64,
     /// The number of impacts whose whole restitution would have added energy.
     pub limited: u64,
@@ -83,7 +83,7 @@ pub struct Work {
 
 /// Integrator of single steps at the level of velocities, with its workspace.
 pub struct VelocityStep<'p> {
-    /// The mechanical system.
+    /// The mechanical system that is integrated.
     pub problem: &'p mut dyn Mechanical,
     pub(super) structure: MechanicalStructure,
     pub(super) constraints: Constraints,
@@ -119,7 +119,8 @@ pub struct VelocityStep<'p> {
     pub(super) closing: Option<usize>,
     /// The length of the last probe step; `None` before the first.
     pub(super) instant: Option<f64>,
-    /// The impulses of the last step in the order of the sequential impact law, each with its contact.
+    /// The impulses of the last step in the order in which the sequential impact law applied them, each with its
+    /// contact.
     pub(super) strikes: Vec<(usize, Vector3<f64>)>,
     /// Impulses, velocities and energy losses of the contacts in the last step.
     pub contacted: Contacted,
@@ -239,7 +240,8 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Records the size of the terms of joints and gaps, and of their changes in a motion without contacts.
+    /// Records the largest size of the terms of each joint and gap so far, also of its change in a step of size `h`
+    /// without contacts.
     fn survey(&mut self, q: &[f64], v: &[f64], h: f64) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
@@ -247,8 +249,8 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Records the terms of joints and gaps at the coordinates `q`, and the tolerances of joints and gaps that follow
-    /// from the tolerances `atol` of the coordinates.
+    /// Records the largest size of the terms of joints and gaps at the coordinates `q`, and the tolerances of joints
+    /// and gaps that follow from the tolerances `atol` of the coordinates.
     pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64], atol: &[f64]) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
@@ -266,8 +268,8 @@ impl<'p> VelocityStep<'p> {
         ROUNDING * self.sizes[row]
     }
 
-    /// Returns the velocity below which a row of the constraint Jacobian counts as at rest, from the tolerances of
-    /// velocities.
+    /// Returns the velocity below which a row of the constraint Jacobian (a contact or joint velocity) counts as zero,
+    /// from the tolerances of velocities.
     pub(super) fn open_velocity(&self, row: usize) -> f64 {
         OPEN * self.constraints.size(row, &self.atol)
     }
@@ -346,7 +348,7 @@ impl<'p> VelocityStep<'p> {
         Some(-dot(&impulses, &self.constraints.drift[..joints]))
     }
 
-    /// Applies the contact law to the velocities `v`.
+    /// Applies the contact law to the velocities `v` at the end of a step without contact impulses.
     fn touch(
         &mut self,
         state: &State,
@@ -356,7 +358,7 @@ impl<'p> VelocityStep<'p> {
         control: &Control,
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
-        // An impact has no duration to divide gaps by: any positive `h` serves, as gaps are set to zero.
+        // An impact has no duration to divide gaps by: any positive step size `h` serves, as gaps are set to zero.
         let h = if forces == Forces::All { h } else { 1.0 };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         self.early = 0.0;
@@ -459,7 +461,7 @@ impl<'p> VelocityStep<'p> {
         })
     }
 
-    /// Whether contacts close at different times within the step.
+    /// Whether contacts close at different times within the step, so that their impacts are sequential.
     fn strikes_in_turn(&self, near: &[usize], r: &[Vector3<f64>], before: &[Vector3<f64>]) -> bool {
         let mut closings = self.closings(near, r, before);
         let Some((first, speed, _)) = closings.next() else { return false };

@@ -7,7 +7,7 @@
 
 use problem::{Constraints, MechanicalStructure};
 
-/// Largest violation of each joint and gap so far.
+/// The largest violation of each joint and gap in a run so far.
 #[derive(Clone, Debug)]
 pub struct Violations {
     joints: usize,
@@ -20,7 +20,7 @@ pub struct Violations {
 pub struct Violation {
     /// The largest violation, in the unit of the joint or gap.
     pub by: f64,
-    /// The time of the largest violation.
+    /// The time of the largest violation of the joint or gap.
     pub t: f64,
     /// The largest length scale of the joint or gap so far.
     pub length: f64,
@@ -60,7 +60,7 @@ impl Violations {
         }
     }
 
-    /// Records the values of joints and gaps at a time between the ends of a step.
+    /// Records violations by the values of joints and gaps at a time between the ends of a step.
     pub fn note_values(&mut self, t: f64, values: &[f64], is_held: impl Fn(usize) -> bool) {
         let joints = self.joints;
         for (row, (seen, value)) in self.rows.iter_mut().zip(values).enumerate() {
@@ -89,7 +89,7 @@ impl Violations {
 impl Violation {
     fn see(&mut self, t: f64, value: f64, is_held: bool) {
         let off = if is_held { value.abs() } else { -value };
-        // NaN counts as an infinite violation.
+        // A value of a joint or gap that is NaN counts as an infinite violation.
         if off > self.by || off.is_nan() {
             (self.by, self.t) = (if off.is_nan() { f64::INFINITY } else { off }, t);
         }

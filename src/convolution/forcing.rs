@@ -57,14 +57,14 @@ impl<'p> Forcing<'p> {
         Ok(q)
     }
 
-    /// Returns the values of `q` and of the moving bounds at `t`, without checks.
+    /// Returns the values of `q` and of the moving bounds at time `t`, without a check that they are finite.
     pub fn rows_at(&mut self, t: f64) -> &[f64] {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         &self.values
     }
 
-    /// Encloses `q`, the moving bounds and the derivatives of `q` over an interval of time; `None` if the problem has
-    /// no enclosure.
+    /// Encloses `q`, the moving bounds and the time derivatives of `q` over an interval of time; `None` if the problem
+    /// has no enclosure.
     pub fn enclose(&mut self, times: Interval) -> Option<&Over> {
         let Over { values, slopes, zeros, jacobian } = &mut self.over;
         let is_enclosed = self.problem.enclose(times, zeros, values)
@@ -72,14 +72,14 @@ impl<'p> Forcing<'p> {
         is_enclosed.then_some(&self.over)
     }
 
-    /// Returns the index of the row of a moving bound.
+    /// Returns the index of the row that holds one moving bound of a variable.
     pub fn row_of_bound(&self, variable: usize, side: Side) -> Option<usize> {
         let bound = MovingBound { variable, side };
         let structure = self.problem.structure();
         structure.moving.iter().position(|moving| *moving == bound).map(|place| self.zeros.len() + place)
     }
 
-    /// Returns the problem that the forcing is taken from.
+    /// Returns the problem whose functions of time are the forcing.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
     }

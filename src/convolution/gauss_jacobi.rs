@@ -7,7 +7,8 @@
 
 use nalgebra::DMatrix;
 
-/// Returns the nodes, increasing, and the weights of the Gauss rule with `n >= 1` nodes; `beta > -1`.
+/// Returns the nodes, increasing, and the weights of the Gauss-Jacobi rule with `n >= 1` nodes on `[0, 1]` for the
+/// weight function `x^beta`, `beta > -1`.
 pub fn gauss_jacobi(n: usize, beta: f64) -> Vec<(f64, f64)> {
     let (diagonal, off): (Vec<f64>, Vec<f64>) = (0..=n).map(|k| recurrence(k, beta)).unzip();
     let jacobi = DMatrix::from_fn(n, n, |i, j| match i.abs_diff(j) {
@@ -36,11 +37,12 @@ fn recurrence(k: usize, beta: f64) -> (f64, f64) {
     let diagonal = if k == 0 { beta / (beta + 2.0) } else { beta * beta / (twice * (twice + 2.0)) };
     let square = match k {
         0 => 0.0,
-        // The general form of the coefficient, with the factor 1 + beta cancelled from numerator and denominator.
+        // The general form of the recurrence coefficient, with the factor 1 + beta cancelled from numerator and
+        // denominator.
         1 => 4.0 * (1.0 + beta) / ((2.0 + beta).powi(2) * (3.0 + beta)),
         _ => 4.0 * (degree * (degree + beta)).powi(2) / (twice * twice * (twice + 1.0) * (twice - 1.0)),
     };
-    // Map the coefficients from [-1, 1], with the weight (1 + u)^beta, to [0, 1].
+    // Map the recurrence coefficients from [-1, 1], with the weight (1 + u)^beta, to [0, 1].
     (0.5 * (1.0 + diagonal), 0.5 * square.sqrt())
 }
 

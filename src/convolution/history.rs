@@ -11,7 +11,8 @@ use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::sync::Arc;
 
-/// Number of steps in a block, within which contributions are summed directly.
+/// Number of steps in the smallest block of the past: the contributions of the steps since its end to the convolution
+/// are summed directly, without Fourier transforms.
 const BLOCK: usize = 32;
 
 /// The convolution weights of a scalar kernel, and the matrix that the kernel multiplies.
@@ -22,28 +23,29 @@ pub struct Part {
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
-/// The values `Z_k` of the steps so far and their contributions to future steps.
+/// The values `Z_k` of the steps so far and their contributions to the convolution at future steps.
 pub struct History {
     stages: usize,
     variables: usize,
     length: usize,
     parts: Vec<Part>,
-    /// Values `Z_k` at the stages, a sequence over all steps for each stage and variable.
+    /// Values `Z_k` of the variables at the stages, a sequence over all steps for each stage and variable.
     values: Vec<f64>,
-    /// Contributions of complete blocks to each step, a sequence for each stage and variable.
+    /// Contributions of complete blocks of steps to the convolution at each step, a sequence for each stage and
+    /// variable.
     sums: Vec<f64>,
     steps: usize,
     planner: RealFftPlanner<f64>,
     levels: Vec<Level>,
 }
 
-/// Fourier transforms of one length, with the spectra of the weights.
+/// Fourier transforms for blocks of one length, with the spectra of the weights.
 struct Level {
     forward: Arc<dyn RealToComplex<f64>>,
     backward: Arc<dyn ComplexToReal<f64>>,
     /// Spectra of the convolution weights of each part of the kernel, for each pair of stages.
     weights: Vec<Vec<Complex<f64>>>,
-    /// Spectra of the values in the last block of steps, for each stage and variable.
+    /// Spectra of the values of the variables in the last block of steps, for each stage and variable.
     values: Vec<Vec<Complex<f64>>>,
     sum: Vec<Complex<f64>>,
     signal: Vec<f64>,
@@ -51,7 +53,7 @@ struct Level {
 }
 
 impl History {
-    /// Allocates for a run of `length` steps; all parts of the kernel have `length` weights.
+    /// Allocates the history of a run of `length` steps; all parts of the kernel have `length` weights.
     pub fn new(stages: usize, variables: usize, length: usize, parts: Vec<Part>) -> Self {
         let size = stages * variables * length;
         Self {
@@ -67,12 +69,12 @@ impl History {
         }
     }
 
-    /// Returns the number of steps so far.
+    /// Returns the number of steps that the history contains so far.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// Returns the number of steps of the whole run.
+    /// Returns the number of steps of the whole run, past and future.
     pub fn length(&self) -> usize {
         self.length
     }
@@ -82,7 +84,7 @@ impl History {
         &self.values[(stage * self.variables + variable) * self.length..][..self.length]
     }
 
-    /// Writes the contributions of the past to the next step, stage by stage, to `sums`.
+    /// Writes the contributions of all past steps to the convolution at the next step, stage by stage, to `sums`.
     pub fn contribution(&self, sums: &mut [f64]) {
         let (m, n) = (self.variables, self.steps);
         let first = n - n % BLOCK;
@@ -103,7 +105,7 @@ impl History {
         }
     }
 
-    /// Appends the values of `z` in a step, stage by stage.
+    /// Appends the values of `z` in a step, stage by stage, to the history.
     pub fn append(&mut self, values: &[f64]) {
         for (value, sequence) in values.iter().zip(self.values.chunks_exact_mut(self.length)) {
             sequence[self.steps] = *value;
@@ -114,7 +116,7 @@ impl History {
         }
     }
 
-    /// Adds the contributions of the last `L = BLOCK 2^level` steps to the sums of the next `L` steps.
+    /// Adds the contributions of the last `L = BLOCK 2^level` steps to the convolution sums of the next `L` steps.
     fn sum_block(&mut self, level: usize) {
         while self.levels.len() <= level {
             let length = BLOCK << self.levels.len();
@@ -128,7 +130,7 @@ impl History {
         for (sequence, spectrum) in self.values.chunks_exact(self.length).zip(&mut transforms.values) {
             transforms.signal[..length].copy_from_slice(&sequence[n - length..n]);
             transforms.signal[length..].fill(0.0);
-            // The only possible error is a wrong length, and all lengths are those of the plan.
+            // The only possible error of the transform is a wrong length, and all lengths are those of the plan.
             let _ = transforms.forward.process_with_scratch(&mut transforms.signal, spectrum, &mut transforms.work);
         }
         for (place, sums) in self.sums.chunks_exact_mut(self.length).enumerate() {
@@ -158,7 +160,7 @@ impl History {
 }
 
 impl Level {
-    /// Plans Fourier transforms of `length` values, twice the length of a block.
+    /// Plans Fourier transforms of `length` values, twice the length of a block of steps.
     fn new(planner: &mut RealFftPlanner<f64>, length: usize, signals: usize, stages: usize, parts: &[Part]) -> Self {
         let forward = planner.plan_fft_forward(length);
         let backward = planner.plan_fft_inverse(length);

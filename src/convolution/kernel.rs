@@ -11,7 +11,8 @@ use radau::Tableau;
 /// smooth factor `g`.
 #[derive(Clone, Debug)]
 pub struct Function {
-    /// The exponent `a`: in `[0, 1)` for a power, where 0 denotes the identity, and in `(0, 1]` with a factor.
+    /// The exponent `a` of the power: in `[0, 1)` without the smooth factor `g`, where 0 denotes the identity, and in
+    /// `(0, 1]` with it.
     pub exponent: f64,
     /// The smooth factor `g`, a compiled expression in the one input `t`.
     pub factor: Option<Tape>,
@@ -24,7 +25,7 @@ pub struct Function {
 /// A term of a kernel: a function times a matrix.
 #[derive(Clone, Debug)]
 pub struct Term {
-    /// The scalar function of the term.
+    /// The scalar function of time of the term.
     pub function: Function,
     /// The nonzero entries of the matrix of the term as `(row, column, value)`, each entry at most once.
     pub matrix: Vec<(usize, usize, f64)>,
@@ -33,7 +34,7 @@ pub struct Term {
 /// The kernel of a convolution, the sum of its terms.
 #[derive(Clone, Debug)]
 pub struct Kernel {
-    /// The terms of the kernel.
+    /// The terms of the kernel, whose sum it is.
     pub terms: Vec<Term>,
 }
 
@@ -42,7 +43,7 @@ pub struct Kernel {
 pub enum NoWeights {
     /// The kernel is not finite at this lag (time since its beginning).
     NotFinite(f64),
-    /// The caller asked to stop, through [`Control`].
+    /// The caller asked, through [`Control`], to stop the computation of the weights.
     Interrupted,
 }
 
@@ -52,7 +53,7 @@ impl Function {
         Self { exponent: alpha.fract(), factor: None, slope: None, integrations: alpha.trunc() as usize }
     }
 
-    /// Returns the exponent `a` of the integrated function, if the factor is not zero at zero.
+    /// Returns the exponent `a` of the repeatedly integrated function near zero, if the factor is not zero at zero.
     pub fn index(&self) -> f64 {
         self.exponent + self.integrations as f64
     }

@@ -18,12 +18,12 @@ use radau::Tableau;
 
 /// Number of quadrature nodes in each step near the singularity of the kernel.
 const NEAR: usize = 24;
-/// Number of steps near the singularity of the kernel.
+/// Number of steps near the singularity of the kernel, with more quadrature nodes each.
 const NEAR_STEPS: usize = 4;
 /// Number of quadrature nodes, in addition to the number of stages, in each step farther from the singularity of the
 /// kernel: each node reduces the error by the square of twice the distance.
 const FAR: usize = 5;
-/// Number of weights between two polls of the control.
+/// Number of convolution weights between two polls of the control.
 const CHUNK: usize = 1024;
 
 /// Computes the first `length` convolution weights by product integration for a step size `h`.
@@ -44,7 +44,8 @@ pub fn product_integration(
     let mut weights = Weights::zeros(s, length);
     let mut lagrange = vec![0.0; s];
     let mut value = [0.0];
-    // Adds the integrand at the lag `theta h`; `w` contains the weight of the quadrature rule and the singularity.
+    // Adds the integrand of the convolution weights at the lag `theta h`; `w` contains the weight of the quadrature
+    // rule and the singularity.
     let mut add = |weights: &mut Weights, n: usize, i: usize, theta: f64, w: f64| {
         factor.evaluate(theta * h, &[], &mut value);
         let w = w * value[0];
@@ -98,7 +99,7 @@ mod tests {
         Tape::compile(&graph, &[node])
     }
 
-    /// Returns the convolution with `z = t^power` at the last stage of the last step.
+    /// Returns the convolution of a kernel with `z = t^power` at the last stage of the last step.
     fn convolved(s: usize, exponent: f64, factor: &str, power: i32, h: f64, length: usize) -> f64 {
         let tableau = Tableau::of(s);
         let weights = product_integration(tableau, exponent, &mut tape(factor), h, length, &Control::new()).unwrap();

@@ -24,17 +24,17 @@ use problem::Control;
 use radau::Tableau;
 use std::f64::consts::PI;
 
-/// Number of quadrature nodes of a panel.
+/// Number of quadrature nodes of one panel of the integral over `u`.
 const NODES: usize = 20;
 /// End of the quadrature panels in `u`: beyond the eigenvalues of `A^-1` for every number of stages, so that the
 /// series in `1/u` converges.
 const LAST: f64 = 64.0;
-/// Number of convolution weights summed at once.
+/// Number of convolution weights summed at once, between two polls of the control.
 const CHUNK: usize = 64;
 /// Logarithm of the magnitude below which powers of the stability function `R` are neglected.
 const NEGLIGIBLE: f64 = -40.0;
 
-/// A node of the integral over `u`, with the factors of the integrand.
+/// A node of the integral over `u`, with the factors of the integrand of the convolution weights.
 struct Resolvent {
     /// The weight of the quadrature rule, including `sin(pi f) / pi u^-f`.
     weight: f64,
@@ -45,7 +45,8 @@ struct Resolvent {
     product: Vec<f64>,
 }
 
-/// Computes the first `length` convolution weights for unit steps; returns `None` if `control` asks to stop.
+/// Computes the first `length` convolution weights of the fractional integral of order `f` for steps of unit size;
+/// returns `None` if `control` asks to stop.
 pub fn fractional(tableau: &Tableau, f: f64, length: usize, control: &Control) -> Option<Weights> {
     let s = tableau.stages();
     let mut weights = Weights::zeros(s, length);
@@ -102,8 +103,8 @@ impl Resolvent {
     }
 }
 
-/// Returns the nodes and weights of a quadrature rule for `sin(pi f) / pi int_0^inf u^-f g(u) du`, for functions `g`
-/// that vary on scales of `1 / length` and above, and at infinity have a series in `1/u` without a constant term.
+/// Returns the nodes `u` and weights of a quadrature rule for `sin(pi f) / pi int_0^inf u^-f g(u) du`, for functions
+/// `g` that vary on scales of `1 / length` and above, and at infinity have a series in `1/u` without a constant term.
 fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
     let factor = (PI * f).sin() / PI;
     let first = 1.0 / length.max(1) as f64;

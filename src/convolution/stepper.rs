@@ -17,10 +17,10 @@ use problem::{Control, ConvexSet, Dvi, Side, Workspace};
 use radau::Tableau;
 use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
-/// The settings of a run over a uniform mesh.
+/// The settings of a run of a problem with memory over a uniform mesh of time.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// The number of stages, from 1 to 9.
+    /// The number of stages of the Radau IIA method, from 1 to 9.
     pub stages: usize,
     /// The solver of the variational inequality of a step.
     pub vi_solver: SolverKind,
@@ -32,7 +32,7 @@ pub struct Settings {
 /// The reason why a step of a problem with memory failed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// The kernel is not finite at some lag.
+    /// The kernel of the convolution is not finite at some lag.
     #[error("the kernel is not finite at t = {lag:?} after its beginning")]
     Kernel {
         /// The lag, the time since the beginning of the kernel, at which it is not finite.
@@ -43,42 +43,42 @@ pub enum StepError {
     NotFinite {
         /// The index of the variable, or the number of variables plus the index of the moving bound.
         row: usize,
-        /// The time at which the row is not finite.
+        /// The time at which the function `q` or the moving bound is not finite.
         t: f64,
     },
     /// A lower bound exceeds the upper one, or a radius is negative.
     #[error("the {} of variable {variable} is empty at t = {t:?}: {}", side.emptiness().0, side.emptiness().1)]
     EmptySet {
-        /// Index of the variable.
+        /// Index of the variable whose admissible set is empty.
         variable: usize,
-        /// The bound or the radius that makes the set empty.
+        /// The bound or the radius that makes the admissible set of the variable empty.
         side: Side,
-        /// The time at which the set is empty.
+        /// The time at which the admissible set of the variable is empty.
         t: f64,
     },
-    /// No solution of the variational inequality was found.
+    /// No solution of the variational inequality of the step was found.
     #[error(
         "the variational inequality of the step to t = {t:?} was not solved ({outcome}, residual {residual:e}): it may have \
          no solution, as where a kernel does not oppose its variable"
     )]
     Unsolved {
-        /// The time at the end of the step.
+        /// The time at the end of the step that failed.
         t: f64,
-        /// The outcome that the solver reports.
+        /// The outcome that the solver of the variational inequality reports.
         outcome: &'static str,
         /// The residual of the natural map of the variational inequality.
         residual: f64,
     },
-    /// The caller asked to stop, through [`Control`].
+    /// The caller asked, through [`Control`], to stop in the middle of the run.
     #[error("interrupted at t = {t:?}")]
     Interrupted {
-        /// The time reached.
+        /// The time that the run had reached when it stopped.
         t: f64,
     },
 }
 
 impl StepError {
-    /// A stable identifier for programs.
+    /// A stable identifier of the error for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Kernel { .. } | Self::NotFinite { .. } => "not_finite",
@@ -91,7 +91,7 @@ impl StepError {
 
 /// A run of a problem with memory over a uniform mesh.
 pub struct Convolution<'p> {
-    /// The Runge-Kutta tableau of the steps.
+    /// The Runge-Kutta tableau of the steps of the run.
     pub tableau: &'static Tableau,
     forcing: Forcing<'p>,
     history: History,
@@ -99,12 +99,12 @@ pub struct Convolution<'p> {
     matrix: DMatrix<f64>,
     /// The convolution weight `W_0` without the scaling by `D`, stage by stage.
     first: DMatrix<f64>,
-    /// The set `K` at each stage of a step.
+    /// The set `K` of the variables at each stage of a step.
     set: ConvexSet,
     solver: Box<dyn ViSolver>,
     tolerance: f64,
     start: f64,
-    /// The step size.
+    /// The constant step size of the run.
     pub h: f64,
     /// The values `Z` of the variables at the stages of the last step, stage by stage.
     pub z: Vec<f64>,
@@ -114,7 +114,7 @@ pub struct Convolution<'p> {
     pub integral: Vec<f64>,
     past: Vec<f64>,
     q: Vec<f64>,
-    /// The number of pivots and iterations of the solver so far.
+    /// The number of pivots and iterations of the solver of variational inequalities so far.
     pub iterations: u64,
     /// The largest residual of the natural map in a step, relative to its terms, and the time at the end of that
     /// step.
@@ -178,12 +178,12 @@ impl<'p> Convolution<'p> {
         })
     }
 
-    /// Returns the number of variables.
+    /// Returns the number of variables `z` of the problem.
     pub fn variables(&self) -> usize {
         self.integral.len()
     }
 
-    /// Returns the number of steps made.
+    /// Returns the number of steps made so far.
     pub fn steps(&self) -> usize {
         self.history.steps()
     }
@@ -193,12 +193,12 @@ impl<'p> Convolution<'p> {
         self.start + step as f64 * self.h
     }
 
-    /// Returns the values of a variable at the ends of all steps.
+    /// Returns the values of a variable at the ends of all steps of the run.
     pub fn ends(&self, variable: usize) -> &[f64] {
         self.history.sequence(self.tableau.stages() - 1, variable)
     }
 
-    /// Returns the name of the solver of the last step.
+    /// Returns the name of the solver of the variational inequality of the last step.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
@@ -238,7 +238,8 @@ impl<'p> Convolution<'p> {
             let forcing = self.q.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
             let rows = self.matrix.row_iter().zip(&self.q);
             let terms = rows.map(|(row, q)| q.abs() + row.iter().zip(&self.z).map(|(a, z)| (a * z).abs()).sum::<f64>());
-            // The sum of all terms is at least `|q|`: if that is large enough, the other terms are not computed.
+            // The sum of all terms is at least `|q|`: if that is large enough for the residual to be accepted, the
+            // other terms are not computed.
             let is_clear = report.residual <= self.tolerance * forcing;
             let size = if is_clear { forcing } else { terms.fold(0.0, f64::max) };
             if report.residual == 0.0 { 0.0 } else { report.residual / size }
@@ -295,7 +296,7 @@ impl<'p> Convolution<'p> {
     }
 }
 
-/// Assembles the convolution weight `W_0` over stages and variables.
+/// Assembles the first convolution weight `W_0` of the kernel as a matrix over stages and variables.
 fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(s * m, s * m);
     for Part { weights, matrix: entries } in parts {

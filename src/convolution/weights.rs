@@ -13,7 +13,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Creates `length` convolution weights that are zero.
+    /// Creates `length` convolution weights, all of them zero.
     pub fn zeros(stages: usize, length: usize) -> Self {
         Self { stages, length, values: vec![0.0; stages * stages * length] }
     }
@@ -27,12 +27,12 @@ impl Weights {
         weights
     }
 
-    /// Returns the number of weights.
+    /// Returns the number of convolution weights.
     pub fn len(&self) -> usize {
         self.length
     }
 
-    /// Whether the number of weights is zero.
+    /// Whether there are no convolution weights.
     pub fn is_empty(&self) -> bool {
         self.length == 0
     }
@@ -47,12 +47,12 @@ impl Weights {
         &mut self.values[(i * self.stages + j) * self.length..][..self.length]
     }
 
-    /// Multiplies all weights by a factor.
+    /// Multiplies all convolution weights by a factor.
     pub fn scale(&mut self, factor: f64) {
         self.values.iter_mut().for_each(|value| *value *= factor);
     }
 
-    /// Replaces the weights by those of the integral of the kernel, for unit steps.
+    /// Replaces the convolution weights of a kernel by those of the integral of the kernel, for unit steps.
     pub fn integrate(&mut self, tableau: &Tableau) {
         let s = self.stages;
         let (mut row, mut sums) = (vec![0.0; s], vec![0.0; s]);

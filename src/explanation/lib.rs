@@ -18,20 +18,20 @@ pub enum Kind {
     Service,
 }
 
-/// The explanation of one code.
+/// The explanation of one code of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
-    /// The code, as programs read it.
+    /// The code of the message, as programs read it.
     pub code: &'static str,
-    /// The kind of message that the code belongs to.
+    /// The kind of message that the code belongs to: an error, a warning, a failure or a refused request.
     pub kind: Kind,
-    /// The meaning of the code, in one sentence.
+    /// The meaning of the message, in one sentence.
     pub meaning: &'static str,
     /// The cause of the message.
     pub why: &'static str,
-    /// What to do about the cause.
+    /// What the user can do about the cause of the message.
     pub remedy: &'static str,
-    /// An example of the message's occurrence.
+    /// An example that produces the message.
     pub example: &'static str,
 }
 
@@ -43,17 +43,17 @@ const TEXTS: [(Kind, &str); 4] = [
 ];
 
 impl Kind {
-    /// All kinds of messages, in the order of the list of pages.
+    /// All kinds of messages, in the order in which explanations are listed.
     pub const ALL: [Self; 4] = [Self::Specification, Self::Answer, Self::Failure, Self::Service];
 
-    /// Returns the title of the kind, for a heading.
+    /// Returns the title of the kind of message, for a heading.
     pub fn title(self) -> &'static str {
         let text = TEXTS.iter().find(|(kind, _)| *kind == self).map_or("", |(_, text)| text);
         text.strip_prefix("# ").and_then(|text| text.lines().next()).unwrap_or_default()
     }
 }
 
-/// Returns all pages, grouped by kind.
+/// Returns the explanations of all codes, grouped by kind of message.
 pub fn pages() -> &'static [Page] {
     static PAGES: LazyLock<Vec<Page>> = LazyLock::new(|| {
         let sections =
@@ -63,7 +63,7 @@ pub fn pages() -> &'static [Page] {
     &PAGES
 }
 
-/// Returns the page of a code; `-` is accepted in place of `_`, as in addresses.
+/// Returns the explanation of a code; `-` is accepted in place of `_`, as in the addresses of web pages.
 pub fn find(code: &str) -> Option<&'static Page> {
     let code = code.replace('-', "_");
     pages().iter().find(|page| page.code == code)

@@ -13,7 +13,7 @@ use numerics::Interval;
 pub struct Breaks {
     tape: Tape,
     values: Vec<f64>,
-    /// For each event function, a quantity that is continuous through its sign changes.
+    /// For each event function of time, a quantity that is continuous where the event function changes sign.
     courses: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
@@ -30,14 +30,14 @@ impl Breaks {
         Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape, courses }
     }
 
-    /// Binds new parameter values to the compiled event functions.
+    /// Binds new parameter values to the compiled event functions, whose sign changes in time are kinks or jumps.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.courses.bind(parameters);
         self.workspace.bind(&self.tape);
     }
 
-    /// Returns the values of the event functions at input 0 equal to `t`.
+    /// Returns the values at the time `t` (input 0) of the event functions, whose sign changes are kinks or jumps.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
         &self.values
@@ -51,7 +51,7 @@ impl Breaks {
         &self.values
     }
 
-    /// Encloses the event functions over an interval of input 0 (time).
+    /// Encloses the event functions, whose sign changes are kinks or jumps, over an interval of time (input 0).
     pub fn over(&mut self, t: Interval) -> &[Interval] {
         self.tape.enclose(t, &[], &mut self.workspace, &mut self.ranges);
         &self.ranges
@@ -59,7 +59,7 @@ impl Breaks {
 }
 
 impl Graph {
-    /// Returns a quantity that is continuous through the sign changes of an event function.
+    /// Returns a quantity of an event function that is continuous where the event function changes sign.
     fn course_of_break(&self, quantity: Node) -> Node {
         match self.operation(quantity) {
             Some((Operator::Parity, whole, _)) => match self.operation(whole) {
@@ -108,8 +108,8 @@ mod tests {
         assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
     }
 
-    /// Returns the times in `[0, 10]` at which a sign changes, located by bisection of the enclosures of the event
-    /// functions.
+    /// Returns the times in `[0, 10]` at which an event function of the expression `text` changes sign, located by
+    /// bisection of the enclosures of the event functions.
     fn changes(text: &str) -> Vec<f64> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         scope.bind("t", graph.input(0)).unwrap();

@@ -134,7 +134,7 @@ fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Resu
     keep(input, start, |graph| function.apply(graph, &nodes))
 }
 
-/// Parses a table lookup with its argument.
+/// Parses the value of a table at an argument, such as `f(x)` for a table `f`.
 fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result<Read, Failure> {
     blank(input)?;
     if !input.input.starts_with('(') {
@@ -152,7 +152,7 @@ fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result
     keep(input, start, |graph| graph.lookup(table, argument.node))
 }
 
-/// Rejects invalid arguments of a discontinuous function.
+/// Rejects arguments of a discontinuous function (such as a pulse) that are out of their admissible ranges.
 fn check_stepped(
     input: &mut Input,
     start: usize,
@@ -172,7 +172,7 @@ fn check_stepped(
     })
 }
 
-/// Parses a parenthesised, comma-separated list of arguments, which may be empty.
+/// Parses the parenthesised, comma-separated list of arguments of a call, which may be empty.
 fn arguments(input: &mut Input) -> Result<Vec<Read>, Failure> {
     open(input)?;
     let mut arguments = Vec::new();

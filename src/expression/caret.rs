@@ -3,10 +3,10 @@
 use super::error::ExpressionError;
 use std::iter::repeat_n;
 
-/// The maximum number of characters of the text that are shown with a caret.
+/// The maximum number of characters of an erroneous expression that an error message shows above the caret.
 const WIDTH: usize = 72;
 
-/// Marks omitted text at either end of the shown window.
+/// The mark of omitted text at either end of the part of an expression that an error message shows.
 const ELLIPSIS: &str = "...";
 
 impl ExpressionError {
@@ -16,7 +16,7 @@ impl ExpressionError {
         let place = text.floor_char_boundary(self.offset);
         let (before, after) = text.split_at(place);
         let reach = WIDTH / 2;
-        // Give the unused width of a short side to the other side of the caret.
+        // If the text on one side of the caret is short, give its unused width to the other side.
         let shown_before = shown(before.chars().rev(), WIDTH - shown(after.chars(), reach));
         let shown_after = shown(after.chars(), WIDTH - shown_before);
         let start = before.char_indices().rev().take(shown_before).last().map_or(place, |(start, _)| start);
@@ -30,7 +30,7 @@ impl ExpressionError {
     }
 }
 
-/// Counts the characters, up to the limit `room`.
+/// Counts the characters of a text, up to the limit `room`.
 fn shown(characters: impl Iterator<Item = char>, room: usize) -> usize {
     characters.take(room).count()
 }

@@ -8,7 +8,7 @@ use super::operator::Operator;
 pub(super) const AS_SET: &str = "a variable in a set, or a `filippov` problem: `a > b` = z with z in the box [0, 1] and \
      the inequality b - a, and `if(a > b, p, q)` = q + (p - q)*z";
 
-/// A comparison operator.
+/// A comparison operator of the expression language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Comparison {
     Less,
@@ -72,7 +72,8 @@ impl Graph {
         self.add(a, b)
     }
 
-    /// Builds the term that is `a` if a condition holds, else 0, even if `a` is undefined.
+    /// Builds the term that is `a` if a condition holds, else 0; `a` may be undefined where the condition does not
+    /// hold.
     fn chosen(&mut self, condition: Node, a: Node) -> Node {
         match self.number(a) {
             Some(number) if number.is_finite() => self.multiply(condition, a),

@@ -14,7 +14,7 @@ use rustc_hash::FxHashSet;
 use std::collections::BTreeMap;
 use std::f64::consts::LN_10;
 
-/// The largest number of terms in a graph, derivatives included.
+/// The largest number of terms in a graph of expressions, including the terms of their derivatives.
 pub(super) const MAXIMUM_TERMS: usize = 2_000_000;
 
 /// The variables of differentiation: inputs or parameters.
@@ -63,7 +63,7 @@ impl Graph {
 
     fn sweep(&mut self, root: Node, by: &By) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut gradient = Vec::new();
-        // Keep the adjoints sorted by position, so that the adjoint of the last term is complete.
+        // Process the adjoints in descending order of their terms, so that the adjoint of the last term is complete.
         let mut adjoints = BTreeMap::from([(root, self.constant(1.0))]);
         while let Some((y, w)) = adjoints.pop_last() {
             if self.len() > MAXIMUM_TERMS {
@@ -95,7 +95,7 @@ impl Graph {
         Ok(gradient)
     }
 
-    /// Whether a derivative is zero, so that it is left out of the result.
+    /// Whether a derivative of an expression is zero, so that it is left out of the gradient.
     fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.is_absent(derivative),
@@ -103,7 +103,7 @@ impl Graph {
         }
     }
 
-    /// Whether an operand depends on the variables of differentiation.
+    /// Whether an operand depends on the inputs or parameters with respect to which derivatives are built.
     fn varies(&self, operand: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.value(operand).is_none(),

@@ -44,7 +44,7 @@ pub(super) struct OutOfRange {
 }
 
 impl Discontinuous {
-    /// Returns the number of arguments that the function takes, in words and as a number.
+    /// Returns the number of arguments that a discontinuous function takes, in words and as a number.
     pub(super) fn arity(self) -> (&'static str, usize) {
         match self {
             Self::Floor | Self::Ceil | Self::Round => ("one argument", 1),
@@ -53,7 +53,7 @@ impl Discontinuous {
         }
     }
 
-    /// Returns the call of the function and its meaning, for messages.
+    /// Returns the source text of a call of the discontinuous function and a description in words, for messages.
     pub(super) fn usage(self) -> &'static str {
         match self {
             Self::Floor => "`floor(a)`, the largest whole number up to a",
@@ -78,7 +78,8 @@ impl Discontinuous {
         }
     }
 
-    /// Returns the remedy if an argument depends on a state or a variable, for messages.
+    /// Returns the remedy for a discontinuous function one of whose arguments depends on a state or a variable, for
+    /// messages.
     pub(super) fn as_set(self) -> &'static str {
         match self {
             Self::Floor | Self::Ceil | Self::Round => {
@@ -97,8 +98,8 @@ impl Discontinuous {
         }
     }
 
-    /// Reports the first argument whose known value is out of range. The other arguments are assumed to be in range;
-    /// the assumptions are recorded in `graph`.
+    /// Reports the first argument of a discontinuous function whose known value is out of its admissible range. The
+    /// other arguments are assumed to be in range; the assumptions are recorded in `graph`.
     pub(super) fn check(self, graph: &mut Graph, arguments: &[Node]) -> Result<(), OutOfRange> {
         let ranges: &[(usize, &'static str, Range)] = match self {
             Self::Modulo => &[(1, "divisor", Range::NotZero)],
@@ -118,7 +119,7 @@ impl Discontinuous {
         Ok(())
     }
 
-    /// Builds the term of the function for the required number of arguments.
+    /// Builds the term of a discontinuous function from its arguments, whose number must be correct.
     pub(super) fn apply(self, graph: &mut Graph, arguments: &[Node]) -> Node {
         let a = arguments[0];
         match self {
@@ -154,7 +155,7 @@ impl Discontinuous {
 }
 
 impl Range {
-    /// Builds the condition that the value of an argument is in this range.
+    /// Builds the condition that the value of an argument is in this admissible range.
     fn holds(self, graph: &mut Graph, a: Node) -> Node {
         let (zero, one) = (graph.constant(0.0), graph.constant(1.0));
         match self {

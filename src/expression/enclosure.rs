@@ -16,19 +16,19 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 /// place.
 const SLACK: f64 = 8.0 * f64::EPSILON;
 
-/// Interval registers of one program, so that [`Tape::enclose`] does not allocate.
+/// Interval registers of one compiled expression program, so that [`Tape::enclose`] does not allocate.
 #[derive(Clone, Debug, Default)]
 pub struct IntervalWorkspace {
     registers: Vec<Interval>,
 }
 
 impl IntervalWorkspace {
-    /// Allocates the registers of a program and sets its constants.
+    /// Allocates the interval registers of an expression program and sets its constants.
     pub fn new(tape: &Tape) -> Self {
         Self { registers: tape.registers.iter().map(|&value| Interval::point(value)).collect() }
     }
 
-    /// Updates the constants after new parameters were bound to the program.
+    /// Updates the constants in the interval registers after new parameter values were bound to the program.
     pub fn bind(&mut self, tape: &Tape) {
         let constants = tape.program.inputs..tape.program.first;
         for (range, &value) in self.registers[constants.clone()].iter_mut().zip(&tape.registers[constants]) {
@@ -38,8 +38,8 @@ impl IntervalWorkspace {
 }
 
 impl Tape {
-    /// Encloses the outputs for the first input (usually time) in `first` and the other inputs in `rest`, which must
-    /// extend to the largest index that occurs. The workspace must belong to this program.
+    /// Encloses the outputs of the program over the first input (usually time) in `first` and the other inputs in
+    /// `rest`, which must extend to the largest index that occurs. The workspace must belong to this program.
     pub fn enclose(
         &self,
         first: Interval,
@@ -66,8 +66,9 @@ impl Tape {
         });
     }
 
-    /// Encloses the outputs. The function `side` may narrow the range of an operation, given its operator, the
-    /// registers of both operands and of the result, the ranges of the operands, and the range of the operation.
+    /// Encloses the outputs of the program. The function `side` may narrow the range of an operation, given its
+    /// operator, the registers of both operands and of the result, the ranges of the operands, and the range of the
+    /// operation.
     fn enclose_sides(
         &self,
         (first, rest): (Interval, &[Interval]),
@@ -182,8 +183,8 @@ fn is_exact_quotient(a: Interval, b: Interval) -> bool {
     a.lo == a.hi && b.lo == b.hi && (a.lo / b.lo).mul_add(b.lo, -a.lo) == 0.0
 }
 
-/// Encloses `a b`; exact if one factor is the point 1, as a parameter may be, or if both are points with an exact
-/// product.
+/// Encloses the product `a b`; exact if one factor is the point 1, as a parameter may be, or if both are points with an
+/// exact product.
 fn product(a: Interval, b: Interval) -> Interval {
     let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
     let value = a.lo * b.lo;
@@ -201,19 +202,19 @@ fn product(a: Interval, b: Interval) -> Interval {
     }
 }
 
-/// Encloses `a - b floor(a / b)`: between 0 and `b`, up to rounding if the quotient is nearly an integer.
+/// Encloses the remainder `a - b floor(a / b)`: between 0 and `b`, up to rounding if the quotient is nearly an integer.
 fn modulo(a: Interval, b: Interval) -> Interval {
     let quotient = Operator::Divide.enclose(a, b, false);
     let whole = Operator::Floor.enclose(quotient, quotient, true);
     if whole.lo == whole.hi {
         return a - product(b, whole);
     }
-    // The quotient and its product with `b` have a rounding error of one unit each.
+    // The quotient `a / b` and its product with `b` have a rounding error of one unit in the last place each.
     let rounding = 4.0 * f64::EPSILON * a.magnitudes().1;
     between(b.lo.min(0.0) - rounding, b.hi.max(0.0) + rounding, whole.defined)
 }
 
-/// Encloses the gate: `b` if `a` is not 0, else 0.
+/// Encloses the gate operator: `b` if `a` is not 0, else 0.
 fn gate(a: Interval, b: Interval) -> Interval {
     if a.is_empty() {
         Interval::EMPTY
@@ -254,7 +255,7 @@ fn clamped(a: Interval, least: f64, most: f64) -> Interval {
     Interval { lo: a.lo.clamp(least, most), hi: a.hi.clamp(least, most), ..a }
 }
 
-/// Encloses the sine or the cosine; `crest` is the position of a maximum.
+/// Encloses the sine or the cosine over `a`; `crest` is the position of a maximum.
 fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     let (at_lo, at_hi) = (function(a.lo), function(a.hi));
     let hi = if reaches(a, crest, TAU) { 1.0 } else { above(at_lo.max(at_hi)) };
@@ -262,8 +263,8 @@ fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     clamped(between(lo, hi, a.defined), -1.0, 1.0)
 }
 
-/// Whether `first + k period` may lie in `a` for an integer `k`; true for large arguments, where rounding exceeds a
-/// period.
+/// Whether the point `first + k period` may lie in `a` for an integer `k`; true for large arguments, where rounding
+/// exceeds a period.
 fn reaches(a: Interval, first: f64, period: f64) -> bool {
     if !(a.lo.is_finite() && a.hi.is_finite()) || a.width() >= period {
         return true;

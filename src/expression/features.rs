@@ -29,8 +29,8 @@ impl Ranges {
         self.workspace.bind(&self.tape);
     }
 
-    /// Whether `is_such` holds for the range of a term, or a range is unknown, for the first input in `t` and the
-    /// others in `rest`.
+    /// Whether `is_such` holds for the range of any compiled term, or a range is unknown, over the box of inputs with
+    /// the first input in `t` and the others in `rest`.
     fn any(&mut self, t: Interval, rest: &[Interval], is_such: impl Fn(&Interval) -> bool) -> bool {
         if self.ranges.is_empty() {
             return false;
@@ -59,12 +59,13 @@ impl Jumps {
         Self(Ranges::new(graph, quantities))
     }
 
-    /// Binds new parameter values to the compiled event functions.
+    /// Binds new parameter values to the compiled event functions at whose sign changes expressions jump.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.0.bind(parameters);
     }
 
-    /// Whether an event function may change sign for the first input in `t` and the others in `rest`.
+    /// Whether an event function may change sign, so that an expression jumps, in the box with the first input in `t`
+    /// and the others in `rest`.
     pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
         self.0.any(t, rest, |range| range.contains(0.0))
     }
@@ -76,7 +77,7 @@ impl Jumps {
 pub struct Knots(Ranges);
 
 impl Knots {
-    /// Compiles, for each table in `nodes`, the number of the piece to which its argument belongs.
+    /// Compiles, for each table in `nodes`, the number of the polynomial piece to which its argument belongs.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let terms = graph.terms_below(nodes);
         let piece = |node: Node| match graph.operation(node)? {
@@ -95,7 +96,8 @@ impl Knots {
         self.0.bind(parameters);
     }
 
-    /// Whether a knot may be passed for the first input in `t` and the others in `rest`.
+    /// Whether the argument of a table may pass a knot (an end of a polynomial piece) in the box with the first input
+    /// in `t` and the others in `rest`.
     pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
         self.0.any(t, rest, |range| range.lo < range.hi)
     }

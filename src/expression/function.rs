@@ -108,7 +108,7 @@ impl Function {
         !matches!(self, Self::Discontinuous(_))
     }
 
-    /// Returns the number of arguments, in words.
+    /// Returns the number of arguments that the function takes, in words.
     pub(super) fn arity(self) -> &'static str {
         match self {
             Self::Unary(_) => "one argument",
@@ -118,7 +118,7 @@ impl Function {
         }
     }
 
-    /// Whether the function accepts this number of arguments.
+    /// Whether the function accepts `arguments` as its number of arguments.
     pub(super) fn takes(self, arguments: usize) -> bool {
         match self {
             Self::Unary(_) => arguments == 1,

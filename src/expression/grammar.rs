@@ -53,10 +53,11 @@ const DEEPEST: usize = 200;
 pub(super) struct State<'s> {
     pub graph: &'s mut Graph,
     pub scope: &'s Scope,
-    /// The whole text of the expression.
+    /// The whole text of the expression that is parsed.
     text: &'s str,
     pub depth: usize,
-    /// The indices of the sums that enclose the current position, with their current values.
+    /// The index variables of the `sum` calls that enclose the current position of the parser, with their current
+    /// values.
     pub indices: Vec<Index>,
 }
 
@@ -65,7 +66,7 @@ pub(super) struct State<'s> {
 pub(super) struct Read {
     pub node: Node,
     pub kind: Kind,
-    /// The byte offset of the start of the term.
+    /// The byte offset of the start of the term in the text of the expression.
     pub start: usize,
 }
 
@@ -283,7 +284,7 @@ fn number(input: &mut Input) -> Result<Read, Failure> {
     }
     opt((one_of(['e', 'E']), opt(one_of(['+', '-'])), digits(1))).void().parse_next(input)?;
     let literal = &whole[..offset(input) - start];
-    // The literal has the form of a number, so that parsing cannot fail.
+    // The number literal has the form of a Rust number, so that its conversion cannot fail.
     let value: f64 = literal.parse().unwrap_or(f64::NAN);
     if value.is_finite() && (value != 0.0 || mantissa.bytes().all(|byte| matches!(byte, b'0' | b'.'))) {
         return keep(input, start, |graph| graph.constant(value));
@@ -318,7 +319,8 @@ pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failu
     take_while(1.., ('a'..='z', 'A'..='Z', '0'..='9', '_')).parse_next(input)
 }
 
-/// Increases the nesting depth; the caller decreases it at the end of the construct. Fails beyond the limit.
+/// Increases the nesting depth of the expression that is parsed; the caller decreases it at the end of the construct.
+/// Fails beyond the limit.
 pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     input.state.depth += 1;
     if input.state.depth <= DEEPEST {
@@ -328,7 +330,7 @@ pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     Err(failure(ExpressionError::new("too_deep", offset(input), message)))
 }
 
-/// Adds a number to the graph; fails if the graph exceeds its size limit.
+/// Adds the term of a number to the graph of expressions; fails if the graph exceeds its size limit.
 pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     let node = add(input.state.graph);
     if input.state.graph.len() > MAXIMUM_TERMS {
@@ -337,7 +339,7 @@ pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph)
     Ok(Read { node, kind: Kind::Number, start })
 }
 
-/// Adds a condition to the graph; fails if the graph exceeds its size limit.
+/// Adds the term of a condition to the graph of expressions; fails if the graph exceeds its size limit.
 fn condition(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     keep(input, start, add).map(|read| Read { kind: Kind::Condition, ..read })
 }

@@ -18,7 +18,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A term of a [`Graph`].
+/// A term of a [`Graph`] of expressions, by its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Node(pub(super) u32);
 
@@ -29,10 +29,11 @@ impl Node {
     }
 }
 
-/// A number, an input, a parameter, or an operator applied to two terms (twice the same term if it is unary).
+/// A term of an expression: a number, an input, a parameter, or an operator applied to two terms (twice the same term
+/// if it is unary).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Term {
-    /// The bits of a number, so that it can be hashed.
+    /// The bits of a floating-point number, so that the constant can be hashed.
     Constant(u64),
     Input(usize),
     Parameter(usize),
@@ -48,14 +49,14 @@ pub struct Graph {
     pub(super) powers: FxHashMap<Node, (Node, i32)>,
     /// The values of terms in parameters alone, at the given parameter values.
     pub(super) known: FxHashMap<Node, f64>,
-    /// The terms that depend on a parameter whose value is to vary.
+    /// The terms that depend on a parameter whose value will be varied, such as by a sweep.
     pub(super) varied: FxHashSet<Node>,
     /// The assumptions about the structure of expressions (such as that a coefficient is not zero) that were decided
     /// by the values `known` of terms in parameters.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
     /// The tables used by terms.
     pub(super) tables: Tables,
-    /// The number of bytes parsed repeatedly for the terms of sums.
+    /// The number of bytes of text that have been parsed more than once, for the terms of sums.
     pub(super) read_again: usize,
 }
 
@@ -65,7 +66,7 @@ impl Graph {
         Self::default()
     }
 
-    /// Returns the number of terms.
+    /// Returns the number of terms of the graph.
     pub fn len(&self) -> usize {
         self.terms.len()
     }
@@ -193,7 +194,7 @@ impl Graph {
         self.binary(operator, a, place)
     }
 
-    /// Returns the table of a table operator, given its second operand.
+    /// Returns the table that a table operator evaluates, given the second operand of the operator.
     pub(super) fn table_of(&self, operator: Operator, place: Node) -> Option<&Arc<Pieces>> {
         self.tables.get(self.number(place).filter(|_| operator.takes_table())?)
     }
@@ -207,7 +208,7 @@ impl Graph {
         if minus_a == minus_b { magnitude } else { self.negate(magnitude) }
     }
 
-    /// Splits off a negative sign: returns whether there is one, and the term without it.
+    /// Splits off a negative sign of a term: returns whether there is one, and the term without it.
     fn without_sign(&mut self, a: Node) -> (bool, Node) {
         match (self.value(a), self.negated(a)) {
             (Some(value), _) if value < 0.0 => (true, self.negate(a)),

@@ -9,7 +9,7 @@ use super::tape::Tape;
 pub struct Kink {
     /// The name of the function in the language: `abs`, `sign`, `heaviside`, `min`, `max`, ..
     pub function: &'static str,
-    /// The inputs of the event function, sorted.
+    /// The inputs of the event function whose sign changes are the kink, sorted.
     pub inputs: Vec<usize>,
 }
 
@@ -20,7 +20,7 @@ pub struct Kinks {
     tape: Tape,
     values: Vec<f64>,
     derivatives: Tape,
-    /// The index of the kink and of the input to which each derivative belongs.
+    /// The index of the kink and of the input to which each derivative of an event function belongs.
     places: Vec<(usize, usize)>,
     slopes: Vec<f64>,
 }
@@ -54,7 +54,7 @@ impl Kinks {
         }
     }
 
-    /// Binds new parameter values to the compiled event functions and their derivatives.
+    /// Binds new parameter values to the compiled event functions of the kinks and their derivatives.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.derivatives.bind(parameters);
@@ -65,14 +65,14 @@ impl Kinks {
         &self.kinks
     }
 
-    /// Returns the values of the event functions at the first input `t` and the other inputs `rest`.
+    /// Returns the values of the event functions of the kinks at the first input `t` and the other inputs `rest`.
     pub fn at(&mut self, t: f64, rest: &[f64]) -> &[f64] {
         self.tape.evaluate(t, rest, &mut self.values);
         &self.values
     }
 
-    /// Returns the derivatives of event function number `kink` at the first input `t` and the other inputs `rest`, as
-    /// `(index in rest, value)`.
+    /// Returns the derivatives of the event function of the kink with index `kink` at the first input `t` and the other
+    /// inputs `rest`, as `(index in rest, value)`.
     pub fn gradient(&mut self, kink: usize, t: f64, rest: &[f64]) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.derivatives.evaluate(t, rest, &mut self.slopes);
         let slopes = self.places.iter().zip(&self.slopes);

@@ -57,7 +57,8 @@ impl Lanes {
         }
     }
 
-    /// Writes the results of all lanes at the first `count` of `L` points; results at the other points are arbitrary.
+    /// Writes the results of all lanes (pairs of registers) at the first `count` of `L` evaluation points; results at
+    /// the other points are arbitrary.
     pub(super) fn evaluate_points<const L: usize>(
         &self,
         registers: &[[f64; L]],
@@ -113,7 +114,7 @@ impl Operands {
 }
 
 impl Operator {
-    /// Computes `results[i] = apply(a[i], b[i])` for all lanes.
+    /// Computes `results[i] = apply(a[i], b[i])` for all lanes `i` (pairs of registers).
     fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
         if !self.apply_arithmetic(a, b, results) {
             // Select the operator anew for each pair of operands: the functions that remain take much longer than
@@ -122,7 +123,8 @@ impl Operator {
         }
     }
 
-    /// Computes `results[i] = apply(a[i], b[i])` for the first `count` lanes; the other results are arbitrary.
+    /// Computes `results[i] = apply(a[i], b[i])` for the first `count` lanes `i` (pairs of registers); the other
+    /// results are arbitrary.
     #[inline(always)]
     pub(super) fn apply_lanes<const L: usize>(self, a: &[f64; L], b: &[f64; L], results: &mut [f64; L], count: usize) {
         if !self.apply_arithmetic(a, b, results) {

@@ -39,11 +39,11 @@ pub struct Irregularity {
 enum Points {
     /// Zero: the function is not Lipschitz where its argument is zero.
     Zero,
-    /// Zero and all negative arguments.
+    /// Zero and all negative arguments: the function is not Lipschitz there.
     NotPositive,
-    /// All points outside the open interval `(-1, 1)`.
+    /// All points outside the open interval `(-1, 1)`: the function is not Lipschitz there.
     NotInsideUnit,
-    /// The branch cut of `atan2`: first argument zero, second argument not positive.
+    /// The branch cut of `atan2`, where it jumps: first argument zero, second argument not positive.
     Cut,
     /// Unknown points: any argument may be irregular.
     Anywhere,
@@ -66,7 +66,8 @@ impl Points {
 #[derive(Clone, Debug)]
 struct Candidate {
     operator: Operator,
-    /// Whether a function with a finite value at infinity hides the pole of the term.
+    /// Whether another function with a finite value at infinity, such as `atan`, takes the term as its argument and so
+    /// hides its pole.
     pole: bool,
     /// Whether the operator of the function is a power with a constant exponent.
     has_constant_exponent: bool,
@@ -87,7 +88,8 @@ pub struct Irregularities {
 }
 
 impl Irregularities {
-    /// Finds the irregularities of `nodes` that depend on inputs other than 0 (time).
+    /// Finds the irregularities of `nodes` (functions that are not Lipschitz at some arguments) that depend on inputs
+    /// other than 0 (time).
     pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
         let (candidates, arguments): (Vec<Candidate>, Vec<[Node; 2]>) = graph.candidates(nodes).into_iter().unzip();
         let arguments = arguments.concat();
@@ -112,8 +114,8 @@ impl Irregularities {
         }
     }
 
-    /// Sets `found` to those candidates whose arguments may reach an irregular point for some inputs in the whole
-    /// space.
+    /// Sets `found` to those candidates (functions that are not Lipschitz everywhere) whose arguments may reach an
+    /// irregular point for some inputs in the whole space.
     fn decide(&mut self) {
         let known = self.arguments.regularities();
         let pairs = self.arguments.program.outputs.chunks(2);
@@ -129,8 +131,8 @@ impl Irregularities {
         self.found.is_empty()
     }
 
-    /// Returns an irregularity that may occur in a box of inputs, jumps first. The first input (time) lies in
-    /// `first`, the others in `rest`.
+    /// Returns an irregularity (a function that is not Lipschitz) that may occur in a box of inputs, jumps first. The
+    /// first input (time) lies in `first`, the others in `rest`.
     pub fn over(&mut self, first: Interval, rest: &[Interval]) -> Option<&Irregularity> {
         self.arguments.enclose(first, rest, &mut self.workspace, &mut self.ranges);
         let ranges = &self.ranges;
@@ -175,7 +177,7 @@ impl Candidate {
 }
 
 impl Tape {
-    /// Returns range and smoothness of each register, for inputs in the whole space.
+    /// Returns range and smoothness of each register of the program, for inputs in the whole space.
     fn regularities(&self) -> Vec<Regularity> {
         let (inputs, first) = (self.program.inputs, self.program.first);
         let leaf = |(register, &value): (usize, &f64)| match register < inputs {
@@ -195,7 +197,7 @@ impl Tape {
 }
 
 impl Graph {
-    /// Returns the functions that may be irregular, each with two arguments: a single argument is repeated, and a
+    /// Returns the functions that may not be Lipschitz, each with two arguments: a single argument is repeated, and a
     /// power with constant exponent has its exponent as second argument.
     fn candidates(&self, nodes: &[Node]) -> Vec<(Candidate, [Node; 2])> {
         let mut terms = self.terms_below(nodes);
@@ -241,7 +243,8 @@ impl Graph {
         found
     }
 
-    /// Returns the terms that are used by a function with a finite value at infinity, so that their poles are hidden.
+    /// Returns the terms whose poles are hidden because a function with a finite value at infinity, such as `atan`,
+    /// uses them.
     fn hidden(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut hidden = FxHashSet::default();
         for &y in terms.iter().rev() {

@@ -33,7 +33,7 @@ pub(super) enum Operator {
     Round,
     /// The parity: 1 for even integers, -1 for odd integers.
     Parity,
-    // The binary operators.
+    // The operators with two operands follow.
     Add,
     Subtract,
     Multiply,
@@ -68,7 +68,7 @@ impl Operator {
         self >= Self::Lookup
     }
 
-    /// Whether the operands may be exchanged.
+    /// Whether the two operands of the operator may be exchanged.
     pub(super) fn commutes(self) -> bool {
         matches!(self, Self::Add | Self::Multiply)
     }
@@ -78,7 +78,7 @@ impl Operator {
         matches!(self, Self::Sign | Self::Heaviside) || self.has_steps()
     }
 
-    /// Whether the operator jumps at integers.
+    /// Whether the operator jumps at integer values of its operand (or quotient of operands).
     pub(super) fn has_steps(self) -> bool {
         matches!(self, Self::Floor | Self::Round | Self::Parity | Self::Modulo)
     }

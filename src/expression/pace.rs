@@ -50,8 +50,8 @@ impl Pace {
         }
     }
 
-    /// Returns the pace in radians per unit of time: zero without time dependence or for polynomials of low degree,
-    /// infinite if unknown.
+    /// Returns the pace (the largest rate of the phase of a sine or of the exponent of an exponential) in radians per
+    /// unit of time: zero without time dependence or for polynomials of low degree, infinite if unknown.
     pub fn fastest(&mut self) -> f64 {
         let Some(tape) = &mut self.tape else { return f64::INFINITY };
         tape.evaluate(0.0, &[], &mut self.value);
@@ -60,7 +60,8 @@ impl Pace {
 }
 
 impl Graph {
-    /// Builds the largest pace of all `nodes`: returns `None` if it is unknown, `Some(None)` if it is zero.
+    /// Builds the term of the largest pace (rate of the phase of a sine or of the exponent of an exponential) of
+    /// `nodes`: `None` if it is unknown, `Some(None)` if it is zero.
     fn pace(&mut self, nodes: &[Node]) -> Option<Option<Node>> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();

@@ -19,8 +19,8 @@ pub enum Assumption {
 }
 
 impl Graph {
-    /// Returns the node of the parameter with this `index` among the values of [`Tape::bind`]; `value` decides about
-    /// structure.
+    /// Returns the node of the parameter with this `index` among the values of [`Tape::bind`]; its given `value`
+    /// decides about structure, such as whether a coefficient vanishes.
     pub fn parameter(&mut self, index: usize, value: f64) -> Node {
         let node = self.intern(Term::Parameter(index));
         self.known.insert(node, value);
@@ -51,20 +51,20 @@ impl Graph {
         found
     }
 
-    /// Records an assumption about the value of a term; numbers need no assumptions.
+    /// Records an assumption about the value of a term in parameters; numbers need no assumptions.
     pub fn assume(&mut self, node: Node, assumption: Assumption) {
         if self.known.contains_key(&node) {
             self.assumptions.insert((node, assumption));
         }
     }
 
-    /// Whether a term is zero at the given parameter values; the answer is recorded as an assumption.
+    /// Whether a term in parameters is zero at the given parameter values; the answer is recorded as an assumption.
     pub fn vanishes(&mut self, node: Node) -> bool {
         self.assume(node, Assumption::Vanishing);
         self.value(node) == Some(0.0)
     }
 
-    /// Whether a coefficient is not part of the structure: it is zero, and does not vary.
+    /// Whether a coefficient does not belong to the structure of an expression: it is zero, and does not vary.
     pub fn is_absent(&mut self, coefficient: Node) -> bool {
         !self.is_varied(coefficient) && self.vanishes(coefficient)
     }

@@ -6,7 +6,7 @@ use super::tape::{Block, Instruction, Tape};
 /// The maximum number of points evaluated at once: a register is then one cache line.
 pub const MOST_LANES: usize = 8;
 
-/// The registers of a program at several points.
+/// The registers of a program for its evaluation at several points at once.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Wide {
     /// The number of points per register; zero until the constants of the program have been copied to the registers.

@@ -7,8 +7,8 @@ use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::parameters::Assumption;
 
-/// The largest integer exponent that is expanded. Each squaring doubles the relative error: 16 costs a few units in the
-/// last place.
+/// The largest integer exponent with which a power is expanded into products. Each squaring doubles the relative error:
+/// 16 costs a few units in the last place.
 const LARGEST: f64 = 16.0;
 
 impl Graph {

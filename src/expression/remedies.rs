@@ -85,7 +85,7 @@ pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<Str
     Some(remedy.to_owned())
 }
 
-/// Returns the word at the end of a text.
+/// Returns the word (letters, digits, underscores) at the end of a text.
 fn last_word(text: &str) -> &str {
     &text[text.rfind(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).map_or(0, |at| at + 1)..]
 }
@@ -133,7 +133,8 @@ fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     }
 }
 
-/// Whether the text contains a comparison since the last parenthesis, comma, `and` or `or`.
+/// Whether the text before an unexpected comparison operator contains a comparison since the last parenthesis, comma,
+/// `and` or `or`.
 fn is_second_comparison(before: &str) -> bool {
     let start = before.rfind(['(', ',']).map_or(0, |at| at + 1);
     let open = &before[start..];

@@ -6,7 +6,7 @@ use super::table::Table;
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
-/// The name of the predefined constant pi.
+/// The name of the predefined constant pi in expressions.
 pub(super) const PI: &str = "pi";
 
 /// The keywords that join conditions.
@@ -17,14 +17,14 @@ pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
 pub struct Scope {
     names: Vec<String>,
     nodes: FxHashMap<String, Node>,
-    /// The first input that is an unknown (state or variable); `None` if there are no unknowns.
+    /// The index of the first input that is an unknown (state or variable); `None` if there are no unknowns.
     unknowns: Option<usize>,
     tables: FxHashMap<String, Table>,
     /// The elements of vectors, in the order of binding.
     vectors: FxHashMap<String, Vec<Node>>,
 }
 
-/// The reason why a name cannot be bound.
+/// The reason why a name cannot be bound in a scope.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// The name is malformed.
@@ -111,18 +111,18 @@ impl Scope {
         Ok(())
     }
 
-    /// Declares the inputs from `first` on as unknowns. Discontinuous functions and comparisons of unknowns are
-    /// rejected, because steps cannot end at their jumps.
+    /// Declares the inputs from the index `first` on as unknowns. Discontinuous functions and comparisons of unknowns
+    /// are rejected, because steps cannot end at their jumps.
     pub fn solve_for(&mut self, first: usize) {
         self.unknowns = Some(first);
     }
 
-    /// Returns the first input that is an unknown.
+    /// Returns the index of the first input that is an unknown (state or variable).
     pub(super) fn unknowns(&self) -> Option<usize> {
         self.unknowns
     }
 
-    /// Returns the name of an input.
+    /// Returns the name that the scope binds to an input, such as a state.
     pub(super) fn name_of_input(&self, graph: &Graph, input: usize) -> &str {
         let is_it = |name: &&str| self.get(name).is_some_and(|node| graph.is_input(node, |index| index == input));
         self.names().find(is_it).unwrap_or("?")
@@ -219,7 +219,7 @@ pub(super) fn excerpt(text: &str) -> String {
     }
 }
 
-/// Returns the candidate that is closest to `name` in spelling, if it is close: a third of the letters may differ.
+/// Returns the candidate name that is closest to `name` in spelling, if it is close: a third of the letters may differ.
 pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const LONGEST: usize = 64;
     let allowed = (name.len() / 3).max(1);

@@ -39,7 +39,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Allocates the registers of the program that is to be screened.
+    /// Allocates the ranges and bounds of all registers of the program whose samples are examined.
     pub fn new(tape: &Tape) -> Self {
         let count = tape.registers.len();
         let mut is_needed = false;
@@ -52,7 +52,7 @@ impl Sight {
         self.is_needed
     }
 
-    /// Discards all samples of the program.
+    /// Discards all samples (evaluations at single times) of the program.
     pub fn begin(&mut self) {
         self.sampled.fill(NOTHING);
     }
@@ -64,7 +64,8 @@ impl Sight {
         }
     }
 
-    /// Bounds the variation that the samples taken while the first input was in `first` do not show.
+    /// Bounds, for each register, the variation that is not seen in the samples taken while the first input was in
+    /// `first`.
     pub fn judge(&mut self, tape: &Tape, first: Interval) {
         let Self { sampled, ranges, hidden, .. } = self;
         let beyond = |(lo, hi): (f64, f64)| {
@@ -121,7 +122,7 @@ fn is_polynomial(operator: Operator) -> bool {
     matches!(operator, Operator::Negate | Operator::Expanded | Operator::Add | Operator::Subtract | Operator::Multiply)
 }
 
-/// An operation with the ranges of its operands and of its result.
+/// An operation of the program, with the ranges of its operands and of its result over the samples.
 struct Operation {
     operator: Operator,
     a: Interval,

@@ -40,7 +40,7 @@ impl Graph {
     pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, Node)> {
         let one = self.constant(1.0);
         let mut by_itself = self.constant(0.0);
-        // Operands come before the terms that use them: the factor of the last term is complete.
+        // Operands come before the terms that use them: the factor that multiplies the last term is complete.
         let mut open = BTreeMap::from([(node, one)]);
         let mut terms = Vec::new();
         while let Some((term, factor)) = open.pop_last() {
@@ -85,7 +85,7 @@ impl Graph {
         matches!(self.operation(node), Some((found, ..)) if found == operator)
     }
 
-    /// Whether a node is an input whose index satisfies a condition.
+    /// Whether a node is an input whose index satisfies the condition `holds`.
     pub(super) fn is_input(&self, node: Node, holds: impl Fn(usize) -> bool) -> bool {
         matches!(self.terms[node.place()], Term::Input(index) if holds(index))
     }

@@ -6,7 +6,7 @@ use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
 use rustc_hash::FxHashMap;
 
-/// The result of substitution in a term; numbers are added to the graph only if a term needs them.
+/// The result of substituting numbers for inputs in a term; numbers are added to the graph only if a term needs them.
 #[derive(Clone, Copy)]
 enum Replaced {
     Number(f64),

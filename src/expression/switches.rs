@@ -7,7 +7,8 @@ use super::graph::{Graph, Node};
 use super::operator::Operator;
 
 impl Graph {
-    /// Returns the name of the nonsmooth function of a term, and its switch.
+    /// Returns the name of the nonsmooth function of a term, and its switch: the event function at whose sign changes
+    /// the term has a kink or a jump.
     pub(super) fn switch(&mut self, node: Node) -> Option<(&'static str, Node)> {
         let (operator, a, b) = self.operation(node)?;
         let quantity = match operator {
@@ -24,8 +25,9 @@ impl Graph {
         operator.kink().map(|function| (function, quantity))
     }
 
-    /// Returns the switch of a table. A table of time switches at every piece, so that no step passes over a piece; a
-    /// table of states switches only at the kinks of linear interpolation.
+    /// Returns the switch of a table, the event function at whose sign changes it is not smooth. A table of time
+    /// switches at every piece, so that no step passes over a piece; a table of states switches only at the kinks of
+    /// linear interpolation.
     fn switch_of_table(&mut self, a: Node, place: Node) -> Option<(&'static str, Node)> {
         let table = self.table_of(Operator::Lookup, place)?.clone();
         if self.inputs(a) == [0] {

@@ -162,12 +162,12 @@ impl Pieces {
         pieces
     }
 
-    /// Whether the first derivative jumps between two points.
+    /// Whether the first derivative of the table jumps between two pieces.
     pub(super) fn has_kinks(&self) -> bool {
         self.interpolation == Interpolation::Linear && !self.switches.is_empty()
     }
 
-    /// Returns the name of the nonsmooth function, if the table is not smooth.
+    /// Returns the name of the nonsmooth function for messages, if the table is not smooth.
     pub(super) fn kink(&self) -> Option<&'static str> {
         match self.interpolation {
             _ if self.switches.is_empty() => None,
@@ -233,7 +233,7 @@ impl Pieces {
         if a.is_nan() { a } else { self.switches.partition_point(|switch| *switch <= a) as f64 }
     }
 
-    /// Returns the range of a piece for arguments in `[lo, hi]`.
+    /// Returns the range of a polynomial piece of the table for arguments in `[lo, hi]`.
     fn range_of(&self, piece: usize, lo: f64, hi: f64) -> Interval {
         let coefficients @ [a, b, c, d] = self.coefficients[piece];
         if [b, c, d] == [0.0; 3] {
@@ -267,7 +267,7 @@ impl Pieces {
         let mut range = self.range_of(first, a.lo, a.hi);
         if last > first {
             range = range.hull(self.range_of(last, a.lo, a.hi));
-            // Add the ranges of the pieces in between, from the segment tree.
+            // Add the ranges of the pieces between the first and the last one, from the segment tree.
             let count = self.coefficients.len();
             let (mut from, mut to) = (count + first + 1, count + last);
             while from < to {
@@ -303,12 +303,12 @@ impl Tables {
         })
     }
 
-    /// Returns the table with an index, given as a number of a graph.
+    /// Returns the table with the index `place`, which is a constant of a graph or of a program.
     pub(super) fn get(&self, place: f64) -> Option<&Arc<Pieces>> {
         self.0.get(place as usize)
     }
 
-    /// Returns the value of an operator, including table operators.
+    /// Returns the value of an operator at `(a, b)`, including table operators.
     pub(super) fn apply(&self, operator: Operator, a: f64, b: f64) -> f64 {
         match (operator, self.get(b)) {
             (Operator::Lookup, Some(table)) => table.at(a),
@@ -317,7 +317,7 @@ impl Tables {
         }
     }
 
-    /// Encloses the values of an operator, including table operators.
+    /// Encloses the values of an operator at `(a, b)`, including table operators.
     pub(super) fn enclose(&self, operator: Operator, a: Interval, b: Interval, same: bool) -> Interval {
         match operator {
             Operator::Lookup | Operator::Piece if a.is_empty() => Interval::EMPTY,

@@ -18,7 +18,7 @@ use std::sync::Arc;
 /// by vector instructions; for fewer terms, the copying of operands costs more than it saves.
 const FEWEST_LANES: usize = 24;
 
-/// Writes `operator(registers[a], registers[b])` to the next register.
+/// An instruction of a program: writes `operator(registers[a], registers[b])` to the next register.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Instruction {
     pub(super) operator: Operator,
@@ -36,7 +36,7 @@ pub(super) enum Block {
     Lookups(Vec<Instruction>),
 }
 
-/// The program of a tape, shared by all its copies.
+/// The instructions of a tape (compiled expressions), shared by all its copies.
 #[derive(Debug, Default)]
 pub(super) struct Program {
     pub(super) blocks: Vec<Block>,
@@ -150,7 +150,7 @@ impl Tape {
         self.registers.iter().filter(|value| value.is_finite()).fold(0.0, |largest, value| largest.max(value.abs()))
     }
 
-    /// Visits the operations in order, each with the registers of its operands.
+    /// Visits the operations of the program in order, each with the registers of its operands.
     pub(super) fn for_each_operation(&self, mut visit: impl FnMut(Operator, usize, usize)) {
         for block in &self.program.blocks {
             match block {
@@ -164,7 +164,7 @@ impl Tape {
         }
     }
 
-    /// Returns the number of operations of one evaluation.
+    /// Returns the number of operations of one evaluation of the program.
     pub fn instructions(&self) -> usize {
         self.registers.len() - self.program.first
     }
@@ -220,8 +220,8 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// Adds the instruction that computes a term, unless the term has a register already, as a constant or a term in
-    /// parameters alone.
+    /// Adds to the program the instruction that computes a term, unless the term has a register already, as a constant
+    /// or a term in parameters alone.
     fn take(&mut self, kind: Kind, node: Node) {
         if self.register_of.contains_key(&node) {
             return;
@@ -260,7 +260,7 @@ fn narrow(place: usize) -> u32 {
     u32::try_from(place).expect("a graph has fewer than 2^32 terms")
 }
 
-/// The kind of a term; terms of one kind are independent and can be evaluated together.
+/// The kind of a term: terms of one kind are independent and can be evaluated together.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     /// The length of the longest path below the term: terms of equal depth are independent of each other.
@@ -285,7 +285,7 @@ impl Kind {
     }
 }
 
-/// Returns all terms that the outputs need, operands first, grouped by kind.
+/// Returns all terms that the outputs of a program need, operands first, grouped by kind.
 fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut nodes = graph.terms_below(outputs);
     nodes.sort_unstable();
@@ -300,8 +300,8 @@ fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     steps
 }
 
-/// Divides the instructions into blocks: those evaluated one after the other, those evaluated at once, and table
-/// lookups.
+/// Divides the instructions of a program into blocks: those evaluated one after the other, those evaluated at once, and
+/// table lookups.
 fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     let mut blocks = Vec::new();
     let mut scalars = Vec::new();

@@ -17,14 +17,14 @@ use winnow::prelude::*;
 /// short texts.
 const MOST_READ: usize = 16 << 20;
 
-/// The index of a sum that encloses the parsed text, with its current value.
+/// The index variable of a sum that encloses the parsed text, with its current value.
 #[derive(Clone, Debug)]
 pub(super) struct Index {
     name: String,
     value: i64,
 }
 
-/// Returns the value of the innermost index with this name.
+/// Returns the value of the innermost index variable of a sum with this name.
 pub(super) fn index(indices: &[Index], name: &str) -> Option<f64> {
     indices.iter().rev().find(|index| index.name == name).map(|index| index.value as f64)
 }
@@ -36,7 +36,7 @@ pub(super) fn element(input: &mut Input, start: usize, name: &str) -> Result<Rea
     let mut key = format!("{name}[");
     loop {
         let read = term(input)?;
-        // Writing to a string cannot fail.
+        // Formatting an integer into a string cannot fail.
         let _ = write!(key, "{}", whole(input, read)?);
         blank(input)?;
         if opt(']').parse_next(input)?.is_some() {
@@ -92,7 +92,7 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
         close(input, " or `)`")?;
         return add_up(input, start, &nodes);
     }
-    // The indices are declared after the term, but are needed to parse it.
+    // The indices of a sum are declared after its term, but are needed to parse the term.
     let Some(binders) = behind_for(body) else {
         let message = "a sum takes a vector or a term with its indices".to_owned();
         let error = ExpressionError::new("wrong_arity", start, message);
@@ -109,7 +109,7 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     add_up(input, start, &nodes?)
 }
 
-/// Parses the term of a sum for each value of its indices, which are declared from byte `binders` on; returns the
+/// Parses the term of a sum once for each value of its indices, which are declared from byte `binders` on; returns the
 /// summands.
 fn summands<'i>(
     input: &mut Input<'i, '_>,
@@ -220,7 +220,7 @@ fn binders(input: &mut Input) -> Result<Vec<(String, i64, i64)>, Failure> {
     }
 }
 
-/// Returns the integer value of an index term.
+/// Returns the integer value of a parsed index of a vector element or of a sum.
 fn whole(input: &mut Input, read: Read) -> Result<i64, Failure> {
     const MOST: f64 = 1e9;
     let graph = &mut *input.state.graph;

@@ -11,28 +11,28 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread::{self, available_parallelism};
 use std::time::Duration;
 
-/// The time between two polls of the stop condition.
+/// The time between two polls of the stop condition while a factorisation runs on its own thread.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// The limit on threads of this process: one thread per core for current work, and another one per core for abandoned
-/// work.
+/// The limit on the factorisation threads of this process: one thread per core for current factorisations, and another
+/// one per core for abandoned ones, whose callers have stopped waiting.
 pub static THREADS: LazyLock<Threads> =
     LazyLock::new(|| Threads::new(2 * available_parallelism().map_or(1, NonZero::get)));
 
-/// A limit on the number of threads, with the number of threads in use.
+/// A limit on the number of factorisation threads, with the number of threads in use.
 pub struct Threads {
     most: usize,
     taken: AtomicUsize,
 }
 
 impl Threads {
-    /// Creates a limit of at most `most` threads.
+    /// Creates a limit of at most `most` threads at a time.
     pub const fn new(most: usize) -> Self {
         Self { most, taken: AtomicUsize::new(0) }
     }
 
-    /// Returns the result of `work`; `None` if the system has no thread left, or if `stop`, which is polled several
-    /// times a second, returns true before `work` is done.
+    /// Returns the result of `work`, computed on its own thread; `None` if the system has no thread left, or if `stop`,
+    /// which is polled several times a second, returns true before `work` is done.
     pub fn compute<T: Send + 'static>(
         &'static self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -43,7 +43,7 @@ impl Threads {
         let computing = move || {
             let computed = work();
             drop(place);
-            // Sending fails if the receiver has stopped waiting, which is harmless.
+            // Sending fails if the caller has stopped waiting for the result, which is harmless.
             let _ = done.send(computed);
         };
         thread::Builder::new().name("dvi-factors".to_owned()).spawn(computing).ok()?;
@@ -57,7 +57,7 @@ impl Threads {
         None
     }
 
-    /// Waits for a free thread; returns `None` once `stop` returns true.
+    /// Waits until the limit admits another thread; returns `None` once `stop` returns true.
     fn place(&'static self, stop: impl Fn() -> bool) -> Option<Taken> {
         let one_more = |taken| (taken < self.most).then_some(taken + 1);
         while self.taken.fetch_update(AcqRel, Relaxed, one_more).is_err() {
@@ -91,7 +91,8 @@ mod tests {
         assert_eq!(ONE.compute(|| 1, || false), Some(1));
         let abandoned = ONE.compute(move || released.recv().is_ok(), || true);
         assert_eq!(abandoned, None);
-        // The abandoned thread still counts: no other is admitted, and a stopped caller does not wait.
+        // The thread abandoned by its caller still counts towards the limit: no other is admitted, and a caller that is
+        // stopped does not wait.
         assert_eq!(ONE.compute(|| 2, || true), None);
         assert_eq!(ONE.taken.load(Relaxed), 1);
         release.send(()).expect("a thread that waits");

@@ -51,7 +51,8 @@ impl Cholesky {
         self.is_regular
     }
 
-    /// Solves in place of `right`; returns false if there is no factor, or the solution is not finite.
+    /// Solves the linear system in place of its right-hand side `right`; returns false if there is no factor, or the
+    /// solution is not finite.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         if !self.is_regular {
             return false;

@@ -39,19 +39,19 @@ impl Number for Complex<f64> {
     fn eliminate(_: &mut [Self], _: &mut [usize], _: &mut [Self]) {}
 }
 
-/// LU factors of an `n x n` matrix.
+/// LU factors of a dense `n x n` matrix.
 pub struct DenseLu<T> {
     /// The matrix in column-major order; after [`DenseLu::factorise`] its factors.
     entries: Vec<T>,
     /// The row permutation `P`: for each row of the factors, the index of the row of the matrix.
     permutation: Vec<usize>,
-    /// The reciprocals of the pivots.
+    /// The reciprocals of the pivots of the LU factors.
     reciprocals: Vec<T>,
     permuted: Vec<T>,
     blocks: Option<Blocks>,
 }
 
-/// Workspace of blocked elimination.
+/// Workspace of faer's blocked elimination.
 struct Blocks {
     inverse: Vec<usize>,
     memory: MemBuffer,
@@ -64,7 +64,7 @@ impl<T> fmt::Debug for DenseLu<T> {
 }
 
 impl<T: Number> DenseLu<T> {
-    /// Allocates for an `n x n` matrix.
+    /// Allocates the factors and the workspace for an `n x n` matrix.
     pub fn new(n: usize) -> Self {
         let blocks = (n > T::SMALL).then(|| Blocks {
             inverse: (0..n).collect(),
@@ -80,17 +80,18 @@ impl<T: Number> DenseLu<T> {
         }
     }
 
-    /// Returns the number `n` of rows.
+    /// Returns the number `n` of rows of the matrix.
     pub fn dimension(&self) -> usize {
         self.permutation.len()
     }
 
-    /// Returns the entries in column-major order, to be written before [`DenseLu::factorise`], which overwrites them.
+    /// Returns the entries of the matrix in column-major order, to be written before [`DenseLu::factorise`], which
+    /// overwrites them.
     pub fn entries(&mut self) -> &mut [T] {
         &mut self.entries
     }
 
-    /// Factorises the matrix whose entries were written.
+    /// Computes the LU factors of the matrix that was written to [`DenseLu::entries`].
     pub fn factorise(&mut self) {
         let n = self.permutation.len();
         match &mut self.blocks {
@@ -106,7 +107,8 @@ impl<T: Number> DenseLu<T> {
         }
     }
 
-    /// Solves in place of `right`; returns false if the solution is not finite, as the matrix is then singular.
+    /// Solves the linear system in place of its right-hand side `right`; returns false if the solution is not finite,
+    /// as the matrix is then singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
         of_size!(right.len(), |n| self.solve_of(n, right))
     }
@@ -133,7 +135,7 @@ impl<T: Number> DenseLu<T> {
     }
 }
 
-/// Subtracts a multiple of a column, `x -= factor column`.
+/// Subtracts a multiple of a matrix column from a vector, `x -= factor column`.
 #[inline(always)]
 fn subtract<T: Number>(x: &mut [T], factor: T, column: &[T]) {
     for (x, &entry) in x.iter_mut().zip(column) {

@@ -6,7 +6,7 @@
 //! reciprocals of the pivots, by which a substitution multiplies: a division would take as long as all of its other
 //! operations. The reciprocal of a zero pivot is not finite, which shows in every solution.
 
-/// Factorises a real `n x n` matrix in place, column by column.
+/// Computes the LU factors of a real `n x n` matrix in place, column by column.
 pub(super) fn eliminate(matrix: &mut [f64], permutation: &mut [usize], reciprocals: &mut [f64]) {
     of_size!(permutation.len(), |n| eliminate_of(n, matrix, permutation, reciprocals));
 }
@@ -72,19 +72,19 @@ impl ComplexLu {
     /// modulator), integration steps are rejected more often than with faer's blocked elimination.
     pub const MOST: usize = 10;
 
-    /// Allocates for an `n x n` matrix.
+    /// Allocates the factors and the workspace for an `n x n` matrix.
     pub fn new(n: usize) -> Self {
         let vector = || Split::new(n);
         Self { entries: Split::new(n * n), permutation: vec![0; n], reciprocals: vector(), permuted: vector() }
     }
 
-    /// Returns the real and the imaginary parts of the entries in column-major order, to be written before
+    /// Returns the real and the imaginary parts of the matrix entries in column-major order, to be written before
     /// [`ComplexLu::factorise`], which overwrites them.
     pub fn entries(&mut self) -> (&mut [f64], &mut [f64]) {
         (&mut self.entries.re, &mut self.entries.im)
     }
 
-    /// Factorises the matrix whose entries were written.
+    /// Computes the LU factors of the matrix that was written to [`ComplexLu::entries`].
     pub fn factorise(&mut self) {
         of_size!(self.permutation.len(), |n| self.factorise_of(n));
     }
@@ -134,8 +134,8 @@ impl ComplexLu {
         }
     }
 
-    /// Solves in place of the real and imaginary parts; returns false if the solution is not finite, as the matrix is
-    /// then singular.
+    /// Solves the linear system in place of the real and imaginary parts of its right-hand side; returns false if the
+    /// solution is not finite, as the matrix is then singular.
     pub fn solve(&mut self, right_re: &mut [f64], right_im: &mut [f64]) -> bool {
         of_size!(self.permutation.len(), |n| self.solve_of(n, right_re, right_im))
     }

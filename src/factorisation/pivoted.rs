@@ -9,23 +9,25 @@ pub struct Pivoted {
 }
 
 impl Pivoted {
-    /// Factorises a matrix.
+    /// Factorises a square matrix with complete pivoting.
     pub fn new(matrix: DMatrix<f64>) -> Self {
         Self { factors: matrix.full_piv_lu() }
     }
 
-    /// Returns the numerical rank: the number of pivots above the given fraction of the largest pivot.
+    /// Returns the numerical rank of the factorised matrix: the number of pivots above the given fraction of the
+    /// largest pivot.
     pub fn rank(&self, fraction: f64) -> usize {
         let pivots = self.factors.u().diagonal().abs();
         pivots.iter().filter(|pivot| **pivot > fraction * pivots.max()).count()
     }
 
-    /// Returns the inverse of a regular matrix; `None` if a pivot is zero.
+    /// Returns the inverse of the factorised matrix; `None` if a pivot is zero.
     pub fn inverse(&self) -> Option<DMatrix<f64>> {
         self.factors.try_inverse()
     }
 
-    /// Returns the solutions of a regular system; `None` if a pivot is zero.
+    /// Returns the solution `X` of `A X = B` with the factorised matrix `A` and `B` given by `right`; `None` if a pivot
+    /// is zero.
     pub fn solve(&self, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         self.factors.solve(right)
     }

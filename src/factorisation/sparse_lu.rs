@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// dimensions their cost grows with the square of the number of rows.
 const LARGE: usize = 200_000;
 
-/// The ordering and elimination tree of a pattern, for real and complex matrices alike.
+/// The ordering and elimination tree of a sparsity pattern, for real and complex matrices alike.
 #[derive(Clone, Debug)]
 pub struct Analysis(Arc<SymbolicLu<usize>>);
 
@@ -47,7 +47,7 @@ pub struct SparseLu<T> {
 }
 
 impl<T: ComplexField> SparseLu<T> {
-    /// Allocates for the analysed pattern; returns `None` if memory does not suffice.
+    /// Allocates LU factors for matrices of the analysed sparsity pattern; returns `None` if memory does not suffice.
     pub fn new(analysis: &Analysis) -> Option<Self> {
         let factor = analysis.0.factorize_numeric_lu_scratch::<T>(Par::Seq, Default::default());
         let solve = analysis.0.solve_in_place_scratch::<T>(1, Par::Seq);
@@ -76,8 +76,8 @@ impl<T: ComplexField> SparseLu<T> {
         self.is_factored
     }
 
-    /// Factorises unless `stop` returns true, which is polled several times a second: the factors of a large matrix
-    /// can take minutes. After a stop the factors are unusable.
+    /// Factorises a matrix with the analysed pattern unless `stop`, which is polled several times a second, returns
+    /// true: the factors of a large matrix can take minutes. After a stop the factors are unusable.
     pub fn factorise_unless(&mut self, matrix: &SparseMatrix<T>, stop: impl Fn() -> bool) -> bool
     where
         T: Send + Sync + 'static,
@@ -104,8 +104,8 @@ impl<T: ComplexField> SparseLu<T> {
         self.is_factored
     }
 
-    /// Solves in place of `right`; returns false if there are no factors, or the solution is not finite, as the
-    /// matrix is then singular.
+    /// Solves the linear system in place of its right-hand side `right`; returns false if there are no factors, or the
+    /// solution is not finite, as the matrix is then singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
         if !self.is_factored {
             return false;

@@ -61,8 +61,8 @@ pub fn least_eigenvalue(symmetric: &DMatrix<f64>) -> Option<f64> {
     Some(size * eigen.eigenvalues.min())
 }
 
-/// Returns the largest absolute entry, or one if all are zero; `None` if the matrix is empty or an entry is not
-/// finite.
+/// Returns the largest absolute entry of a matrix, or one if all are zero; `None` if the matrix is empty or an entry is
+/// not finite.
 fn size(matrix: &DMatrix<f64>) -> Option<f64> {
     let size = matrix.amax();
     let is_finite = !matrix.is_empty() && matrix.iter().all(|entry| entry.is_finite());

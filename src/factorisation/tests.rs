@@ -4,7 +4,7 @@ use super::{Analysis, Cholesky, DenseLu, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use nalgebra::{Complex, DMatrix, DVector};
 
-/// Returns a matrix with a zero diagonal entry and entries on five diagonals.
+/// Returns the entries of an `n x n` matrix on five diagonals, with a zero diagonal entry.
 fn band(n: usize) -> Vec<(usize, usize, f64)> {
     let mut entries = Vec::new();
     for i in 0..n {

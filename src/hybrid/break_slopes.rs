@@ -3,13 +3,16 @@
 use numerics::CENTRAL_DIFFERENCE;
 
 /// Shift of a parameter for a central difference: the size of the shift, and the values, at the breakpoint, of the
-/// functions that are continuous there, with the parameter increased and decreased by that size.
+/// functions whose sign changes are breakpoints and that are continuous there, with the parameter increased and
+/// decreased by that size.
 pub type Shift = (f64, [Vec<f64>; 2]);
 
-/// Why the time of a breakpoint has no derivative.
+/// Why the time of a breakpoint (a time at which equations change their form) has no derivative with respect to a
+/// parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoSlope {
-    /// A function touches zero at the breakpoint: its rate of change in time vanishes.
+    /// The function whose sign change is the breakpoint touches zero at the breakpoint: its rate of change in time
+    /// vanishes.
     Grazing,
     /// Several breakpoints coincide, and move apart when a parameter changes.
     Several,

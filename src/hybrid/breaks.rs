@@ -28,8 +28,8 @@ const ONE: f64 = 1e3;
 /// much larger one would move breakpoints.
 const AT_END: f64 = 8.0;
 
-/// Number of breakpoints over which their mean distance in time is taken: the distances in a shorter burst do not
-/// predict later ones.
+/// Number of breakpoints over which their mean distance in time is taken: the distances in a shorter burst of
+/// breakpoints do not predict later ones.
 const WINDOW: u32 = 10_000;
 
 /// Equations that change their form at breakpoints.
@@ -62,29 +62,30 @@ impl Breaking for dyn Mechanical + '_ {
     }
 }
 
-/// An interval of time over which enclosures prove that no function changes its sign.
+/// An interval of time over which enclosures prove that none of the functions whose sign changes are breakpoints
+/// changes its sign.
 #[derive(Clone, Copy, Debug)]
 struct Unbroken {
     from: f64,
     until: f64,
-    /// The floating-point numbers before and at the sign change of a function that ends the interval, if one was
+    /// The floating-point numbers before and at the sign change (a breakpoint) that ends the interval, if one was
     /// found.
     change: Option<(f64, f64)>,
 }
 
-/// State of the search for breakpoints.
+/// State of the search for breakpoints (times at which equations change their form) along a run.
 #[derive(Clone, Debug)]
 pub struct Breaks {
-    /// Number of breakpoints passed, and the time from which they are counted: the start of the run, or the last
-    /// breakpoint when their mean distance was taken.
+    /// Number of breakpoints passed in the present count, and the time from which they are counted: the start of the
+    /// run, or the last breakpoint when their mean distance was taken.
     window: (u32, f64),
     /// Signs, at the beginning of the step, of the functions that change sign at breakpoints; 0 for a function that
     /// is zero.
     signs: Vec<f64>,
     /// Subintervals of the step still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
-    /// The interval that was enclosed last: a step that is repeated with another size, and a probe of its beginning, need
-    /// no enclosures of their own.
+    /// The interval over which functions were enclosed last: a step that is repeated with another size, and a probe of
+    /// its beginning, need no enclosures of their own.
     unbroken: Option<Unbroken>,
     /// Time of the last breakpoint (or the start of the run), and the time between the last two breakpoints.
     last: f64,
@@ -98,7 +99,7 @@ pub struct Breaks {
 }
 
 impl Breaks {
-    /// Starts the search for a run that begins at time `t`.
+    /// Starts the search for breakpoints in a run that begins at time `t`.
     pub fn new(t: f64) -> Self {
         Self {
             window: (0, t),
@@ -125,8 +126,8 @@ impl Breaks {
         self.at
     }
 
-    /// Cuts a step of size `h` from `t` at the first breakpoint and returns its size; zero if the run must first
-    /// [pass](Self::pass) the breakpoint.
+    /// Cuts a step of size `h` from `t` at the first breakpoint within it and returns the size of the cut step; zero if
+    /// the run must first [pass](Self::pass) the breakpoint.
     pub fn up_to_break(&mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
         self.after = None;
         let noise = f64::EPSILON * (ONE * t.abs() + h);
@@ -163,7 +164,7 @@ impl Breaks {
     }
 
     /// Returns the size of a step from `t` to `end`. If `end` lies between the last breakpoint and the time at which
-    /// the run continued behind it, the step ends before that breakpoint.
+    /// the run continued behind it, the step ends before that breakpoint instead.
     pub fn size_up_to(&self, t: f64, end: f64) -> f64 {
         let is_at_break = self.before < end && end <= self.last;
         if is_at_break && t < self.before { length(t, self.before) } else { end - t }
@@ -207,10 +208,11 @@ impl Breaks {
         end: f64,
         h: f64,
     ) -> Option<Option<(f64, f64)>> {
-        // A function that is zero at the beginning of an interval and positive behind may return to zero within it.
+        // Take the known interval only if no function is zero at the beginning: a function that is zero there and
+        // positive behind may return to zero within the interval.
         let known = self.unbroken.filter(|known| {
             // Behind a breakpoint, the beginning of a search contains a rounding term that depends on the step size:
-            // allow for it.
+            // allow for it in the comparison with the known interval.
             let from = known.from - f64::EPSILON * (known.until - known.from);
             (from..=known.until).contains(&begin) && self.signs.iter().all(|sign| *sign != 0.0)
         });
@@ -232,8 +234,8 @@ impl Breaks {
         found
     }
 
-    /// Encloses the functions from `begin` to `end`, and returns the numbers before and at their first sign change as
-    /// [`first_proven`](Self::first_proven) does.
+    /// Encloses the functions whose sign changes are breakpoints from `begin` to `end`, and returns the numbers before
+    /// and at their first sign change as [`first_proven`](Self::first_proven) does.
     fn first_enclosed(
         &mut self,
         problem: &mut (impl Breaking + ?Sized),
@@ -265,7 +267,8 @@ impl Breaks {
         Some(None)
     }
 
-    /// Whether no function changes its sign over an interval, by enclosures; `None` if there are none.
+    /// Whether enclosures prove that no function (whose sign changes are breakpoints) changes its sign over an interval
+    /// of time; `None` if there are none.
     fn is_proven(&self, problem: &mut (impl Breaking + ?Sized), t: Interval) -> Option<bool> {
         let ranges = problem.enclose_breaks(t);
         let keeps = |(range, sign): (&Interval, &f64)| match *sign {
@@ -304,12 +307,14 @@ impl Breaks {
         }
         let behind = bracket.behind.0;
         let until = bracket.before.0 - ONE * f64::EPSILON * behind.abs();
-        // Others may change their signs within rounding of the root: the first of them is the breakpoint.
+        // Other functions may change their signs within rounding of the root of this one: the first of these sign
+        // changes is the breakpoint.
         let is_first = until > a && self.is_proven(problem, Interval::new(a, until))?;
         is_first.then(|| self.refined(problem, a, (until, behind)))
     }
 
-    /// Bisects an interval with a sign change to the resolution of its distance from `begin`, however long the step is.
+    /// Bisects an interval of time with a breakpoint to the resolution of its distance from `begin`, however long the
+    /// step is.
     fn refined(&self, problem: &mut (impl Breaking + ?Sized), begin: f64, interval: (f64, f64)) -> (f64, f64) {
         let (mut before, mut after) = interval;
         while before > begin && after - before > f64::EPSILON * (after - begin) {
@@ -322,7 +327,8 @@ impl Breaks {
         (before, after)
     }
 
-    /// Returns the floating-point numbers before and at the first sign change of a function that samples detect.
+    /// Returns the floating-point numbers before and at the first sign change of a function (a breakpoint) that samples
+    /// of the functions detect.
     fn first_sampled(
         &self,
         problem: &mut (impl Breaking + ?Sized),
@@ -348,8 +354,8 @@ impl Breaks {
         None
     }
 
-    /// Whether a function has reached or passed zero by time `t`; a function that is zero at the beginning of the
-    /// step counts only if it has become negative.
+    /// Whether a function whose sign changes are breakpoints has reached or passed zero by time `t`; a function that is
+    /// zero at the beginning of the step counts only if it has become negative.
     fn has_broken(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> bool {
         let is_broken = |(value, sign): (&f64, &f64)| match *sign {
             sign if sign < 0.0 => *value >= 0.0,
@@ -359,8 +365,8 @@ impl Breaks {
         problem.breaks(t).iter().zip(&self.signs).any(is_broken)
     }
 
-    /// Returns the first floating-point number from `t` on, within a few units of rounding, at which no function is
-    /// zero; `t` if there is none.
+    /// Returns the first floating-point number from `t` on, within a few units of rounding, at which no function whose
+    /// sign changes are breakpoints is zero; `t` if there is none.
     fn behind(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> f64 {
         let mut after = t;
         for _ in 0..AT_END as u32 {
@@ -417,8 +423,8 @@ mod tests {
         let mut breaks = Breaks::new(0.0);
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.5), 0.5);
         assert_eq!(problem.enclosed, 1);
-        // None of these needs a new enclosure: a probe of the beginning of the step, the step repeated with half its
-        // size, and the next step up to the end of the first attempt.
+        // None of the following searches for breakpoints needs a new enclosure: a probe of the beginning of the step,
+        // the step repeated with half its size, and the next step up to the end of the first attempt.
         assert_eq!(breaks.part_before(&mut problem, 0.0, 0.1), 0.1);
         assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.25), 0.25);
         assert_eq!(breaks.up_to_break(&mut problem, 0.25, 0.25), 0.25);
@@ -427,13 +433,13 @@ mod tests {
         // A longer step ends before the first breakpoint, wherever the step begins.
         let first = 0.5 + breaks.up_to_break(&mut problem, 0.5, 2.0);
         assert!(first < 1.0 && 1.0 - first < 1e-15, "{first}");
-        // Two more enclosures: one of the whole step, and one of the interval before the first root.
+        // Two more enclosures of the functions: one of the whole step, and one of the interval before the first root.
         assert_eq!(problem.enclosed, 3);
         let enclosed = problem.enclosed;
         assert_eq!(0.75 + breaks.up_to_break(&mut problem, 0.75, 0.75), first);
         assert_eq!(breaks.up_to_break(&mut problem, 0.75, 0.125), 0.125);
         assert_eq!(problem.enclosed, enclosed);
-        // The second breakpoint is found behind the first.
+        // After the first of the two breakpoints is passed, the search finds the second, later one.
         breaks.up_to_break(&mut problem, first, 2.0);
         let after = breaks.after().unwrap_or(1.0);
         breaks.pass(after);

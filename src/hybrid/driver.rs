@@ -9,17 +9,17 @@
 //! [`Automaton`]) defines these operations for its modes: faces of `K`, contact modes, faces of a problem with a
 //! memory kernel, active sets of obstacles. It also defines the data that it keeps over its attempts at one step.
 
-/// An engine: an integrator that follows a hybrid automaton.
+/// An engine: an integrator whose run follows a hybrid automaton: modes with smooth equations, and events between them.
 pub trait Automaton {
     /// Data kept over the attempts at one step, such as the number of cuts; dropped when a step is accepted.
     type Attempts: Default;
     /// A step whose equations are solved, and that is not yet accepted.
     type Step;
-    /// A violation of a monitor within a step.
+    /// A violation of a monitor (event function of the mode) within a step.
     type Violation;
     /// The event (such as a switch or an impact) at the end of a step.
     type Event;
-    /// The reason why no step is made.
+    /// The reason why the engine makes no step.
     type Error;
 
     /// Proposes the size of the next attempt.
@@ -87,10 +87,10 @@ pub trait Automaton {
     ) -> Result<(), Self::Error>;
 }
 
-/// The next attempt at a step.
+/// The next attempt at a step, which the engine proposes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Proposal {
-    /// Attempt a step of this size.
+    /// Attempt to make a step of this size.
     Step(f64),
     /// No attempt: the run has passed a breakpoint without a step, and has to propose a size again.
     Again,
@@ -99,9 +99,9 @@ pub enum Proposal {
 /// Result of solving the equations of a mode over a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solved<S> {
-    /// The step, whose equations are solved.
+    /// The step; its equations are solved over its whole size.
     Step(S),
-    /// The equations have changed their form: the same step size is tried again.
+    /// The equations of the mode have changed their form: the same step size is tried again.
     Again,
     /// The equations of the mode have no solution over the step, or none was found.
     Lost,
@@ -111,23 +111,23 @@ pub enum Solved<S> {
     Passed,
 }
 
-/// Result of the screening of a step.
+/// Result of the screening of a step for violations of monitors (event functions).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened<V> {
-    /// No monitor is violated: the mode continues to the end of the step.
+    /// No monitor (event function) is violated: the mode continues to the end of the step.
     Clear,
     /// The mode is known to continue only over a step of this size, which is solved next.
     Shorter(f64),
-    /// A monitor is violated.
+    /// A monitor (event function) is violated within the step, so that the mode ends there.
     Violated(V),
 }
 
-/// Result of the location of an event.
+/// Result of the location of the event that ends the mode within a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Located<S, E> {
     /// The step ends at the event, or before the event and then without one.
     Ends(S, Option<E>),
-    /// The step has been cut, perhaps at an event, and the shorter step is screened again.
+    /// The step has been cut, perhaps at an event, and the shorter step is screened for further events.
     Cut(S, Option<E>),
     /// A step of this size is solved next: the event was at the beginning, where the mode has changed, or it is sought
     /// in a shorter step.
@@ -157,7 +157,7 @@ pub fn advance<A: Automaton>(automaton: &mut A) -> Result<(), A::Error> {
     }
 }
 
-/// Result of one attempt at a step.
+/// Result of one attempt of the engine at a step.
 enum Reached<S, E> {
     Step(S, Option<E>),
     /// The attempt at the step was rejected.

@@ -10,19 +10,20 @@ use numerics::Interval;
 /// each binary digit of a double; more stay undecided where a monitor touches zero, since enclosures prove little
 /// there.
 const MOST_PARTS: usize = 400;
-/// Number of samples of the monitors over a step without enclosures.
+/// Number of samples of the monitors (event functions) over a step over which they cannot be enclosed.
 const SAMPLES: f64 = 32.0;
 /// Time resolution of the sign changes of one monitor, relative to the step: rounding splits one sign change into
 /// several. Two sign changes within this distance cancel if both lie in one subinterval; a sign change within this
 /// distance behind a located one is ignored.
 const ONE: f64 = 1e-9;
-/// Bound on a monitor that rests at zero over a subinterval, in units of its enclosure at the end of the subinterval,
-/// which contains zero: rounding errors differ along the way.
+/// Bound on a monitor (event function) that rests at zero over a subinterval, in units of its enclosure at the end of
+/// the subinterval, which contains zero: rounding errors differ along the way.
 const RESTING: f64 = 8.0;
-/// Tolerance on an event time, in units of rounding: the times of a step are sums that err by a unit or two each.
+/// Tolerance on an event time, in units of its rounding error: the times of a step are sums that err by a unit or two
+/// each.
 const FOUND: f64 = 4.0;
 
-/// A step with dense output, along which monitors are evaluated.
+/// A step with dense output, along which monitors (event functions) are evaluated.
 pub trait Followed {
     /// Writes the values of the monitors at time `t` within the step to `out`.
     fn monitors(&mut self, t: f64, out: &mut [f64]);
@@ -38,12 +39,12 @@ pub trait Followed {
     }
 }
 
-/// A sign change of a monitor.
+/// A sign change of a monitor (event function): an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
     /// First floating-point time at which the new sign of the monitor is seen.
     pub t: f64,
-    /// Index of the monitor.
+    /// Index of the monitor that changes sign.
     pub monitor: usize,
     /// Whether the monitor rises: from below zero to zero or above, or from a rest at zero.
     pub is_rising: bool,
@@ -52,23 +53,23 @@ pub struct Crossing {
     pub returns: bool,
 }
 
-/// The search for the next sign change of the monitors.
+/// The search for the next sign change of the monitors (event functions) along a run.
 #[derive(Clone, Debug)]
 pub struct Monitors {
     signs: Vec<Sign>,
     /// Whether the signs of the monitors at the start of a run are still to be found.
     is_new: bool,
     values: Vec<f64>,
-    /// Enclosures of the monitors over a subinterval, and at one time.
+    /// Enclosures of the monitors over a subinterval, and at the time of the last evaluation.
     ranges: Vec<Interval>,
     points: Vec<Interval>,
-    /// Subintervals of a step still to be examined, as a stack: the earliest is last.
+    /// Subintervals of a step still to be examined for sign changes, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
-    /// Number of steps whose sign changes are not proven to be found completely.
+    /// Number of steps in which the search is not proven to have found all sign changes of the monitors.
     pub open: u64,
 }
 
-/// The sign of a monitor at the time up to which the step has been examined.
+/// The sign of a monitor (event function) at the time up to which the step has been examined.
 #[derive(Clone, Copy, Debug)]
 struct Sign {
     /// Present sign: 1, -1, or 0 for a value that is zero or cannot be told from zero by its enclosure.
@@ -188,7 +189,8 @@ impl Monitors {
         }
     }
 
-    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change.
+    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change of every
+    /// monitor.
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
         for (sign, range) in self.signs.iter_mut().zip(&self.ranges) {
@@ -202,8 +204,8 @@ impl Monitors {
         are_clear
     }
 
-    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change, if a monitor
-    /// at zero stays there as long as its enclosure is hardly larger than the enclosure at `b`.
+    /// Whether the enclosures of the monitors over a subinterval that ends at `b` exclude a sign change of every
+    /// monitor, if a monitor at zero stays there as long as its enclosure is hardly larger than the enclosure at `b`.
     fn are_clear_or_rest(&self, b: f64) -> bool {
         self.signs.iter().zip(&self.ranges).zip(&self.points).all(|((sign, range), point)| {
             let rests = sign.now == 0.0 && range.size() <= RESTING * point.size();
@@ -211,7 +213,7 @@ impl Monitors {
         })
     }
 
-    /// Evaluates the monitors at `t`.
+    /// Evaluates the monitors (event functions) and their enclosures at time `t` within the step.
     fn evaluate(&mut self, step: &mut impl Followed, t: f64) {
         step.monitors(t, &mut self.values);
         if !step.enclose_at(t, &mut self.points) {
@@ -236,7 +238,8 @@ impl Monitors {
         })
     }
 
-    /// Updates the signs at `t`, where the monitors were evaluated, up to the first sign change that is an event.
+    /// Updates the recorded signs of the monitors at `t`, where the monitors were evaluated, up to the first sign
+    /// change that is an event.
     fn pass(&mut self, t: f64, h: f64) -> Option<Crossing> {
         while let Some((monitor, to)) = self.changed(t) {
             let sign = &mut self.signs[monitor];
@@ -266,7 +269,7 @@ fn is_zero(range: Interval) -> bool {
     range.defined && range.lo == 0.0 && range.hi == 0.0
 }
 
-/// Returns the sign of a monitor that its enclosure proves; zero if it proves none.
+/// Returns the sign of a monitor over a whole subinterval if its enclosure `range` proves one, otherwise zero.
 fn sign_within(range: Interval) -> f64 {
     f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0))
 }

@@ -8,12 +8,12 @@ use numerics::Interval;
 
 /// A one-step method with dense output, in a run from one time to another.
 pub trait OneStep {
-    /// The reason why no step is made.
+    /// The reason why the method makes no step.
     type Error;
-    /// State of a run on which later steps depend.
+    /// State of a run on which later steps depend, to which the run can return.
     type Saved;
 
-    /// Returns the order of convergence of the values at the ends of steps.
+    /// Returns the order of convergence of the method, that of the values at the ends of steps.
     fn order(&self) -> usize;
 
     /// Returns the time that the run has reached.
@@ -22,7 +22,7 @@ pub trait OneStep {
     /// Returns the unknowns at the time that the run has reached.
     fn y(&self) -> &[f64];
 
-    /// Whether the end of the run is reached.
+    /// Whether the run has reached its end time.
     fn is_done(&self) -> bool;
 
     /// Returns the size of the next step, as far as it is known.
@@ -57,6 +57,6 @@ pub trait OneStep {
     /// bit.
     fn save(&mut self) -> Self::Saved;
 
-    /// Continues the run from one of its saved points.
+    /// Continues the run from one of its saved states.
     fn restore(&mut self, saved: &Self::Saved);
 }

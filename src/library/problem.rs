@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// A factor of the convex set `K`, for some of the variables of the variational inequality.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Set {
-    /// The whole space: the inequality becomes the equation `G = 0`.
+    /// The whole space: the inequality of the variables becomes the equation `G = 0`.
     Free,
     /// Complementarity: variables `z >= 0`, with `G >= 0` and `z G = 0`.
     Nonnegative,
@@ -26,14 +26,14 @@ pub enum Set {
         /// Upper bound of every variable in the box.
         upper: f64,
     },
-    /// A Euclidean ball for the vector of the variables.
+    /// A Euclidean ball about the origin, for the vector of the variables.
     Ball {
-        /// Radius of the ball.
+        /// Radius of the ball about the origin.
         radius: f64,
     },
     /// The second-order cone: the first variable is at least the Euclidean norm of the others.
     SecondOrderCone,
-    /// The unit simplex: all variables nonnegative, with sum one.
+    /// The unit simplex: all variables in the set are nonnegative, with sum one.
     Simplex,
 }
 
@@ -137,21 +137,21 @@ impl Problem {
         Self::default()
     }
 
-    /// Adds a state with its initial value.
+    /// Adds a state to the problem, with its initial value.
     #[must_use]
     pub fn state(mut self, name: &str, initial: f64) -> Self {
         self.functions.states.push((name.to_owned(), initial));
         self
     }
 
-    /// Adds variables, constrained to a set.
+    /// Adds variables of the variational inequality, constrained to a set.
     #[must_use]
     pub fn variables(mut self, names: &[&str], set: Set) -> Self {
         self.functions.variables.push((names.iter().copied().map(str::to_owned).collect(), set));
         self
     }
 
-    /// Sets the constant mass matrix `M`, by rows; it may be singular. Default: the identity.
+    /// Sets the constant mass matrix `M` of `M x' = F`, by rows; it may be singular. Default: the identity.
     #[must_use]
     pub fn mass(mut self, rows: &[&[f64]]) -> Self {
         self.functions.mass = Some(rows.iter().map(|row| row.to_vec()).collect());
@@ -223,7 +223,8 @@ impl Problem {
             let error = SpecificationError::new("/problem", "conflict", "a problem in text has no functions beside it");
             return Err(refused(error.expected("`Problem::new()`, or all of it in text")));
         }
-        // Text with missing or surplus brackets could absorb the keys written after it, so it is parsed alone first.
+        // JSON text of a problem with missing or surplus brackets could absorb the keys of the specification that are
+        // written after it, so it is parsed alone first.
         serde_json::from_str::<&RawValue>(text)
             .map_err(|error| refused(SpecificationError::new("/problem", "syntax", error.to_string())))?;
         read(text)
@@ -232,9 +233,9 @@ impl Problem {
 
 impl Functions {
     /// Returns the problem in the JSON notation of a specification, in the order of definition, with placeholders for
-    /// its equations.
+    /// its equations, which are Rust functions.
     fn written(&self) -> String {
-        // Placeholders: a constant state, and a variable of index 1.
+        // Placeholders for the equations: a constant state, and a variable of index 1.
         let states = self
             .states
             .iter()

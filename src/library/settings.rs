@@ -5,12 +5,12 @@ use serde_json::{Map, Value, json};
 /// The absolute tolerances of the states, each in the unit of its state. They should be below the smallest value of interest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum AbsoluteTolerance {
-    /// A thousandth of the relative tolerance, for every state.
+    /// A thousandth of the relative tolerance, as the absolute tolerance of every state.
     #[default]
     ThousandthOfRelative,
-    /// One tolerance for all states.
+    /// One absolute tolerance for all states.
     Uniform(f64),
-    /// One tolerance per state, by name; states that are not named have the default.
+    /// One absolute tolerance per state, by name; states that are not named have the default.
     PerState(Vec<(String, f64)>),
 }
 
@@ -23,7 +23,7 @@ pub enum AbsoluteTolerance {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// The time of the initial values.
+    /// The start time, at which the initial values are given.
     pub start: f64,
     /// The relative tolerance of the local error, from 1e-14 to 0.1.
     pub rtol: f64,
@@ -34,17 +34,17 @@ pub struct Settings {
     pub stages: Option<usize>,
     /// A fixed step size; `None` for steps that follow from the error estimate.
     pub step: Option<f64>,
-    /// The first step size to try.
+    /// The first step size to try in the run.
     pub first_step: Option<f64>,
-    /// The largest step size.
+    /// The largest step size of the run.
     pub max_step: Option<f64>,
     /// The smallest step size; a run that needs a smaller step fails.
     pub min_step: Option<f64>,
-    /// The output times, increasing; `None` for the end of every step.
+    /// The output times of the trajectory, increasing; `None` for output at the end of every step.
     pub times: Option<Vec<f64>>,
-    /// The names of the columns to keep; `None` for all.
+    /// The names of the columns of the trajectory to keep; `None` for the default columns.
     pub fields: Option<Vec<String>>,
-    /// Whether to estimate the global error at the end, by a second and more accurate run.
+    /// Whether to estimate the global error at the end time, by a second and more accurate run.
     pub global_error: bool,
     /// The longest wall-clock time that the solve may take, in seconds.
     pub seconds: Option<f64>,
@@ -70,7 +70,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Returns the keys of a specification other than `problem`, for a run up to the time `end`, as JSON.
+    /// Returns the keys of a specification other than `problem`, for a run up to the time `end`, as JSON members.
     pub(crate) fn written(&self, end: f64) -> Map<String, Value> {
         let atol = match &self.atol {
             AbsoluteTolerance::ThousandthOfRelative => None,
@@ -102,7 +102,7 @@ impl Settings {
     }
 }
 
-/// Returns a JSON object of the entries that have a value.
+/// Returns a JSON object with those of the entries that have a value.
 fn object<const N: usize>(entries: [(&str, Option<Value>); N]) -> Map<String, Value> {
     entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
 }

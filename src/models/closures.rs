@@ -6,11 +6,12 @@ use problem::{Dvi, Structure};
 use std::fmt;
 use std::sync::Arc;
 
-/// A function that writes `F` (`n` rates) and `G` (`m` inequalities) at `(t, x, z)`; arguments `(t, x, z, F, G)`.
+/// A user's function that writes `F` (`n` rates) and `G` (`m` inequality functions) at `(t, x, z)`; arguments
+/// `(t, x, z, F, G)`.
 pub type RowFunction = dyn Fn(f64, &[f64], &[f64], &mut [f64], &mut [f64]) + Send + Sync;
 
-/// A function that writes the derivatives of `F`, then `G`, with respect to `x`, then `z`, row by row; arguments `(t,
-/// x, z, derivatives)`.
+/// A user's function that writes the derivatives of `F`, then `G`, with respect to `x`, then `z`, row by row; arguments
+/// `(t, x, z, derivatives)`.
 pub type DerivativeFunction = dyn Fn(f64, &[f64], &[f64], &mut [f64]) + Send + Sync;
 
 /// The equations of a differential variational inequality as Rust functions, with a workspace.
@@ -19,13 +20,13 @@ pub struct Closures {
     structure: Structure,
     rows: Arc<RowFunction>,
     derivatives: Option<Arc<DerivativeFunction>>,
-    /// The length of the time interval, which scales the increment of differences in time.
+    /// The length of the time interval of the solve, which scales the increment of finite differences in time.
     span: f64,
-    /// The largest magnitude of each unknown so far, which scales the increment of a difference where the unknown is
-    /// zero.
+    /// The largest magnitude of each unknown of `(x, z)` so far, which scales the increment of a finite difference
+    /// where the unknown is zero.
     met: Vec<f64>,
     y: Vec<f64>,
-    /// The values of `F` and `G` at both ends of a central difference.
+    /// The values of `F` and `G` at both evaluation points of a central difference.
     ends: [Vec<f64>; 2],
 }
 
@@ -35,15 +36,15 @@ impl fmt::Debug for Closures {
     }
 }
 
-/// Returns the increment of a central difference relative to the size of the unknown, at which truncation and
-/// rounding errors balance: the cube root of the rounding unit.
+/// Returns the increment of a central difference, relative to the size of the unknown, at which truncation and rounding
+/// errors balance: the cube root of the rounding unit.
 fn change() -> f64 {
     cube_root(f64::EPSILON)
 }
 
 impl Closures {
-    /// Creates equations of the given structure over a time interval of length `span`. The bounds of the structure
-    /// must be constant; its sparsity pattern is replaced by a full one.
+    /// Creates equations given as Rust functions, with the given structure, over a time interval of length `span`. The
+    /// bounds of the structure must be constant; its sparsity pattern is replaced by a full one.
     pub fn new(
         mut structure: Structure,
         rows: Arc<RowFunction>,
@@ -62,7 +63,7 @@ impl Closures {
     }
 
     /// Calls the user's function at time `t` and the unknowns `y` of the workspace, and stores `F` and `G` as the
-    /// values at end `end` (0 or 1) of a central difference.
+    /// values at evaluation point `end` (0 or 1) of a central difference.
     fn at_end(&mut self, end: usize, t: f64) {
         let n = self.structure.states;
         let (rates, inequality) = self.ends[end].split_at_mut(n);
@@ -135,7 +136,7 @@ mod tests {
     use super::*;
     use problem::{ConvexSet, Mass};
 
-    /// Compares difference quotients with the known derivatives of a function, for unknowns whose magnitudes are far
+    /// Compares central differences with the known derivatives of a function, for unknowns whose magnitudes are far
     /// from one, and for an unknown that is zero.
     #[test]
     fn differences_have_two_thirds_of_the_digits() {
@@ -160,7 +161,8 @@ mod tests {
         let mut derivatives = [0.0; 9];
         closures.jacobian(0.3, &y, &mut derivatives);
         let exact = [0.0, 2.0, 0.0, -(1.0_f64.cos()) * 1e9, 0.0, 1.0, 1.0, 0.0, 3.0];
-        // Rounding error of the terms of a row, divided by the increment of the unknown in a central difference.
+        // Rounding error of the terms of a row of `F` or `G`, divided by the increment of the unknown in a central
+        // difference.
         let rounding = [1e6 * 1e-16 / 6e-9, 0.0, 0.0];
         for (k, (found, exact)) in derivatives.iter().zip(exact).enumerate() {
             let allowed = 1e-9 * f64::abs(exact) + rounding[k % 3];

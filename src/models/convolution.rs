@@ -11,23 +11,25 @@ use analysis::{Analysis, analyse_memory};
 use convolution::Kernel;
 use nalgebra::DMatrix;
 
-/// A convolution inequality (a problem with memory) with the names of its outputs.
+/// A convolution inequality (a problem with memory): the forcing, the kernel and the names of the outputs.
 #[derive(Clone, Debug)]
 pub struct ConvolutionModel {
-    /// The forcing `q` and the set `K`, as a problem without states whose inequality function is `q(t)`.
+    /// The forcing `q` and the set `K` of the convolution inequality, as a problem without states whose inequality
+    /// function is `q(t)`.
     pub forcing: DviModel,
-    /// The kernel `m` of the convolution.
+    /// The kernel `m` of the convolution in the inequality function.
     pub kernel: Kernel,
-    /// The exponent `a` in `m(t) ~ t^(a-1)` at zero, with `0 < a <= 2`.
+    /// The exponent `a` of the kernel `m(t) ~ t^(a-1)` at time zero, with `0 < a <= 2`.
     pub index: f64,
-    /// The leading matrix `M` in `m(t) ~ M t^(a-1)` at zero, up to a positive factor.
+    /// The leading matrix `M` of the kernel `m(t) ~ M t^(a-1)` at time zero, up to a positive factor.
     pub at_zero: DMatrix<f64>,
-    /// The names of `z`, of the integral of `z`, and of `G`, in this order.
+    /// The names of the outputs: the variables `z`, the integrals of `z`, and `G`, in this order.
     pub output_names: Vec<String>,
 }
 
 impl ConvolutionModel {
-    /// Builds the model and names its outputs `z`, `integral_z` and `G_z`; appends `_` to avoid duplicates.
+    /// Builds the model and names its outputs `z`, `integral_z` and `G_z` after each variable `z`; appends `_` to avoid
+    /// duplicates.
     pub fn new(forcing: DviModel, kernel: Kernel, index: f64, at_zero: DMatrix<f64>) -> Self {
         let mut output_names = forcing.variable_names.clone();
         for prefix in ["integral", "G"] {
@@ -42,12 +44,12 @@ impl ConvolutionModel {
         Self { forcing, kernel, index, at_zero, output_names }
     }
 
-    /// Returns the number of variables `z`.
+    /// Returns the number of variables `z` of the convolution inequality.
     pub fn variables(&self) -> usize {
         self.forcing.variable_names.len()
     }
 
-    /// Analyses existence and uniqueness according to the theory of convolution inequalities.
+    /// Analyses existence and uniqueness of the solution according to the theory of convolution inequalities.
     pub fn analyse(&self) -> Analysis {
         analyse_memory(self.index, &self.at_zero)
     }

@@ -1,4 +1,4 @@
-//! A differential variational inequality with its names and initial values. A model can be solved any number of times.
+//! A differential variational inequality with its names and initial values, which can be solved any number of times.
 
 use super::{Closures, Linear, Outputs, Parameters, Symbolic};
 use analysis::{Analysis, analyse};
@@ -8,46 +8,47 @@ use problem::{Dvi, Structure};
 /// The equations of a differential variational inequality, in one of three forms.
 #[derive(Clone, Debug)]
 pub enum Equations {
-    /// Rates and inequality functions as symbolic expressions.
+    /// Rates `F` and inequality functions `G` as symbolic expressions.
     Symbolic(Box<Symbolic>),
-    /// A linear complementarity system: constant matrices, and a forcing that depends on time.
+    /// A linear complementarity system: constant matrices, and a forcing that depends on time alone.
     Linear(Box<Linear>),
-    /// `F` and `G` as Rust functions, of which only values are available.
+    /// Rates `F` and inequality functions `G` as Rust functions, of which only values are available.
     Closures(Box<Closures>),
 }
 
 /// Advice for the user when time steps chatter across a kink of the rates.
 #[derive(Clone, Debug, Default)]
 pub struct KinkAdvice {
-    /// Descriptions of the kinks of the equations in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    /// Descriptions of the kinks of the rates in the order of [`Dvi::kinks`], such as "`sign` of `x`".
     pub names: Vec<String>,
-    /// The problem as a JSON specification, with each kink replaced by a variable in a convex set.
+    /// The reformulated problem as a JSON specification, with each kink replaced by a variable in a convex set.
     pub as_set: Option<String>,
 }
 
 /// A differential variational inequality with its names, its initial values and its warnings.
 #[derive(Clone, Debug)]
 pub struct DviModel {
-    /// The names of the `n` states of the problem.
+    /// The names of the `n` states of the differential variational inequality.
     pub state_names: Vec<String>,
-    /// The names of the `m` variables of the problem.
+    /// The names of the `m` variables of the differential variational inequality.
     pub variable_names: Vec<String>,
     /// The outputs of the model besides its states and variables.
     pub outputs: Outputs,
-    /// The initial states, `n` finite values.
+    /// The initial values of the `n` states, which are finite.
     pub initial: Vec<f64>,
     /// The compiled equations of the differential variational inequality.
     pub equations: Equations,
-    /// Warnings for the user, known before the problem is solved.
+    /// Warnings to the user about the model, known before the problem is solved.
     pub warnings: Vec<Warning>,
     /// Advice for the user when time steps chatter across a kink of the rates.
     pub kinks: KinkAdvice,
-    /// The parameters of the problem; `None` if it has none or if they were folded into constants.
+    /// The parameters of the problem, to which new values can be bound; `None` if it has none or if they were folded
+    /// into constants.
     pub parameters: Option<Parameters>,
 }
 
 impl Equations {
-    /// Returns the sizes, the convex set and the sparsity pattern of the equations.
+    /// Returns the sizes, the convex set `K` and the sparsity pattern of the equations.
     pub fn structure(&self) -> &Structure {
         match self {
             Self::Symbolic(equations) => equations.structure(),
@@ -74,7 +75,7 @@ impl Equations {
 }
 
 impl DviModel {
-    /// Returns a new evaluator of the equations with its own workspace.
+    /// Returns a new evaluator of the model's equations with its own workspace.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {
             Equations::Symbolic(equations) => equations.clone(),
@@ -83,12 +84,12 @@ impl DviModel {
         }
     }
 
-    /// Returns whether the equations are Rust functions, of which only values are available.
+    /// Returns whether the equations of the model are Rust functions, of which only values are available.
     pub fn is_opaque(&self) -> bool {
         matches!(self.equations, Equations::Closures(_))
     }
 
-    /// Returns whether a rate has a kink in a state; `warnings` then contains `kink_in_rate`.
+    /// Returns whether a rate of the model has a kink in a state; `warnings` then contains `kink_in_rate`.
     pub fn has_kinks(&self) -> bool {
         self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
@@ -98,13 +99,13 @@ impl DviModel {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }
 
-    /// Returns the sizes, the convex set and the sparsity pattern of the problem.
+    /// Returns the sizes, the convex set `K` and the sparsity pattern of the model's equations.
     pub fn structure(&self) -> &Structure {
         self.equations.structure()
     }
 
-    /// Analyses index, existence and uniqueness at time `t` and the initial states. Each variable is set to the
-    /// projection of zero onto its constant bounds.
+    /// Analyses index, existence and uniqueness of the problem at time `t` and the initial states. Each variable `z_i`
+    /// is set to the projection of zero onto its constant bounds.
     pub fn analyse(&self, t: f64) -> Analysis {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));

@@ -18,17 +18,17 @@ use super::Rows;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, Shape};
 
-/// A region of a Filippov system, as expression nodes whose inputs are `t`, then `x`.
+/// A region of a Filippov system, as nodes of an expression graph whose inputs are `t`, then the states `x`.
 #[derive(Clone, Debug)]
 pub struct Region {
-    /// The indicator `g_i`, smallest of all indicators inside region `i`.
+    /// The indicator function `g_i` of region `i`, the smallest of all indicators inside the region.
     pub indicator: Node,
-    /// The rates `f_i` inside region `i`, one per state.
+    /// The rates `f_i` inside region `i`, one per state of the Filippov system.
     pub rates: Vec<Node>,
 }
 
-/// Returns the rows of a Filippov system with two regions: rates `plus` where `surface` is positive, `minus` where it
-/// is negative.
+/// Returns the equations of a Filippov system with two regions: rates `plus` where `surface` is positive, `minus` where
+/// it is negative.
 pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Node]) -> Rows {
     let z = graph.input(1 + plus.len());
     let mut rate = |(&plus, &minus)| {
@@ -55,7 +55,7 @@ fn difference(graph: &mut Graph, minus: Node, plus: Node) -> Node {
     if graph.inputs(sum).len() < graph.inputs(difference).len() { sum } else { difference }
 }
 
-/// Returns the rows of a Filippov system with at least one region and `n` states (Stewart's formulation).
+/// Returns the equations of a Filippov system with `n` states and at least one region (Stewart's formulation).
 pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     let mut rates = vec![graph.constant(0.0); n];
     for (i, region) in regions.iter().enumerate() {
@@ -77,16 +77,18 @@ pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
 #[derive(Clone, Debug)]
 pub struct Departures {
     t: f64,
-    /// The compiled program of each region's indicator and its derivatives, followed by the rates of all regions.
+    /// The compiled expressions of each region's indicator function and its derivatives, followed by the rates of all
+    /// regions.
     tape: Tape,
-    /// For each region, the inputs with respect to which its indicator is differentiated.
+    /// For each region, the inputs (`t` and states) with respect to which its indicator function is differentiated.
     inputs: Vec<Vec<usize>>,
 }
 
 impl Departures {
     /// Compiles the indicators, their gradients and the rates, for evaluation at time `t`.
     ///
-    /// # Errors If the derivative of an indicator exceeds the size limits of `graph`.
+    /// # Errors
+    /// If the derivative of an indicator exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, regions: &[Region], t: f64) -> Result<Self, ExpressionError> {
         let mut nodes: Vec<Node> = Vec::new();
         let mut inputs = Vec::new();
@@ -105,12 +107,13 @@ impl Departures {
         self.tape.bind(parameters);
     }
 
-    /// Returns whether the boundary at `x` is repulsive: whether solutions can enter two or more regions.
+    /// Returns whether the state `x` is on a repulsive boundary between regions: whether solutions can enter two or
+    /// more regions.
     pub fn repel(&mut self, x: &[f64]) -> bool {
         self.from(x).len() > 1
     }
 
-    /// Returns the regions that a solution may enter from `x`.
+    /// Returns the regions of the Filippov system that a solution may enter from the state `x`.
     pub fn from(&mut self, x: &[f64]) -> Vec<usize> {
         let regions = self.inputs.len();
         let mut point = vec![self.t];
@@ -130,12 +133,13 @@ impl Departures {
             normals.push(normal);
             rest = after;
         }
-        // The time derivative of an indicator along the rate of region `i`.
+        // The time derivative of an indicator function along the rate of region `i`.
         let along = |i: usize, normal: &[f64]| {
             let rates = &rest[i * x.len()..(i + 1) * x.len()];
             normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
         };
-        // Relative tolerance for equal indicators: the rounding error of their linear terms.
+        // Relative tolerance within which indicator functions of regions count as equal: the rounding error of their
+        // linear terms.
         const ROUNDING: f64 = 1e-12;
         let least = indicators.iter().copied().fold(f64::INFINITY, f64::min);
         let meets = |i: usize| indicators[i] - least <= ROUNDING * sizes[i];
@@ -153,8 +157,8 @@ mod tests {
     use super::*;
     use expression::Scope;
 
-    /// Returns the number of regions that a solution can enter from `x`, with rates `plus` for `x > 0` and `minus`
-    /// for `x < 0`.
+    /// Returns the number of regions of a Filippov system that a solution can enter from `x`, with rates `plus` for
+    /// `x > 0` and `minus` for `x < 0`.
     fn departures_from(x: f64, plus: &str, minus: &str) -> usize {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         let input = graph.input(1);

@@ -6,8 +6,8 @@ use numerics::Interval;
 use problem::{ForcingSlopes, Sums};
 use rustc_hash::FxHashMap;
 
-/// The time derivatives of the forcing as sums of factors times shared terms, with the compiled expressions of the
-/// terms and of the factors.
+/// The time derivatives of the forcing as sums of factors times terms that the rows share, with the compiled
+/// expressions of the terms and of the factors.
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
     pub sums: ForcingSlopes,
@@ -18,13 +18,13 @@ pub(super) struct Slopes {
     factors: Option<(Tape, Vec<f64>)>,
 }
 
-/// Linear combinations of the shared terms, one per row of `F` or `G`, as pairs `(term index, factor)` with factors
-/// as graph nodes.
+/// The time derivatives of the forcing as linear combinations of shared terms, one per row of `F` or `G`, as pairs
+/// `(term index, factor)` with factors as nodes of the expression graph.
 type Symbolic = Vec<Vec<(usize, Node)>>;
 
 impl Slopes {
-    /// Splits the time derivatives `dF/dt`, `dG/dt` and `d^2G/dt^2` (functions of time and parameters) into terms
-    /// that the rows share.
+    /// Splits the time derivatives `dF/dt`, `dG/dt` and `d^2G/dt^2` of the forcing (functions of time and parameters)
+    /// into terms that the rows share.
     pub fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
         let mut terms: Vec<Node> = Vec::new();
         let mut places = FxHashMap::default();
@@ -67,7 +67,7 @@ impl Slopes {
         factors.zip(values).for_each(|(factor, value)| *factor = *value);
     }
 
-    /// Encloses all terms of the time derivatives over an interval of `t`.
+    /// Encloses all shared terms of the forcing's time derivatives over an interval of `t`.
     pub fn enclose(&mut self, t: Interval, terms: &mut [Interval]) {
         self.terms.enclose(t, &[], &mut self.over_box, terms);
     }

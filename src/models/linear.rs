@@ -16,24 +16,26 @@ use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 /// The matrices, forcing and convex set of a linear complementarity system with `n` states and `m` variables.
 #[derive(Clone, Debug)]
 pub struct LinearRows {
-    /// The mass matrix `M`.
+    /// The mass matrix `M` of the linear complementarity system.
     pub mass: Mass,
-    /// The matrix `[A B; C D]` as triplets `(row, column, value)` in any order, without duplicate entries.
+    /// The matrix `[A B; C D]` of the system as triplets `(row, column, value)` in any order, without duplicate
+    /// entries.
     pub matrix: Vec<(usize, usize, f64)>,
-    /// The entries of `[A B; C D]` that depend on parameters, as triplets `(row, column, graph node)` in any order.
+    /// The entries of `[A B; C D]` that depend on parameters, as triplets `(row, column, node of the expression graph)`
+    /// in any order.
     pub parametric: Vec<(usize, usize, Node)>,
-    /// The forcing `a` of the `n` states, functions of `t` alone.
+    /// The forcing `a` of the `n` rates, functions of `t` alone.
     pub state_forcing: Vec<Node>,
-    /// The forcing `g` of the `m` inequalities, functions of `t` alone.
+    /// The forcing `g` of the `m` inequality functions, functions of `t` alone.
     pub inequality_forcing: Vec<Node>,
-    /// The convex set `K` with its constant bounds.
+    /// The convex set `K` of the variables, with its constant bounds.
     pub set: ConvexSet,
     /// The bounds of `K` that vary with `(t, x)`.
     pub moving: Vec<(MovingBound, Node)>,
 }
 
 impl LinearRows {
-    /// Returns the rows and matrix entries that may depend on parameters.
+    /// Returns the forcing, moving bounds and matrix entries of the system, as the terms that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.state_forcing.iter().chain(&self.inequality_forcing).chain(bounds).copied().collect();
@@ -45,39 +47,42 @@ impl LinearRows {
 #[derive(Clone, Debug)]
 pub struct Linear {
     structure: Structure,
-    /// The values of the matrix entries, which come first in the sparsity pattern, before the derivatives of moving
-    /// bounds.
+    /// The values of the entries of `[A B; C D]`, which come first in the sparsity pattern, before the derivatives of
+    /// moving bounds.
     coefficients: Vec<f64>,
-    /// Indices into `coefficients` of the matrix entries that depend on parameters.
+    /// Indices into `coefficients` of the entries of `[A B; C D]` that depend on parameters.
     parametric: Vec<u32>,
-    /// The compiled expressions of the matrix entries that depend on parameters, with a buffer for their values.
+    /// The compiled expressions of the entries of `[A B; C D]` that depend on parameters, with a buffer for their
+    /// values.
     decided: (Tape, Vec<f64>),
-    /// The column of each matrix entry in `coefficients`, as `u32` to save memory bandwidth, since every evaluation
-    /// reads them.
+    /// The column of each entry of `[A B; C D]` in `coefficients`, as `u32` to save memory bandwidth, since every
+    /// evaluation reads all columns.
     columns: Vec<u32>,
-    /// For each matrix row, the index in `coefficients` behind its last entry.
+    /// For each row of `[A B; C D]`, the index in `coefficients` behind its last entry.
     row_ends: Vec<usize>,
     /// The compiled expressions of the forcing `a`, `g` and of the moving bounds.
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
-    /// The time derivatives of `a` and `g`, and the second time derivatives of `g`; `None` if one exceeds the size
-    /// limits of the graph.
+    /// The time derivatives of the forcing `a` and `g`, and the second time derivatives of `g`; `None` if one exceeds
+    /// the size limits of the expression graph.
     slopes: Option<Slopes>,
     breaks: Breaks,
     pace: Pace,
-    /// Interval workspaces of `forcing`, `bound_derivatives` and `time_derivatives`, in this order.
+    /// Interval workspaces of the compiled expressions `forcing`, `bound_derivatives` and `time_derivatives`, in this
+    /// order.
     boxes: [IntervalWorkspace; 3],
-    /// The midpoint and the radius of the enclosure of each unknown.
+    /// The midpoint and the radius of the interval of each unknown.
     balls: Vec<(f64, f64)>,
-    /// The values of each unknown at several points, side by side for vectorisation.
+    /// The values of each unknown at several evaluation points, side by side for vectorisation.
     lanes: Vec<f64>,
 }
 
 impl Linear {
     /// Compiles the forcing and sorts the matrix entries by rows.
     ///
-    /// # Errors The index of the first moving bound or component of `g` (counted after the moving bounds) whose
+    /// # Errors
+    /// The index of the first moving bound or component of `g` (counted after the moving bounds) whose
     /// derivative exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: LinearRows) -> Result<Self, (usize, ExpressionError)> {
         let (n, m) = (rows.state_forcing.len(), rows.inequality_forcing.len());
@@ -154,7 +159,8 @@ impl Linear {
 }
 
 impl Linear {
-    /// Binds new parameter values to the compiled programs, and updates the matrix entries that depend on parameters.
+    /// Binds new parameter values to the compiled expressions, and updates the matrix entries that depend on
+    /// parameters.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let (tape, values) = &mut self.decided;
         tape.bind(parameters);
@@ -176,7 +182,8 @@ impl Linear {
         self.pace.bind(parameters);
     }
 
-    /// Adds the product of the matrix `[A B; C D]` with `y` to `values`, for at most `L` points at once.
+    /// Adds the product of the matrix `[A B; C D]` with the unknowns `y` to `values`, for at most `L` evaluation points
+    /// at once.
     fn add_products<const L: usize>(&mut self, ys: &[f64], values: &mut [f64]) {
         let (unknowns, rows) = (self.structure.unknowns(), self.structure.rows());
         self.lanes.resize(L * unknowns, 0.0);
@@ -296,11 +303,11 @@ impl Dvi for Linear {
     }
 }
 
-/// The number of independent partial sums per row of a sparse product, for instruction-level parallelism.
+/// The number of independent partial sums per row of a sparse matrix product, for instruction-level parallelism.
 const PARTS: usize = 4;
 
-/// Returns the products of a sparse row with the unknowns at `L` points, where `y[j]` holds unknown `j` at all
-/// points. The product at a point is bitwise equal for all `L`.
+/// Returns the products of a sparse matrix row with the unknowns at `L` evaluation points, where `y[j]` holds unknown
+/// `j` at all points. The product at a point is bitwise equal for all `L`.
 #[inline(always)]
 fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]]) -> [f64; L] {
     let add = |sums: &mut [f64; L], column: u32, coefficient: f64| {

@@ -21,41 +21,42 @@ use problem::{
     SensitivityRange,
 };
 
-/// The expressions of a mechanical system with `n` coordinates, as nodes of a [`Graph`] whose inputs are `t`, then
-/// `q` (`n`), then `v` (`n`).
+/// The equations of a mechanical system with `n` coordinates, as nodes of an expression [`Graph`] whose inputs are `t`,
+/// then the coordinates `q` (`n`), then the velocities `v` (`n`).
 #[derive(Clone, Debug)]
 pub struct MechanicalRows {
-    /// The symmetric mass matrix `M` by rows, `n * n` nodes.
+    /// The symmetric mass matrix `M` of the system by rows, `n * n` nodes.
     pub mass: Vec<Node>,
-    /// The potential energy `V` of the system.
+    /// The potential energy `V` of the mechanical system.
     pub potential: Node,
-    /// The generalised forces `Q`, one per coordinate.
+    /// The generalised forces `Q` on the system, one per coordinate.
     pub forces: Vec<Node>,
     /// The functions `phi` of the joint constraints `phi(t, q) = 0`.
     pub joints: Vec<Node>,
-    /// The gap functions of the contacts, of `t` and `q`.
+    /// The gap functions of the contacts, functions of `t` and the coordinates `q`.
     pub gaps: Vec<Node>,
-    /// The slip velocities of all contacts, affine in `v`.
+    /// The slip velocities of all contacts, affine in the velocities `v`.
     pub slips: Vec<Node>,
-    /// The contact laws, one per contact.
+    /// The contact laws (friction and restitution), one per contact.
     pub contacts: Vec<ContactData>,
     /// The coefficient of friction of each contact whose coefficient varies, with the slip speed as additional input
     /// [`slip_speed_input`]; `None` for constant coefficients.
     pub coefficients: Vec<Option<Node>>,
 }
 
-/// The part of a mechanical system whose derivative exceeds the size limits of the expression graph.
+/// An error of differentiation: the part of a mechanical system whose derivative exceeds the size limits of the
+/// expression graph.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DifferentiationError {
-    /// The mass matrix `M`, the potential `V` or the forces `Q`.
+    /// The part is the mass matrix `M`, the potential energy `V` or the forces `Q`.
     Dynamics(ExpressionError),
-    /// The function of the joint constraint with this index.
+    /// The part is the function of the joint constraint with this index.
     Joint(usize, ExpressionError),
-    /// The gap function of the contact with this index.
+    /// The part is the gap function of the contact with this index.
     Gap(usize, ExpressionError),
-    /// The slip velocity with this index.
+    /// The part is the slip velocity with this index, counted over all contacts.
     Slip(usize, ExpressionError),
-    /// The coefficient of friction of the contact with this index.
+    /// The part is the coefficient of friction of the contact with this index.
     Coefficient(usize, ExpressionError),
 }
 
@@ -73,25 +74,26 @@ pub struct SymbolicMechanics {
     energies: Tape,
     bias: Tape,
     /// The derivatives with respect to `(q, v)` of the force balance, constraint accelerations and constraint
-    /// velocities, stacked in this order.
+    /// velocities, stacked in this order, as compiled expressions.
     sensitivity: Sparse,
-    /// The derivatives of force balance, constraint accelerations and constraint velocities with respect to time, in
-    /// one column.
+    /// The derivatives with respect to time of the force balance, constraint accelerations and constraint velocities,
+    /// in one column, as compiled expressions.
     in_time: Sparse,
-    /// Force balance, constraint accelerations, constraint velocities, and values of joint constraints and gaps, as
-    /// nodes of the graph.
+    /// The force balance, constraint accelerations, constraint velocities, and values of joint constraints and gaps, as
+    /// nodes of the expression graph.
     terms: Vec<Node>,
-    /// For each contact, the compiled coefficient of friction if it varies.
+    /// For each contact, the compiled coefficient of friction if it varies; `None` if it is constant.
     coefficients: Vec<Option<Coefficient>>,
     breaks: Breaks,
     jumps: Jumps,
     knots: Knots,
-    /// The inputs of the compiled expressions after `t`: `q`, `v`, `a`, `lambda`.
+    /// The inputs of the compiled expressions after `t`: coordinates `q`, velocities `v`, accelerations `a`,
+    /// multipliers `lambda`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
 }
 
-/// Interval workspaces for the compiled programs of a mechanical system.
+/// Interval workspaces for the compiled expressions of a mechanical system.
 #[derive(Clone, Debug)]
 struct Enclosures {
     values: IntervalWorkspace,
@@ -101,12 +103,13 @@ struct Enclosures {
     bias: IntervalWorkspace,
     mass: IntervalWorkspace,
     sensitivity: IntervalWorkspace,
-    /// The intervals of the inputs `q`, `v`, `a`, `lambda` of the compiled expressions.
+    /// The intervals of the inputs of the compiled expressions: coordinates `q`, velocities `v`, accelerations `a`,
+    /// multipliers `lambda`.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
 }
 
-/// The structural nonzeros of a matrix, and the compiled program for their values.
+/// The structural nonzeros of a matrix, and the compiled expressions of their values.
 #[derive(Clone, Debug)]
 struct Sparse {
     places: Vec<(usize, usize)>,
@@ -121,8 +124,8 @@ impl Sparse {
     }
 }
 
-/// The indices of the graph inputs: time `t`, coordinates `q`, velocities `v`, accelerations `a` and multipliers
-/// `lambda`.
+/// The indices of the inputs of the expression graph: time `t`, coordinates `q`, velocities `v`, accelerations `a` and
+/// multipliers `lambda`.
 struct Inputs {
     n: usize,
 }
@@ -145,7 +148,7 @@ impl Inputs {
     }
 }
 
-/// Returns the derivatives of `node` with respect to every input below `count`, zeros included.
+/// Returns the derivatives of an expression with respect to every input below `count`, zeros included.
 fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>, ExpressionError> {
     let zero = graph.constant(0.0);
     let mut all = vec![zero; count];
@@ -157,7 +160,7 @@ fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>,
     Ok(all)
 }
 
-/// Returns the total time derivative of a node from its partial derivatives, with `t' = 1` and `q' = v`.
+/// Returns the total time derivative of an expression from its partial derivatives, with `t' = 1` and `q' = v`.
 fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
     let mut sum = derivatives[0];
     for i in 0..n {
@@ -171,7 +174,8 @@ fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
 impl SymbolicMechanics {
     /// Differentiates and compiles a mechanical system.
     ///
-    /// # Errors The first part of the system whose derivative exceeds the size limits of `graph`.
+    /// # Errors
+    /// The first part of the system whose derivative exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, DifferentiationError> {
         let n = rows.forces.len();
         let inputs = Inputs { n };
@@ -184,7 +188,7 @@ impl SymbolicMechanics {
             stiffness.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
         }
 
-        // Build the constraint velocities `u = J v + b`, row by row.
+        // Build the expressions of the constraint velocities `u = J v + b`, row by row.
         let (mut velocities, mut drift, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
         let holonomic = rows.joints.iter().map(|&node| (node, true)).chain(rows.gaps.iter().map(|&node| (node, false)));
         for (row, (node, is_joint)) in holonomic.enumerate() {
@@ -364,7 +368,7 @@ impl SymbolicMechanics {
         &self.terms
     }
 
-    /// Returns the contact laws, for setting their coefficients.
+    /// Returns the contact laws for modification, so that new parameter values can be set in their coefficients.
     pub(super) fn contacts_mut(&mut self) -> &mut [ContactData] {
         &mut self.structure.contacts
     }
@@ -375,8 +379,8 @@ impl SymbolicMechanics {
         self.inputs[n..2 * n].copy_from_slice(v);
     }
 
-    /// Sets the inputs of the compiled programs to `q` and zero velocities, for programs that do not depend on
-    /// velocities.
+    /// Sets the inputs of the compiled expressions to the coordinates `q` and zero velocities, for expressions that do
+    /// not depend on velocities.
     fn place_at_rest(&mut self, q: &[f64]) {
         let n = self.structure.coordinates;
         self.inputs[..n].copy_from_slice(q);
@@ -435,8 +439,8 @@ impl Mechanical for SymbolicMechanics {
 
     fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
         self.place_at_rest(q);
-        // The nodes of `M` are in row order and the matrix in column order, which does not matter since `M` is
-        // symmetric.
+        // The expressions of the mass matrix `M` are in row order and the matrix is stored in column order, which does
+        // not matter since `M` is symmetric.
         self.mass.evaluate(t, &self.inputs, mass.as_mut_slice());
     }
 

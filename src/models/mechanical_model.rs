@@ -9,31 +9,32 @@ use problem::{Mechanical, MechanicalStructure};
 /// A mechanical system with its names and initial values. It can be solved any number of times.
 #[derive(Clone, Debug)]
 pub struct MechanicalModel {
-    /// The names of the generalised coordinates.
+    /// The names of the generalised coordinates of the system.
     pub coordinates: Vec<String>,
     /// The names of the contacts of the system.
     pub contacts: Vec<String>,
-    /// The names of the states: coordinates, then velocities.
+    /// The names of the states of the system: coordinates, then velocities.
     pub state_names: Vec<String>,
-    /// The names of all outputs: states, then gap and accumulated impulses of each contact, then energies.
+    /// The names of all outputs of the system: states, then gap and accumulated impulses of each contact, then
+    /// energies.
     pub output_names: Vec<String>,
-    /// The initial coordinates `q`, then the initial velocities `v`.
+    /// The initial coordinates `q` of the system, then its initial velocities `v`.
     pub initial: Vec<f64>,
-    /// Warnings for the user, known before the problem is solved.
+    /// Warnings to the user about the mechanical system, known before the problem is solved.
     pub warnings: Vec<Warning>,
-    /// Whether forces, masses, gaps, joint constraints or slip velocities have kinks or jumps in coordinates or
-    /// velocities.
+    /// Whether forces, masses, gaps, joint constraints or slip velocities of the system have kinks or jumps in
+    /// coordinates or velocities.
     pub has_kinks: bool,
-    /// Whether the initial state was projected onto an admissible one, so that it is not a function of the
+    /// Whether the user's initial state was projected onto the constraints, so that it is not a function of the
     /// parameters.
     pub is_start_moved: bool,
-    /// The parameters, with the contact coefficients that depend on them; `None` if the problem has no parameters or if
-    /// they were folded into constants.
+    /// The parameters of the problem, with the contact coefficients that depend on them; `None` if the problem has no
+    /// parameters or if they were folded into constants.
     pub parameters: Option<(Parameters, Vec<ContactCoefficient>)>,
     system: SymbolicMechanics,
 }
 
-/// A coefficient of a contact law that depends on parameters, with the index of the contact.
+/// A coefficient of a contact law that depends on parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactCoefficient {
     /// The coefficient of friction of the contact with this index.
@@ -42,7 +43,7 @@ pub enum ContactCoefficient {
     Restitution(usize),
 }
 
-/// The names of the energy outputs, in the order in which they are written.
+/// The names of the energy outputs of a mechanical system, in the order in which they are written.
 pub const ENERGIES: [&str; 6] = [
     "kinetic_energy",
     "potential_energy",
@@ -53,7 +54,7 @@ pub const ENERGIES: [&str; 6] = [
 ];
 
 impl MechanicalModel {
-    /// Builds the model and the names of its states and outputs.
+    /// Builds the model of a mechanical system and the names of its states and outputs.
     pub fn new(
         coordinates: &[String],
         contacts: &[String],
@@ -90,7 +91,8 @@ impl MechanicalModel {
     /// Returns a copy of the model with new parameter values, in the order of [`Parameters::names`]. Compiled
     /// programs are shared: nothing is parsed, differentiated or compiled.
     ///
-    /// # Errors For a wrong number of values, values that are not finite or out of range, and values that would
+    /// # Errors
+    /// For a wrong number of values, values that are not finite or out of range, and values that would
     /// change the structure of the problem, which must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
@@ -124,7 +126,8 @@ impl MechanicalModel {
     /// Returns the derivatives of force balance, constraint accelerations, constraint velocities and constraint
     /// values with respect to the parameters; `None` if the model has no parameters.
     ///
-    /// # Errors If a derivative exceeds the size limits of the graph.
+    /// # Errors
+    /// If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
         self.parameters.as_ref().map(|(parameters, _)| parameters.slopes()).transpose()
     }

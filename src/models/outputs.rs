@@ -3,26 +3,27 @@
 use super::elastic::EnergyForm;
 use expression::{Graph, Node, Tape};
 
-/// The outputs of a model besides its states and variables; empty by default.
+/// The outputs of a model besides its states and variables, as compiled expressions; empty by default.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs {
-    /// The names of the outputs, energies last.
+    /// The names of the outputs besides states and variables, energies last.
     pub names: Vec<String>,
     values: Tape,
     /// The length of the vector `(x, z)` of states and variables.
     unknowns: usize,
-    /// The energies, whose names are the last of `names`; `None` if the problem defines no energies.
+    /// The energies of an elastic body, whose names are the last of `names`; `None` if the problem defines no energies.
     energy: Option<EnergyForm>,
-    /// Whether a solution contains only these outputs, without states and variables, unless the user selects columns.
-    /// Set for problems with many unknowns.
+    /// Whether a solution contains only the outputs, without states and variables, unless the user selects columns. Set
+    /// for problems with many unknowns.
     pub stand_for_unknowns: bool,
 }
 
-/// The names of the energy outputs.
+/// The names of the energy outputs of a model with energies.
 const ENERGIES: [&str; 2] = ["kinetic_energy", "potential_energy"];
 
 impl Outputs {
-    /// Compiles one expression node per name, with inputs `t`, `x`, `z`; `unknowns` is the length of `(x, z)`.
+    /// Compiles the outputs: one expression node per name, with inputs `t`, `x`, `z`; `unknowns` is the length of
+    /// `(x, z)`.
     pub fn new(graph: &Graph, names: Vec<String>, nodes: &[Node], unknowns: usize) -> Self {
         Self { names, values: Tape::compile(graph, nodes), unknowns, energy: None, stand_for_unknowns: false }
     }
@@ -46,7 +47,7 @@ impl Outputs {
         self.energy.as_ref()
     }
 
-    /// Writes the output values into `y`, after the states and variables `(x, z)` at its beginning.
+    /// Writes the values of the outputs at time `t` into `y`, after the states and variables `(x, z)` at its beginning.
     pub fn append(&mut self, t: f64, y: &mut [f64]) {
         if self.names.is_empty() {
             return;

@@ -17,29 +17,30 @@ use std::sync::Arc;
 /// The parts of a problem that may depend on its parameters, as nodes of the graph of its equations.
 #[derive(Clone, Debug, Default)]
 pub struct ParametricTerms {
-    /// The names of the parameters.
+    /// The names of the problem's parameters.
     pub names: Vec<String>,
-    /// The parameter values at compilation.
+    /// The parameter values with which the problem was compiled.
     pub values: Vec<f64>,
-    /// The initial values of the states.
+    /// The initial values of the states, as expressions.
     pub initial: Vec<Node>,
-    /// The entries of the mass matrix that depend on parameters, as triplets `(row, column, node)`.
+    /// The entries of the mass matrix that depend on parameters, as triplets
+    /// `(row, column, node of the expression graph)`.
     pub mass: Vec<(usize, usize, Node)>,
-    /// The constant bounds that depend on parameters.
+    /// The constant bounds of the convex set `K` that depend on parameters.
     pub bounds: Vec<(MovingBound, Node)>,
     /// The rows of the problem: `F`, `G` and the moving bounds, or for a mechanical system the [force balance and
     /// constraint functions](super::SymbolicMechanics::terms).
     pub rows: Vec<Node>,
-    /// The contact coefficients that depend on parameters.
+    /// The contact coefficients (friction, restitution) that depend on parameters.
     pub contacts: Vec<Node>,
-    /// The coefficients of a circuit, which are graph inputs numbered after the user's parameters.
+    /// The coefficients of the equations of a circuit, which are graph inputs numbered after the user's parameters.
     pub circuit: Option<CircuitParameters>,
     /// Coefficients of unknowns in the rows `F` and `G` that depend on parameters and are not part of `rows`, as
-    /// `(row, column, node)`.
+    /// `(row, column, node of the expression graph)`.
     pub coefficients: Vec<(usize, usize, Node)>,
 }
 
-/// The parameters of a model, with the data needed to bind new values.
+/// The parameters of a model, with the data needed to bind new parameter values.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     values: Vec<f64>,
@@ -51,19 +52,19 @@ pub struct Parameters {
     source: Arc<Source>,
 }
 
-/// Data shared by all copies of a model; the expressions that depend on parameters are differentiated when
-/// [`DviModel::slopes`] is called.
+/// Data of the parameters that all copies of a model share; the expressions that depend on parameters are
+/// differentiated when [`DviModel::slopes`] is called.
 #[derive(Debug)]
 pub(super) struct Source {
     pub(super) graph: Graph,
     pub(super) terms: ParametricTerms,
-    /// The positions, in the list of entries of the mass matrix, of the entries that depend on parameters.
+    /// The positions of the entries that depend on parameters, in the list of entries of the mass matrix.
     mass: Vec<usize>,
 }
 
 impl Parameters {
-    /// Collects the parameters of compiled equations. `graph` contains the assumptions about parameters made during
-    /// compilation; `mass` is the mass matrix of the equations, with sorted entries.
+    /// Collects the parameters of compiled equations. `graph` contains the assumptions about parameter values made
+    /// during compilation; `mass` is the mass matrix of the equations, with sorted entries.
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
@@ -91,17 +92,18 @@ impl Parameters {
         Self { departures, ..self }
     }
 
-    /// Returns the parameter names.
+    /// Returns the names of the model's parameters.
     pub fn names(&self) -> &[String] {
         &self.source.terms.names
     }
 
-    /// Returns the current parameter values.
+    /// Returns the parameter values that are currently bound.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Returns the compiled derivatives of the problem with respect to the parameters, bound to the current values.
+    /// Returns the compiled derivatives of the problem with respect to its parameters, bound to the current parameter
+    /// values.
     pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
         let mut slopes = Slopes::new(&self.source)?;
         slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
@@ -111,7 +113,7 @@ impl Parameters {
         Ok(slopes)
     }
 
-    /// Returns the parameter values, followed by the circuit coefficients that depend on them.
+    /// Returns the parameter values, followed by the coefficients of a circuit that depend on them.
     fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
         let terms = &self.source.terms;
         let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
@@ -132,19 +134,19 @@ impl Parameters {
         })
     }
 
-    /// Returns all parameters with the given values as text for messages.
+    /// Returns the model's parameters with the given values, as text for error messages.
     pub(super) fn told(&self, values: &[f64]) -> String {
         let all: Vec<usize> = (0..values.len()).collect();
         listed(&all, self.names(), values)
     }
 
-    /// Replaces the current parameter values by new ones.
+    /// Replaces the current parameter values by new values that have been checked.
     pub(super) fn keep(&mut self, values: &[f64]) {
         self.values.copy_from_slice(values);
     }
 
     /// Checks new parameter values. Returns the values followed by the circuit coefficients that depend on them (see
-    /// `extended`), and the constants that depend on parameters.
+    /// `extended`), and the values of the constants that depend on parameters.
     pub(super) fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
         let terms = &self.source.terms;
         if values.len() != terms.names.len() {
@@ -216,7 +218,8 @@ impl DviModel {
     /// Returns a copy of the model with new parameter values, in the order of [`Parameters::names`]. Compiled
     /// programs are shared: nothing is parsed, differentiated or compiled.
     ///
-    /// # Errors For a wrong number of values, values that are not finite or out of range, and values that would
+    /// # Errors
+    /// For a wrong number of values, values that are not finite or out of range, and values that would
     /// change the structure of the problem, which must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
@@ -226,12 +229,13 @@ impl DviModel {
 
     /// Returns the derivatives of the problem with respect to its parameters; `None` if it has no parameters.
     ///
-    /// # Errors If a derivative exceeds the size limits of the graph.
+    /// # Errors
+    /// If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
         self.parameters.as_ref().map(Parameters::slopes).transpose()
     }
 
-    /// Binds new parameter values; on error the old values stay bound.
+    /// Binds new parameter values to the model; on error the old values stay bound.
     fn bind(&mut self, values: &[f64]) -> Result<(), Unbindable> {
         let Some(parameters) = &mut self.parameters else { return Err(Unbindable::Folded) };
         let (all, constants) = parameters.checked(values)?;
@@ -278,15 +282,14 @@ impl DviModel {
                 }
             }
         }
-        // The text of the reformulation with a convex set in place of kinks contains the old parameter values, so it
-        // is dropped.
+        // The text that advises to reformulate kinks by a convex set contains the old parameter values: drop it.
         self.kinks.as_set = None;
         Ok(())
     }
 }
 
-/// Checks a bound that depends on parameters in the new convex set: the set must be nonempty, and the two bounds of a
-/// variable must be equal exactly if they were equal in the old set.
+/// Checks a bound that depends on parameters in the convex set for the new parameter values: the set must be nonempty,
+/// and the two bounds of a variable must be equal exactly if they were equal in the old set.
 fn placed(
     bound: MovingBound,
     value: f64,
@@ -316,7 +319,7 @@ fn placed(
     Ok(())
 }
 
-/// Describes the assumption, made at compilation, that new parameter values violate.
+/// Describes, for an error message, the assumption made at compilation that new parameter values violate.
 fn changed(broken: &Broken) -> String {
     let Broken { given, found, .. } = broken;
     match broken.assumption {
@@ -327,8 +330,8 @@ fn changed(broken: &Broken) -> String {
     }
 }
 
-/// Lists parameters with their values for messages; lists all parameters if an index is beyond them, as that of a
-/// circuit coefficient.
+/// Lists the parameters with the given indices, with their values, for messages; lists all parameters if an index is
+/// beyond them, as that of a circuit coefficient.
 fn listed(parameters: &[usize], names: &[String], values: &[f64]) -> String {
     const SHOWN: usize = 4;
     let every: Vec<usize> = (0..names.len()).collect();

@@ -8,21 +8,21 @@ use expression::{Irregularities, Irregularity};
 use numerics::Interval;
 
 impl DviModel {
-    /// Returns the points where the equations are not locally Lipschitz; `None` if they are locally Lipschitz on
-    /// their domain.
+    /// Returns the points where the equations of the model are not locally Lipschitz; `None` if they are locally
+    /// Lipschitz on their domain.
     pub fn irregularities(&self) -> Option<Irregularities> {
         match &self.equations {
             Equations::Symbolic(equations) => {
                 Some(equations.irregularities()).filter(|found| !found.is_empty()).cloned()
             }
-            // Linear equations are Lipschitz, since their forcing depends on time alone; nothing is known of Rust
-            // functions.
+            // Linear equations are Lipschitz, since their forcing depends on time alone; of equations given as Rust
+            // functions, nothing is known.
             Equations::Linear(_) | Equations::Closures(_) => None,
         }
     }
 
-    /// Restricts the certificate of an analysis that assumes Lipschitz equations, for a solution that starts from `x`
-    /// at time `t`.
+    /// Restricts the certificate of uniqueness of an analysis that assumes Lipschitz equations, for a solution that
+    /// starts from `x` at time `t`.
     pub(super) fn restricted(&self, analysis: Analysis, t: f64, x: &[f64]) -> Analysis {
         if !analysis.uniqueness.is_certified() {
             return analysis;
@@ -78,8 +78,8 @@ impl DviModel {
         Analysis { uniqueness, because, ..analysis }
     }
 
-    /// Describes a point where the equations are not Lipschitz: the function, its behaviour (pole, jump, infinite
-    /// slope), and the states and variables in its argument.
+    /// Describes, for messages, a point where the equations are not Lipschitz: the function, its behaviour (pole, jump,
+    /// infinite slope), and the states and variables in its argument.
     fn behaviour(&self, met: &Irregularity) -> String {
         const SHOWN: usize = 4;
         let names: Vec<&String> = self.state_names.iter().chain(&self.variable_names).collect();

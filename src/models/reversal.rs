@@ -5,8 +5,8 @@ use super::DviModel;
 use analysis::{Analysis, Reversal};
 
 impl DviModel {
-    /// Appends the question whether a sign is reversed to the reason that the analysis gives for its verdict, if the
-    /// analysis found a sign that looks reversed.
+    /// Appends the question whether a sign is reversed to the reason for the verdict on uniqueness, if the analysis
+    /// found a sign that looks reversed.
     pub(super) fn questioned(&self, analysis: Analysis) -> Analysis {
         let Some(reversed) = analysis.reversed else { return analysis };
         const SHOWN: usize = 3;

@@ -6,19 +6,20 @@ use super::parameters::Source;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::MovingBound;
 
-/// Compiled programs for the derivatives of a problem with respect to its parameters, with their own workspace.
+/// Compiled expressions of the derivatives of a problem with respect to its parameters, with their own workspace.
 #[derive(Clone, Debug)]
 pub struct Slopes {
-    /// The structural nonzeros of the derivatives of the rows `F`, `G` and the moving bounds, as pairs `(row,
-    /// parameter)`.
+    /// The structural nonzeros of the derivatives of the rows `F`, `G` and the moving bounds with respect to
+    /// parameters, as pairs `(row, parameter)`.
     pattern: Vec<(usize, usize)>,
     rows: Tape,
-    /// The chain rule for inputs that are functions of the parameters (circuit coefficients).
+    /// The chain rule for inputs that are functions of the parameters (circuit coefficients); `None` without such
+    /// inputs.
     chain: Option<Chain>,
     initial: Constants<usize>,
     mass: Constants<(usize, usize)>,
     bounds: Constants<MovingBound>,
-    /// The derivatives of the contact coefficients, by their index in
+    /// The derivatives of the contact coefficients with respect to parameters, by their index in
     /// [`ParametricTerms::contacts`](super::ParametricTerms::contacts).
     contacts: Constants<usize>,
 }
@@ -27,14 +28,14 @@ pub struct Slopes {
 /// (parameters and circuit coefficients) to derivatives with respect to parameters.
 #[derive(Clone, Debug)]
 struct Chain {
-    /// For each derivative with respect to an input, the structural nonzeros (indices into the pattern of [`Slopes`])
-    /// to which it contributes, with factors.
+    /// For each derivative with respect to an input of the compiled expressions, the structural nonzeros (indices into
+    /// the pattern of [`Slopes`]) to which it contributes, with factors.
     shares: Vec<Vec<(usize, f64)>>,
     values: Vec<f64>,
 }
 
-/// The derivatives of constants that depend on parameters, each with the position `P` of the constant and the index
-/// of the parameter.
+/// The derivatives, with respect to parameters, of constants that depend on them, each with the position `P` of the
+/// constant and the index of the parameter.
 #[derive(Clone, Debug)]
 struct Constants<P> {
     places: Vec<(P, usize)>,
@@ -68,7 +69,7 @@ impl Slopes {
     }
 
     /// Adds the chain rule for inputs that are functions of the parameters. `slopes[parameter][input]` are the
-    /// derivatives of these inputs, which are numbered after the parameters.
+    /// derivatives of these inputs, which are numbered after the parameters in the compiled expressions.
     pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
         let parameters = slopes.len();
         let shares_of = |input: usize| -> Vec<(usize, f64)> {
@@ -107,8 +108,8 @@ impl Slopes {
         &self.pattern
     }
 
-    /// Writes the derivatives of the rows with respect to the parameters at `(t, y)`, one per structural nonzero of
-    /// the derivatives.
+    /// Writes the derivatives of the rows `F`, `G` and the moving bounds with respect to the parameters at `(t, y)`,
+    /// one per structural nonzero.
     pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         let Some(Chain { shares, values: raw }) = &mut self.chain else { return self.rows.evaluate(t, y, values) };
         self.rows.evaluate(t, y, raw);
@@ -118,12 +119,12 @@ impl Slopes {
         }
     }
 
-    /// Returns the derivatives of the initial states, as `(state, parameter, value)`.
+    /// Returns the derivatives of the initial states with respect to parameters, as `(state, parameter, value)`.
     pub fn initial(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.initial.iter()
     }
 
-    /// Returns the derivatives of the mass matrix, as `((row, column), parameter, value)`.
+    /// Returns the derivatives of the mass matrix with respect to parameters, as `((row, column), parameter, value)`.
     pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
         self.mass.iter()
     }
@@ -134,7 +135,7 @@ impl Slopes {
         self.contacts.iter()
     }
 
-    /// Returns the derivatives of the constant bounds, as `(bound, parameter, value)`.
+    /// Returns the derivatives of the constant bounds with respect to parameters, as `(bound, parameter, value)`.
     pub fn bounds(&self) -> impl Iterator<Item = (MovingBound, usize, f64)> {
         self.bounds.iter()
     }
@@ -156,8 +157,9 @@ impl<P: Copy> Constants<P> {
     }
 }
 
-/// The derivatives of a list of expressions: for each derivative, the position of its expression in the problem (such
-/// as a row) and the index of the parameter; and the derivatives as graph nodes, in the same order.
+/// The derivatives of a list of expressions with respect to parameters: for each derivative, the position of its
+/// expression in the problem (such as a row) and the index of the parameter; and the derivatives as graph nodes, in the
+/// same order.
 type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
 
 /// Differentiates expressions, each given with its position in the problem, with respect to all parameters.

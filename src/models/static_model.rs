@@ -5,31 +5,32 @@ use super::{DviModel, Unbindable};
 use problem::{ConvexSet, Dvi};
 use vi::SparseVi;
 
-/// A static variational inequality with the names of its variables.
+/// A static variational inequality with the initial guess of its variables.
 #[derive(Clone, Debug)]
 pub struct StaticModel {
-    /// The equations, a differential variational inequality without states.
+    /// The equations of the inequality, a differential variational inequality without states.
     pub equations: DviModel,
-    /// The initial guess of the variables.
+    /// The initial guess of the variables, from which the iteration starts.
     pub start: Vec<f64>,
 }
 
 impl StaticModel {
     /// Returns a copy of the model with new parameter values and the old initial guess.
     ///
-    /// # Errors See [`DviModel::with_parameters`].
+    /// # Errors
+    /// See [`DviModel::with_parameters`].
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         Ok(Self { equations: self.equations.with_parameters(values)?, start: self.start.clone() })
     }
 
-    /// Returns a new evaluator of the inequality with its own workspace.
+    /// Returns a new evaluator of the static variational inequality with its own workspace.
     pub fn inequality(&self) -> Inequality {
         Inequality { equations: self.equations.problem(), grid: grid(&self.equations.variable_names) }
     }
 }
 
-/// Returns the shape of the grid if the names are those of the nodes of one grid with several indices, `z[1,1]`,
-/// `z[1,2]`, .., last index fastest; otherwise `None`.
+/// Returns the shape of the grid whose nodes are the variables: if the names are those of the nodes of one grid with
+/// several indices, `z[1,1]`, `z[1,2]`, .., last index fastest; otherwise `None`.
 fn grid(names: &[String]) -> Option<Vec<usize>> {
     let read = |name: &str| -> Option<(String, Vec<i64>)> {
         let (base, inside) = name.strip_suffix(']')?.split_once('[')?;
@@ -62,7 +63,7 @@ fn grid(names: &[String]) -> Option<Vec<usize>> {
 
 /// An evaluator of the function `G` of a static variational inequality, and of its derivative.
 pub struct Inequality {
-    /// The equations, a differential variational inequality without states.
+    /// The equations of the inequality, a differential variational inequality without states.
     pub equations: Box<dyn Dvi>,
     grid: Option<Vec<usize>>,
 }

@@ -15,17 +15,17 @@ use expression::{
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
 
-/// The rows of a differential variational inequality as nodes of a [`Graph`] whose inputs are `t`, then `x` (`n`),
-/// then `z` (`m`).
+/// The rows (rates, inequality functions, moving bounds) of a differential variational inequality as nodes of a
+/// [`Graph`] whose inputs are `t`, then `x` (`n`), then `z` (`m`).
 #[derive(Clone, Debug)]
 pub struct Rows {
-    /// The mass matrix `M`.
+    /// The mass matrix `M` of the differential equations.
     pub mass: Mass,
-    /// The rates `F`, one node per state.
+    /// The rates `F`, one node of the graph per state.
     pub rates: Vec<Node>,
-    /// The inequality functions `G`, one node per variable.
+    /// The inequality functions `G`, one node of the graph per variable.
     pub inequality: Vec<Node>,
-    /// The convex set `K` with its constant bounds.
+    /// The convex set `K` of the variables, with its constant bounds.
     pub set: ConvexSet,
     /// The bounds of `K` that vary with `(t, x)`.
     pub moving: Vec<(MovingBound, Node)>,
@@ -51,17 +51,17 @@ pub enum LoweringError {
         /// The index in `z` of the variable in which the rate is not affine.
         variable: usize,
     },
-    /// The derivative of a row of `F`, `G` or the moving bounds exceeds the size limits of the graph.
+    /// The derivative of a row of `F`, `G` or the moving bounds exceeds the size limits of the expression graph.
     #[error("row {row}: {error}")]
     Derivative {
         /// The index of the row, counted through `F`, `G` and the moving bounds.
         row: usize,
-        /// The size limit that the derivative exceeds.
+        /// The size limit of the expression graph that the derivative exceeds.
         error: ExpressionError,
     },
 }
 
-/// A compiled differential variational inequality in symbolic expressions, with its own workspace.
+/// A differential variational inequality compiled from symbolic expressions, with its own workspace.
 #[derive(Clone, Debug)]
 pub struct Symbolic {
     structure: Structure,
@@ -74,22 +74,22 @@ pub struct Symbolic {
     jumps: Jumps,
     knots: Knots,
     kinks: Kinks,
-    /// Interval workspaces of `values`, `derivatives` and `time_derivatives`, in this order.
+    /// Interval workspaces of the compiled expressions `values`, `derivatives` and `time_derivatives`, in this order.
     boxes: [IntervalWorkspace; 3],
     irregularities: Irregularities,
 }
 
-/// The derivatives of the rows of a differential variational inequality, as graph nodes.
+/// The derivatives of the rows of a differential variational inequality, as nodes of the expression graph.
 struct Gradients {
-    /// The rows `F`, `G` and the moving bounds.
+    /// The rows `F`, `G` and the moving bounds, as nodes of the expression graph.
     outputs: Vec<Node>,
-    /// The structural nonzeros of the Jacobian with respect to `y`, as `(row, column)`.
+    /// The structural nonzeros of the Jacobian of the rows with respect to `y = (x, z)`, as `(row, column)`.
     pattern: Vec<(usize, usize)>,
-    /// The derivatives of the rows at the entries of `pattern`.
+    /// The derivatives of the rows with respect to `y = (x, z)`, at the structural nonzeros in `pattern`.
     by_unknowns: Vec<Node>,
     /// The time derivatives of the inequality functions `G`, one per variable.
     by_time: Vec<Node>,
-    /// The terms of the rows that are not differentiable in `y`.
+    /// The kinks and jumps of the rows in the unknowns `y = (x, z)`.
     kinks: Kinks,
 }
 
@@ -133,14 +133,14 @@ impl Gradients {
         Ok(Self { outputs, pattern, by_unknowns, by_time, kinks })
     }
 
-    /// Returns the rows `F` and `G` as matrices and a forcing; `None` if a row is not affine in `y` with constant
-    /// coefficients.
+    /// Returns the rows `F` and `G` as constant matrices and a forcing; `None` if a row is not affine in `y = (x, z)`
+    /// with constant coefficients.
     fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
         let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
         self.by_unknowns.iter().for_each(|&node| graph.assume(node, Assumption::Finite));
         let coefficients: Option<Vec<f64>> = self.by_unknowns.iter().map(|&node| graph.value(node)).collect();
         let coefficients = coefficients.filter(|coefficients| coefficients.iter().all(|value| value.is_finite()))?;
-        // Functions with a jump, such as `sign`, have constant derivatives but are not affine.
+        // Rows with a jump, such as `sign`, have constant derivatives but are not affine.
         if !self.kinks.kinks().is_empty() {
             return None;
         }
@@ -174,7 +174,8 @@ impl Equations {
     /// Differentiates and compiles the rows `F`, `G` and the moving bounds; the result is [`Linear`] if all rows are
     /// affine in `y` with constant coefficients.
     ///
-    /// # Errors Every rate that is not affine in the variables, and every row whose derivative exceeds the size
+    /// # Errors
+    /// Every rate that is not affine in the variables, and every row whose derivative exceeds the size
     /// limits of `graph`.
     pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<LoweringError>> {
         let gradients = Gradients::new(graph, &rows)?;
@@ -241,12 +242,13 @@ impl Symbolic {
         &mut self.structure
     }
 
-    /// Returns the kinks and jumps of the rows that depend on `y`, in the order of [`Dvi::kinks`].
+    /// Returns the kinks and jumps of the rows that depend on `y = (x, z)`, in the order of [`Dvi::kinks`].
     pub fn kinks(&self) -> &[Kink] {
         self.kinks.kinks()
     }
 
-    /// Returns the points where the rows are not locally Lipschitz in states and variables.
+    /// Returns the points where the rows `F`, `G` and the moving bounds are not locally Lipschitz in states and
+    /// variables.
     pub fn irregularities(&self) -> &Irregularities {
         &self.irregularities
     }

@@ -1,4 +1,5 @@
-//! Tests that evaluation of a problem at several points at once is bitwise equal to single evaluations.
+//! Tests that evaluation of a differential variational inequality at several points at once is bitwise equal to single
+//! evaluations.
 
 use super::{Equations, Rows};
 use expression::{Graph, Scope};
@@ -7,7 +8,8 @@ use problem::{ConvexSet, Dvi, Mass, MovingBound, Side};
 const STATES: usize = 9;
 const VARIABLES: usize = 2;
 
-/// Builds a problem in `x1` to `x9`, `z1`, `z2` and `t`; `%` in an expression is replaced by the row number.
+/// Builds a problem with states `x1` to `x9` and variables `z1` and `z2`; `%` in an expression is replaced by the row
+/// number.
 fn problem(rate: &str, inequality: &str, bound: &str) -> Equations {
     let (mut graph, mut scope) = (Graph::new(), Scope::new());
     scope.bind("t", graph.input(0)).unwrap();

@@ -8,12 +8,13 @@ use crate::Interval;
 /// coefficient is a sum of.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// Encloses the polynomial on `[0, 1]`, widened by the rounding errors of its coefficients.
+/// Encloses the range on `[0, 1]` of the polynomial with the given Bernstein coefficients, widened by their rounding
+/// errors.
 pub fn range(coefficients: &[f64]) -> Interval {
     of_ends(coefficients.iter().copied())
 }
 
-/// Encloses the derivative of the polynomial on `[0, 1]`.
+/// Encloses the range on `[0, 1]` of the derivative of the polynomial with the given Bernstein coefficients.
 pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     let degree = coefficients.len().saturating_sub(1) as f64;
     let size = coefficients.iter().fold(0.0_f64, |size, c| size.max(c.abs()));
@@ -28,7 +29,7 @@ pub fn rounding_of_rate(count: usize, size: f64) -> f64 {
     ROUNDING * count.saturating_sub(1) as f64 * size
 }
 
-/// Returns the value of the polynomial at `theta`.
+/// Returns the value at `theta` of the polynomial with the given Bernstein coefficients.
 pub fn value(coefficients: &[f64], theta: f64) -> f64 {
     // Horner's scheme for the Bernstein basis, with binomials and powers accumulated in the loop.
     let degree = coefficients.len().saturating_sub(1);
@@ -41,8 +42,8 @@ pub fn value(coefficients: &[f64], theta: f64) -> f64 {
     sum
 }
 
-/// Subdivides the interval at 1/2: replaces the coefficients in `first` by those on the first half, and writes those
-/// on the second half to `second`.
+/// Subdivides a polynomial on `[0, 1]` at 1/2: replaces its Bernstein coefficients in `first` by those on the first
+/// half, and writes those on the second half to `second`.
 pub fn halve(first: &mut [f64], second: &mut [f64]) {
     let count = first.len();
     second.copy_from_slice(first);

@@ -1,6 +1,6 @@
 //! Strongly connected components of a directed graph.
 
-/// The visiting index that marks a node as not yet visited.
+/// The visiting index that marks a node of the graph as not yet visited.
 const UNSEEN: usize = usize::MAX;
 
 /// Returns the strongly connected components of the graph with an edge from each node `k` to the nodes in `edges[k]`
@@ -13,7 +13,7 @@ pub fn components(edges: &[Vec<usize>]) -> Vec<Vec<usize>> {
     let mut is_open = vec![false; edges.len()];
     let (mut count, mut open) = (0, Vec::new());
     for root in 0..edges.len() {
-        // A path from the root of the search: nodes, each with the number of its edges already followed.
+        // A path from the root of the depth-first search: nodes, each with the number of its edges already followed.
         let mut path = if index[root] == UNSEEN { vec![(root, 0)] } else { Vec::new() };
         while let Some((node, followed)) = path.pop() {
             if followed == 0 {

@@ -58,7 +58,7 @@ impl Interval {
         Self { defined: self.defined && condition, ..self }
     }
 
-    /// Encloses the square `x^2`.
+    /// Encloses the squares `x^2` of the numbers in the interval.
     #[must_use]
     #[inline]
     pub fn square(self) -> Self {
@@ -81,7 +81,7 @@ impl Interval {
         Self { lo: if lo > 0.0 { lo.next_down() } else { 0.0 }, hi: if hi > 0.0 { hi.next_up() } else { 0.0 }, defined }
     }
 
-    /// Encloses the absolute value `|x|`.
+    /// Encloses the absolute values `|x|` of the numbers in the interval.
     #[must_use]
     pub fn abs(self) -> Self {
         if self.is_empty() {

@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn roots_are_found_where_one_end_would_stay() {
-        // Plain false position keeps the end at 1 in both cases and takes hundreds of guesses.
+        // Plain false position keeps the end at 1 for the first two functions, and takes hundreds of guesses.
         assert!(guesses(|t| 0.1 - t.powi(9), 1.0, 0.1_f64.powf(1.0 / 9.0), 1e-14) < 15);
         assert!(guesses(|t| (-20.0 * t).exp() - 1e-3, 1.0, 1000.0_f64.ln() / 20.0, 1e-14) < 40);
         assert_eq!(guesses(|t| 1.0 - 4.0 * t, 1.0, 0.25, 1e-16), 1);

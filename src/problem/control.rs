@@ -8,20 +8,20 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// The maximum number of events that a running solve keeps for its observers, the latest ones; the trajectory
+/// The maximum number of events of a running solve that are kept for its observers, the latest ones; the trajectory
 /// contains all events.
 const MOST_EVENTS: usize = 256;
 
-/// The reason why a solve was asked to stop.
+/// The reason why a running solve was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The solve was cancelled by [`Control::cancel`].
+    /// The solve was cancelled by a call of [`Control::cancel`].
     Cancelled,
     /// The deadline of the solve has passed.
     Deadline,
 }
 
-/// The error returned by a long computation that was cancelled or exceeded its deadline, see [`Control::go_on`].
+/// The error returned by a long computation that was cancelled or exceeded its deadline; see [`Control::go_on`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("stopped from outside")]
 pub struct Interrupted;
@@ -31,7 +31,7 @@ pub struct Interrupted;
 pub struct Control {
     cancelled: Arc<AtomicBool>,
     deadline: Option<Instant>,
-    /// Called once the deadline has passed: returns whether the solve may continue.
+    /// A function that is called once the deadline has passed: returns whether the solve may continue.
     reprieve: Option<Arc<Reprieve>>,
     fraction: AtomicU64,
     steps: AtomicU64,
@@ -83,41 +83,42 @@ impl Default for Control {
 }
 
 impl Control {
-    /// Creates a control of a solve without a deadline.
+    /// Creates a control for a solve without a deadline.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Creates a control that stops the solve at `deadline`.
+    /// Creates a control that stops the solve at the time `deadline`.
     pub fn with_deadline(deadline: Instant) -> Self {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
-    /// Creates a control for a part of the work that runs in parallel: it has the cancellation flag and the deadline
-    /// of `self`, but its progress and events are not recorded in `self`.
+    /// Creates a control for a part of a solve that runs in parallel: it has the cancellation flag and the deadline of
+    /// `self`, but its progress and events are not recorded in `self`.
     #[must_use]
     pub fn beside(&self) -> Self {
         let (cancelled, reprieve) = (Arc::clone(&self.cancelled), self.reprieve.clone());
         Self { cancelled, deadline: self.deadline, reprieve, ..Self::default() }
     }
 
-    /// Sets a function that is called once the deadline has passed; the solve continues as long as it returns true.
+    /// Sets a function that is called once the deadline has passed; the solve continues as long as the function returns
+    /// true.
     #[must_use]
     pub fn with_reprieve(self, reprieve: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { reprieve: Some(Arc::new(reprieve)), ..self }
     }
 
-    /// Returns the time at which the solve stops, if it has a deadline.
+    /// Returns the deadline, the time at which the solve stops; `None` without a deadline.
     pub fn deadline(&self) -> Option<Instant> {
         self.deadline
     }
 
-    /// Asks the solve to stop at its next step; the trajectory so far is kept.
+    /// Cancels the solve: asks it to stop at its next step; the trajectory up to that step is kept.
     pub fn cancel(&self) {
         self.cancelled.store(true, Relaxed);
     }
 
-    /// Returns why the solve should stop, or `None` if it should continue.
+    /// Returns why the solve should stop (cancelled, or deadline passed), or `None` if it should continue.
     pub fn poll(&self) -> Option<Stop> {
         if self.cancelled.load(Relaxed) {
             return Some(Stop::Cancelled);
@@ -129,13 +130,14 @@ impl Control {
 
     /// Polls for cancellation and the deadline within a long computation that is not divided into steps.
     ///
-    /// # Errors If the computation should stop.
+    /// # Errors
+    /// If the computation should stop.
     pub fn go_on(&self) -> Result<(), Interrupted> {
         self.poll().map_or(Ok(()), |_| Err(Interrupted))
     }
 
-    /// Runs one part of a solve, such as `0.0..0.5` for its first half: progress that `run` reports is relative to
-    /// the part. Parts can be nested.
+    /// Runs one part of a solve, such as `0.0..0.5` for its first half: progress that `run` reports is relative to that
+    /// part. Parts can be nested.
     pub fn part<T>(&self, part: Range<f64>, run: impl FnOnce() -> T) -> T {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.begin.store((begin + share * part.start).to_bits(), Relaxed);
@@ -146,26 +148,26 @@ impl Control {
         done
     }
 
-    /// Records the progress of the current part: the completed fraction of its time horizon, in `[0, 1]`, and the
-    /// number of accepted steps.
+    /// Records the progress of the current part of the solve: the completed fraction of its time horizon, in `[0, 1]`,
+    /// and the number of accepted steps.
     pub fn report(&self, fraction: f64, steps: u64) {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.fraction.store((begin + share * fraction).to_bits(), Relaxed);
         self.steps.store(steps, Relaxed);
     }
 
-    /// Returns the completed fraction of the whole solve, in `[0, 1]`.
+    /// Returns the completed fraction of the whole solve, from 0 to 1.
     pub fn fraction(&self) -> f64 {
         f64::from_bits(self.fraction.load(Relaxed))
     }
 
-    /// Returns the number of accepted steps so far.
+    /// Returns the number of accepted steps of the solve so far.
     pub fn steps(&self) -> u64 {
         self.steps.load(Relaxed)
     }
 
-    /// Records the events of the last step. Events are recorded in the first part of a solve only, since runs of
-    /// later parts repeat them.
+    /// Records the events of the last step of the solve. Events are recorded in the first part of a solve only, since
+    /// runs of later parts repeat them.
     pub fn tell(&self, events: &[Event]) {
         if events.is_empty() || f64::from_bits(self.begin.load(Relaxed)) > 0.0 {
             return;
@@ -182,16 +184,16 @@ impl Control {
         let mut happened = self.happened();
         for (number, event) in events {
             if number > happened.count {
-                // Numbers are skipped if more than `MOST_EVENTS` events occurred between two calls. The new events
-                // then replace the whole list of kept events, so that their numbers are contiguous.
+                // Event numbers are skipped if more than `MOST_EVENTS` events occurred between two calls. The new
+                // events then replace the whole list of kept events, so that their numbers are contiguous.
                 happened.count = number;
                 happened.push(event);
             }
         }
     }
 
-    /// Returns the events that are still kept after the first `seen`, each with its number, counted from one. If
-    /// `seen` exceeds the number of events, it stems from another solve, and all kept events are returned.
+    /// Returns the kept events of the solve after the first `seen`, each with its number, counted from one. If `seen`
+    /// exceeds the number of events, it stems from another solve, and all kept events are returned.
     pub fn events_after(&self, seen: u64) -> Vec<(u64, Event)> {
         let happened = self.happened();
         let seen = if seen > happened.count { 0 } else { seen };

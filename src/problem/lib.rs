@@ -26,7 +26,7 @@ pub use mechanical::{
 };
 pub use warning::Warning;
 
-/// The kind of a bound of `K` that varies with `(t, x)`.
+/// The kind of a bound of the convex set `K` that varies with `(t, x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The lower end `l` of an interval of `K`.
@@ -38,7 +38,8 @@ pub enum Side {
 }
 
 impl Side {
-    /// Returns, for error messages, the kind of set that becomes empty when the bound moves too far, and the reason.
+    /// Returns, for error messages, the kind of set that becomes empty when the bound moves too far, and the reason why
+    /// it does.
     pub fn emptiness(self) -> (&'static str, &'static str) {
         match self {
             Self::Lower | Self::Upper => ("interval", "its lower bound exceeds its upper bound"),
@@ -47,17 +48,17 @@ impl Side {
     }
 }
 
-/// A bound of `K` that varies with `(t, x)`.
+/// A bound of the convex set `K` that varies with `(t, x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MovingBound {
-    /// The index of the bounded variable, below `m`.
+    /// The index of the variable in `z` that the moving bound limits, below `m`.
     pub variable: usize,
-    /// Which bound it is: which end of the variable's interval moves, or that the radius of its ball does.
+    /// Which bound of the variable moves: the lower or the upper end of its interval, or the radius of its ball.
     pub side: Side,
 }
 
 impl MovingBound {
-    /// Sets this bound in `set`, an end of an interval or the radius of a ball, to `value`.
+    /// Sets this bound of the convex set `set`, an end of an interval or the radius of a ball, to `value`.
     pub fn place(self, value: f64, set: &mut ConvexSet) {
         match self.side {
             Side::Lower => set.lower[self.variable] = value,
@@ -74,29 +75,30 @@ impl MovingBound {
 /// The mass matrix `M` of the differential equations `M x' = F(t, x, z)`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mass {
-    /// The identity, `M = I`.
+    /// The mass matrix is the identity, `M = I`.
     Identity,
-    /// A constant matrix as triplets `(row, column, value)`, without duplicate entries; it may be singular.
+    /// The mass matrix is constant, given as triplets `(row, column, value)` without duplicate entries; it may be
+    /// singular.
     Constant(Vec<(usize, usize, f64)>),
 }
 
 /// The structure of a differential variational inequality: sizes, mass matrix, convex set and sparsity pattern.
 #[derive(Clone, Debug)]
 pub struct Structure {
-    /// The number `n` of states.
+    /// The number `n` of states `x`.
     pub states: usize,
-    /// The number `m` of variables.
+    /// The number `m` of variables `z`.
     pub variables: usize,
     /// The mass matrix `M` of the differential equations.
     pub mass: Mass,
-    /// The convex set `K` with its constant bounds; the values of bounds listed in `moving` are arbitrary.
+    /// The convex set `K` with its constant bounds; the values of the bounds listed in `moving` are arbitrary.
     pub set: ConvexSet,
     /// The bounds of `K` that vary with `(t, x)`, in the order in which [`Dvi::evaluate`] writes them.
     pub moving: Vec<MovingBound>,
-    /// The structural nonzeros of the Jacobian, as `(row, column)` sorted by row, then column. Rows: `F` (`n`), `G`
-    /// (`m`), then moving bounds; columns: `x` (`n`), then `z` (`m`).
+    /// The structural nonzeros of the Jacobian of the problem, as `(row, column)` sorted by row, then column. Rows:
+    /// rates `F` (`n`), inequality functions `G` (`m`), then moving bounds; columns: `x` (`n`), then `z` (`m`).
     pub pattern: Vec<(usize, usize)>,
-    /// Whether the Jacobian does not depend on `(t, y)`.
+    /// Whether the Jacobian of the problem does not depend on `(t, y)`.
     pub constant_jacobian: bool,
 }
 
@@ -106,7 +108,7 @@ impl Structure {
         self.states + self.variables
     }
 
-    /// Returns whether the set of variable `k` is bounded at all times, with moving bounds counted as finite.
+    /// Returns whether the set of variable `k` in `K` is bounded at all times, with moving bounds counted as finite.
     pub fn is_bounded(&self, k: usize) -> bool {
         let moves = |side| self.moving.contains(&MovingBound { variable: k, side });
         match self.set.block_of(k).map(|block| &self.set.blocks()[block].shape) {
@@ -119,48 +121,50 @@ impl Structure {
         }
     }
 
-    /// Returns whether the set of some variable is unbounded but not the whole line, so that the variable may have
-    /// impulses.
+    /// Returns whether the set of some variable in `K` is unbounded but not the whole line, so that the variable may
+    /// have impulses.
     pub fn has_impulses(&self) -> bool {
         (0..self.variables).any(|k| !self.set.is_free(k) && !self.is_bounded(k))
     }
 
-    /// Returns the number of values that [`Dvi::evaluate`] writes: `n` rates, `m` inequalities, and the moving
+    /// Returns the number of values that [`Dvi::evaluate`] writes: `n` rates, `m` inequality functions, and the moving
     /// bounds.
     pub fn rows(&self) -> usize {
         self.unknowns() + self.moving.len()
     }
 }
 
-/// Linear combinations of terms (functions of time), one per row of the problem, each as a list of pairs `(index of a
-/// term, factor)`.
+/// Linear combinations of terms (functions of time), one per rate or inequality function of the problem, each as a list
+/// of pairs `(index of a term, factor)`.
 pub type Sums = Vec<Vec<(usize, f64)>>;
 
-/// The time derivatives of the rows `F` and `G` as linear combinations of terms that are functions of time alone.
-/// Terms that rows share cancel in linear combinations of rows before the terms are enclosed by intervals.
+/// The time derivatives of the rates `F` and inequality functions `G` as linear combinations of terms that are
+/// functions of time alone. Terms that several rows share cancel in linear combinations of rows before the terms are
+/// enclosed by intervals.
 #[derive(Clone, Debug, Default)]
 pub struct ForcingSlopes {
-    /// The number of terms (functions of time) of which the derivatives are combined.
+    /// The number of terms (functions of time) that the time derivatives combine.
     pub terms: usize,
-    /// The derivatives `dF/dt` of the rates, one sum for each of the `n` states.
+    /// The time derivatives `dF/dt` of the rates, one linear combination for each of the `n` states.
     pub rates: Sums,
-    /// The derivatives `dG/dt` of the inequalities, one sum for each of the `m` variables.
+    /// The time derivatives `dG/dt` of the inequality functions, one linear combination for each of the `m` variables.
     pub inequality: Sums,
-    /// The second derivatives `d^2G/dt^2` of the inequalities, one sum for each of the `m` variables.
+    /// The second time derivatives `d^2G/dt^2` of the inequality functions, one linear combination for each of the `m`
+    /// variables.
     pub curvature: Sums,
 }
 
-/// Largest degree of polynomials in the states that are not reported by [`Dvi::features`]: along a straight line,
-/// three-stage Radau IIA integrates them exactly.
+/// Largest degree of polynomials in the states that [`Dvi::features`] does not report as unresolved: three-stage Radau
+/// IIA integrates them exactly along a straight line.
 pub const PLAIN_DEGREE: u32 = 4;
 
-/// A differential variational inequality that can be evaluated without allocation.
+/// A differential variational inequality that can be evaluated at `(t, y)` without allocation.
 pub trait Dvi: Send {
     /// Returns the sizes, the convex set and the sparsity pattern of the problem.
     fn structure(&self) -> &Structure;
 
-    /// Writes the rates `F` (`n`), the inequalities `G` (`m`) and the moving bounds at `(t, y)` into `values`, of
-    /// length [`Structure::rows`]. Undefined values are NaN or infinite; the caller must check.
+    /// Writes the rates `F` (`n`), the inequality functions `G` (`m`) and the moving bounds at `(t, y)` into `values`,
+    /// of length [`Structure::rows`]. Undefined values are NaN or infinite; the caller must check.
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
     /// Evaluates the problem at several points at once; `ys` and `values` are concatenated by point. The results are
@@ -172,11 +176,11 @@ pub trait Dvi: Send {
         }
     }
 
-    /// Writes the derivatives of `F`, `G` and the moving bounds with respect to `y`, in the order of
+    /// Writes the derivatives of `F`, `G` and the moving bounds with respect to `y = (x, z)`, in the order of
     /// [`Structure::pattern`].
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Writes the partial derivatives of the `m` inequalities `G` with respect to `t` at `(t, y)`.
+    /// Writes the partial derivatives of the `m` inequality functions `G` with respect to `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
     /// Encloses `F`, `G` and the moving bounds over a box of `(t, y)`, in the order of [`Dvi::evaluate`]. Returns false
@@ -221,7 +225,7 @@ pub trait Dvi: Send {
     }
 
     /// Returns the rows, counted through `F`, `G` and the moving bounds, that are not polynomials of low degree in
-    /// `y`: within a step these rows may have features that its stages do not resolve.
+    /// `y = (x, z)`: within a time step these rows may vary in ways that its stages do not resolve.
     fn features(&self) -> &[usize] {
         &[]
     }
@@ -233,21 +237,22 @@ pub trait Dvi: Send {
     }
 
     /// Returns whether a row of `F`, `G` or the moving bounds may pass a knot in a box of `(t, y)`: a value of `y` at
-    /// which one of its derivatives of some order jumps.
+    /// which a derivative of the row, of some order, jumps.
     fn may_pass_knot(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 
-    /// Returns the time derivatives of the rows as sums of terms; `None` if they are unknown or depend on `y`.
+    /// Returns the time derivatives of `F` and `G` as linear combinations of terms; `None` if they are unknown or
+    /// depend on `y`.
     fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         None
     }
 
-    /// Encloses the terms of [`Dvi::forcing_slopes`] over an interval of `t`.
+    /// Encloses the terms of [`Dvi::forcing_slopes`] (functions of time) over an interval of `t`.
     fn enclose_forcing_slopes(&mut self, _t: Interval, _terms: &mut [Interval]) {}
 
-    /// Returns the event functions of time, evaluated at `t`: where one of them changes sign, a row of the problem
-    /// has a kink or a jump that does not depend on `y`. The number of event functions is constant.
+    /// Returns the event functions of time, evaluated at `t`: where one of them changes sign, a row of `F`, `G` or the
+    /// moving bounds has a kink or a jump that does not depend on `y`. The number of event functions is constant.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
@@ -264,8 +269,8 @@ pub trait Dvi: Send {
         &[]
     }
 
-    /// Returns the event functions of `(t, y)`: where one of them changes sign, a row of the problem has a kink or a
-    /// jump that depends on `y`. The number of event functions is constant.
+    /// Returns the event functions of `(t, y)`: where one of them changes sign, a row of `F`, `G` or the moving bounds
+    /// has a kink or a jump that depends on `y`. The number of event functions is constant.
     fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
         &[]
     }

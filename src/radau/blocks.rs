@@ -7,7 +7,8 @@ use super::system::System;
 use problem::{Face, FaceEquations, Shape};
 
 impl System<'_> {
-    /// Evaluates the equations of the face of block `b` at `y`, the point of the last evaluation of the system.
+    /// Evaluates the equations of the active face of the set of block `b` at the unknowns `y`, the point of the last
+    /// evaluation of the system.
     pub fn equations_of(&mut self, b: usize, y: &[f64]) -> &FaceEquations {
         let block = &self.set.blocks()[b];
         let (z, g) = &mut self.members;
@@ -19,8 +20,8 @@ impl System<'_> {
         &self.equations[b]
     }
 
-    /// Returns the equations of the faces of all blocks at `y`, the point of the last evaluation of the system, each
-    /// in the form that is solved for `z`.
+    /// Returns the equations of the active faces of the sets of all blocks at `y`, the point of the last evaluation of
+    /// the system, each in its primal form, which is solved for `z`.
     pub fn equations_for_z(&mut self, y: &[f64]) -> Vec<FaceEquations> {
         let mut all = Vec::with_capacity(self.face.blocks.len());
         for b in 0..self.face.blocks.len() {
@@ -38,8 +39,8 @@ impl System<'_> {
         all
     }
 
-    /// Swaps the form of the equations of each second-order cone on its boundary, between those solved for `z` and
-    /// those solved for `G`; returns whether there is such a cone.
+    /// Swaps the form of the equations of each second-order cone on whose boundary the variables are, between the
+    /// primal form (solved for `z`) and the dual form (solved for `G`); returns whether there is such a cone.
     pub fn swap_primal_dual_form(&mut self) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -51,8 +52,8 @@ impl System<'_> {
         turned
     }
 
-    /// Linearises the equations of the blocks on their faces at `y`, the point of the last evaluation of the system.
-    /// A block whose `G` is below the noise level of `control` is linearised with `G = 0`.
+    /// Linearises the equations of the active faces of the sets of all blocks at `y`, the point of the last evaluation
+    /// of the system. A block whose `G` is below the noise level of `control` is linearised with `G = 0`.
     pub fn linearise_blocks(&mut self, y: &[f64], control: Option<&NewtonControl>) {
         for b in 0..self.face.blocks.len() {
             self.equations_of(b, y);
@@ -87,13 +88,15 @@ impl System<'_> {
         turned
     }
 
-    /// Linearises the equations of blocks whose faces are all flat: their linearisation is the same at every point.
+    /// Linearises the equations of the active faces of all blocks, which must be flat (linear): their linearisation is
+    /// the same at every point.
     pub fn linearise_flat_blocks(&mut self) {
         let anywhere = vec![0.0; self.unknowns];
         self.linearise_blocks(&anywhere, None);
     }
 
-    /// Whether the face has an equation for variable `k` other than that of an active bound or a prescribed value.
+    /// Whether the active face of `K` has an equation for variable `k` other than that of an active bound or a
+    /// prescribed value.
     pub fn has_equation(&self, k: usize) -> bool {
         match self.face.places[k] {
             Activity::Inactive => true,
@@ -102,14 +105,14 @@ impl System<'_> {
         }
     }
 
-    /// Whether the equation of variable `k` on the active face of `K` involves `z` alone, and not `G`, by the last
+    /// Whether the equation of variable `k` on the active face of `K` involves `z` alone, and not `G`, as of the last
     /// linearisation of its block.
     pub fn is_constraint(&self, k: usize) -> bool {
         self.place_in_block(k).is_some_and(|(b, at)| self.linearised[b].is_of_z[at])
     }
 
-    /// Returns the rows of `G` in the equation of the face for variable `k`, as pairs of a variable and its factor by
-    /// the last linearisation of its block; none if the equation involves `z` alone.
+    /// Returns the rows of `G` in the equation of the active face of `K` for variable `k`, as pairs of a variable and
+    /// its factor by the last linearisation of its block; none if the equation involves `z` alone.
     pub fn rows_of_equation(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
         let own = self.place_in_block(k).is_none().then_some((k, 1.0));
         let of_block = self.place_in_block(k).into_iter().flat_map(|(b, at)| {
@@ -119,15 +122,17 @@ impl System<'_> {
         own.into_iter().chain(of_block)
     }
 
-    /// Returns the block of variable `k`, and the index of the variable among its members.
+    /// Returns the block (factor of `K` that couples variables) of variable `k`, and the index of the variable among
+    /// the members of the block.
     fn place_in_block(&self, k: usize) -> Option<(usize, usize)> {
         let b = self.set.block_of(k)?;
         let at = self.set.blocks()[b].members.iter().position(|member| *member == k)?;
         Some((b, at))
     }
 
-    /// Replaces the partial derivatives `drift` of `G` with respect to time by those of the equations of the face
-    /// (the rows of `Phi`), in place; the derivatives of equations in `z` alone are unknown and set to zero.
+    /// Replaces the partial derivatives `drift` of `G` with respect to time by those of the equations of the active
+    /// face of `K` (the rows of `Phi`), in place; the derivatives of equations in `z` alone are unknown and set to
+    /// zero.
     pub fn combine_drift(&mut self, drift: &mut [f64]) {
         let (_, g) = &mut self.members;
         for (block, equations) in self.set.blocks().iter().zip(&self.linearised) {
@@ -140,7 +145,8 @@ impl System<'_> {
     }
 }
 
-/// Returns the face of a block with its equations in the form that is solved for `z`.
+/// Returns the active face of the set of a block of variables; for the boundary of a second-order cone, with its
+/// equations in the primal form, which is solved for `z` (the dual form is solved for `G`).
 fn for_z(shape: &Shape, face: &Face) -> Face {
     match (shape, face) {
         (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),

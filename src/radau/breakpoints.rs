@@ -9,7 +9,7 @@ use super::stepper::Radau;
 const MOST_BREAKS: f64 = 1e9;
 
 impl Radau<'_> {
-    /// Cuts a step of size `h` at the first breakpoint and returns its size.
+    /// Cuts a step of size `h` at the first breakpoint of the rows within it and returns its size.
     pub(super) fn up_to_break(&mut self, h: f64) -> f64 {
         if self.settings.switches == Switches::StepOver {
             return h;
@@ -17,8 +17,8 @@ impl Radau<'_> {
         self.breaks.up_to_break(self.system.problem(), self.clock.t, h)
     }
 
-    /// Returns the part of a step of size `h` before the next breakpoint: a probe of the equations that begins at the
-    /// present time must not evaluate them behind the breakpoint.
+    /// Returns the part of a step of size `h` before the next breakpoint: a probe (trial) step that begins at the
+    /// present time must not evaluate the rows behind the breakpoint.
     pub(super) fn before_break(&mut self, h: f64) -> f64 {
         if self.settings.switches == Switches::StepOver {
             return h;

@@ -10,7 +10,8 @@
 use super::settings::StepError;
 use super::stepper::Radau;
 
-/// Number of sign changes that count as chattering; a solution that passes a jump makes one.
+/// Number of sign changes of one kink in close succession that count as chattering (sliding along a jump of the rates);
+/// a solution that passes a jump makes one.
 const CROSSINGS: u32 = 64;
 
 /// Maximum number of steps between two sign changes of a kink that count as chattering: behind a jump, steps grow
@@ -25,11 +26,11 @@ const NEAR: f64 = 100.0;
 /// where the error test limits the steps, the change is one, up to the constant of the method.
 const FELT: f64 = 1e-2;
 
-/// Least jump of a rate, relative to the rate on either side, that can make step sizes vanish.
+/// Least jump of a rate across a kink, relative to the rate on either side, that can make step sizes vanish.
 const SHARP: f64 = 1e-2;
 
-/// Distance from a kink at which the rates on either side are compared, relative to the distance of the present
-/// states from the kink.
+/// Distance from a kink (zero of a function at which rates may jump) at which the rates on either side are compared,
+/// relative to the distance of the present states from the kink.
 const NARROW: f64 = 1e-3;
 
 /// Recent sign changes of the functions whose zeros mark kinks of the rates.
@@ -39,7 +40,7 @@ pub(super) struct Chattering {
     gradient: Vec<(usize, f64)>,
 }
 
-/// Sign changes of one kink in close succession.
+/// Sign changes of the function whose zero marks one kink, in close succession.
 #[derive(Clone, Copy, Debug, Default)]
 struct Streak {
     is_positive: bool,

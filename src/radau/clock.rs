@@ -41,12 +41,12 @@ impl Clock {
         self.t_compensation = (t - (self.t - taken)) + (step - taken);
     }
 
-    /// Sets the time to the end of the run if it has passed that end.
+    /// Sets the time reached to the end of the run if it is beyond that end.
     pub fn stay(&mut self) {
         self.t = self.t.min(self.end);
     }
 
-    /// Sets the time to `t`, without a compensation for earlier rounding.
+    /// Sets the time reached to `t`, without a compensation for earlier rounding.
     pub fn set(&mut self, t: f64) {
         (self.t, self.t_compensation) = (t, 0.0);
     }

@@ -40,7 +40,7 @@ pub struct Conditions {
 pub struct AlgebraicStability {
     /// Whether the weights are positive, and no eigenvalue of `Q` is negative beyond rounding.
     pub holds: bool,
-    /// The least weight of the method.
+    /// The least of the weights `b` of the method.
     pub least_weight: f64,
     /// The least eigenvalue of the matrix `Q` of algebraic stability.
     pub least_eigenvalue: f64,
@@ -50,14 +50,14 @@ pub struct AlgebraicStability {
     pub matrix: Vec<Vec<f64>>,
 }
 
-/// How far a sequence of order conditions holds.
+/// How far a sequence of order conditions, `B(p)` or `C(q)`, holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Order {
-    /// The largest order up to which all order conditions hold.
+    /// The largest order up to which all conditions of the sequence hold.
     pub order: usize,
-    /// The largest residual of the order conditions that hold.
+    /// The largest residual of the order conditions of the sequence that hold.
     pub residual: f64,
-    /// The residual of the condition of the next order.
+    /// The residual of the order condition of the next order.
     pub next_residual: f64,
     /// The bound on the rounding error of the residual of an order condition.
     pub rounding: f64,
@@ -68,7 +68,7 @@ pub struct Order {
 pub struct PositiveDiagonal {
     /// Whether `D A + A^T D` is positive definite beyond rounding.
     pub holds: bool,
-    /// The entries of the diagonal matrix `D`.
+    /// The entries of the diagonal matrix `D` of the method.
     pub diagonal: Vec<f64>,
     /// The least eigenvalue of `D A + A^T D`.
     pub least_eigenvalue: f64,
@@ -79,12 +79,12 @@ pub struct PositiveDiagonal {
     pub coercivity: Option<f64>,
 }
 
-/// A number that is zero if a condition on the coefficients of a method holds.
+/// The value of a number that is zero if a condition on the coefficients of a method holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Vanishing {
     /// Whether the condition holds: its number is zero up to rounding.
     pub holds: bool,
-    /// Absolute value of the number that should be zero.
+    /// Absolute value of the number that is zero if the condition holds.
     pub value: f64,
     /// Bound on the rounding error of the number that should be zero.
     pub rounding: f64,
@@ -97,13 +97,13 @@ impl Vanishing {
 }
 
 impl Conditions {
-    /// Checks one of the tableaux of Radau IIA.
+    /// Checks the convergence conditions for one of the tableaux of Radau IIA.
     pub fn of(tableau: &Tableau) -> Self {
         Self::check(&tableau.a, &tableau.b, &tableau.c, &tableau.d)
     }
 
-    /// Checks the Runge-Kutta method with the coefficients `a` (`s x s`), `b` and `c` (of length `s >= 1`), and with
-    /// the diagonal `d`.
+    /// Checks the convergence conditions for the Runge-Kutta method with the coefficients `a` (`s x s`), `b` and `c`
+    /// (of length `s >= 1`), and with the diagonal `d`.
     fn check(a: &DMatrix<f64>, b: &[f64], c: &[f64], d: &[f64]) -> Self {
         let s = b.len();
         // Coefficients are accurate to a few units of rounding of the largest one; a sum of s of them loses s times
@@ -201,7 +201,7 @@ mod tests {
         for s in 1..=MOST_STAGES {
             let conditions = Conditions::of(Tableau::of(s));
             assert!(conditions.algebraic_stability.holds, "{s}: {:?}", conditions.algebraic_stability);
-            // Table IV.5.13 of Hairer and Wanner 1996.
+            // The expected orders: Table IV.5.13 of Hairer and Wanner 1996.
             assert_eq!(conditions.quadrature_order.order, 2 * s - 1, "{:?}", conditions.quadrature_order);
             assert_eq!(conditions.stage_order.order, s, "{:?}", conditions.stage_order);
             assert!(conditions.stiff_accuracy.holds, "{s}: {:?}", conditions.stiff_accuracy);

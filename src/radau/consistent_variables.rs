@@ -28,15 +28,16 @@ use numerics::Interval;
 use problem::Face;
 use sparse::Sparse;
 
-/// Newton's method for the consistent variables, with its workspace.
+/// Newton's method for the consistent variables (those that satisfy the equations of the active face of `K` at given
+/// states), with its workspace.
 pub struct ConsistentVariables {
     equations: Equations,
     inside: Vec<usize>,
     /// Values of the equations of the active face of `K` (`Phi`).
     phi: Vec<f64>,
-    /// Partial derivatives, with respect to time, of the equations of the face that belong to variables.
+    /// Partial derivatives, with respect to time, of the equations of the active face of `K` that belong to variables.
     drift: Vec<f64>,
-    /// Newton step of each free variable.
+    /// Newton step of each free variable (one not on a bound).
     step: Vec<f64>,
     start: Vec<f64>,
 }
@@ -47,22 +48,22 @@ enum Equations {
     Sparse(Sparse),
 }
 
-/// The inverse of the mass matrix.
+/// The inverse of the mass matrix `M` of the problem.
 #[derive(Clone, Copy, Debug)]
 pub enum InverseMass<'a> {
     Identity,
     Entries(&'a DMatrix<f64>),
 }
 
-/// Maximum number of Newton iterations for the consistent variables; problems affine in `z` need one.
+/// Maximum number of Newton iterations for the consistent variables; equations affine in `z` need one.
 const ITERATIONS: usize = 6;
 /// Tolerance on the Newton step of the consistent variables, relative to the variables: the level of their rounding
 /// errors.
 const ENOUGH: f64 = 1e-14;
 
 impl ConsistentVariables {
-    /// Allocates for the variables of `system`; returns `None` without variables, or if the mass matrix `M` is
-    /// singular: the states `x` alone then do not determine `z`.
+    /// Allocates the solver for the consistent variables of `system`; returns `None` without variables, or if the mass
+    /// matrix `M` is singular: the states `x` alone then do not determine `z`.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if variables == 0 {
@@ -115,8 +116,8 @@ impl ConsistentVariables {
         errors.flatten().unwrap_or(Errors::Unbounded).write(&self.inside, out)
     }
 
-    /// Returns the linear response of the variables to residuals of the equations of the face; `None` if the
-    /// equations are singular, a block is on a curved face, or the system is sparse.
+    /// Returns the linear response of the free variables to residuals of the equations of the active face; `None` if
+    /// the equations are singular, a block is on a curved face, or the system is sparse.
     pub fn response(&mut self, system: &mut System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
         if !are_flat(system) {
@@ -173,7 +174,8 @@ impl ConsistentVariables {
             }
             last = size;
             scale = self.inside.iter().fold(scale.max(size), |scale, &k| scale.max(y[n + k].abs()));
-            // For affine equations, the next Newton step would only be the rounding error of the present one.
+            // Stop early for affine equations: the next Newton step would only be the rounding error of the present
+            // one.
             let enough = if system.constant_jacobian() { f64::EPSILON.sqrt() } else { ENOUGH };
             if size <= enough * scale {
                 return true;
@@ -206,13 +208,14 @@ impl ConsistentVariables {
     }
 }
 
-/// Whether the equations of all free variables are rows of `G`, not combinations of rows on the face of a block.
+/// Whether the equations of all free variables are rows of `G`, not combinations of rows, as on the boundary of the set
+/// of a block.
 fn are_plain(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| matches!(face, Face::Interior | Face::Vertex) || system.face.holds(&block.members))
 }
 
-/// Whether the equations of the faces of all blocks are linear in `z` and `G`.
+/// Whether the equations of the active faces of the sets of all blocks are linear in `z` and `G`.
 fn are_flat(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| !matches!(face, Face::Boundary(_)) || system.face.holds(&block.members))

@@ -16,7 +16,8 @@ use super::layout::Storage;
 use super::stepper::Radau;
 
 impl Radau<'_> {
-    /// Returns the largest defect of a constraint between the stages of the present step, in units of the tolerance.
+    /// Returns the largest defect of a constraint between the stages of the present step, in units of the tolerances of
+    /// the states.
     pub(super) fn constraint_error(&mut self, h: f64) -> f64 {
         if !self.settings.interpolated || matches!(self.system.layout.storage, Storage::Dense) {
             return 0.0;
@@ -40,7 +41,7 @@ impl Radau<'_> {
         worst
     }
 
-    /// Whether `row` is an equation between states alone.
+    /// Whether `row` is a constraint of the active face: an equation between states alone.
     fn is_constraint(&self, row: usize) -> bool {
         let n = self.system.states;
         let is_equation = match row.checked_sub(n) {

@@ -25,25 +25,25 @@ use nalgebra::{DMatrix, FullPivLU};
 use numerics::components;
 use problem::Mass;
 
-/// Relative rank threshold: pivots and singular values below this fraction of the largest are rounding, in matrices
+/// Relative rank threshold: pivots and singular values below this fraction of the largest count as zero, in matrices
 /// whose rows and columns are scaled to entries of at most one.
 const RANK: f64 = 1e-10;
 /// Maximum number of corrections that bring one point onto the constraints; linear constraints need one.
 const ITERATIONS: usize = 5;
 
-/// The constraints on the states on one face, with one Jacobian.
+/// The constraints on the states on one active face of `K`, with one Jacobian.
 #[derive(Debug, Default)]
 pub(super) struct Constraints {
     jacobians: u64,
     face: Option<ActiveFace>,
-    /// Indices of the rows of the system that are not rates.
+    /// Indices of the rows of the system that are equations without a time derivative.
     rows: Vec<usize>,
     /// Change of each unknown by a correction, per unit of each row of `A` (the rows that are not rates); empty if
     /// there is nothing to correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
     changes: Vec<f64>,
-    /// The unknowns before a correction, restored if it fails.
+    /// The unknowns before a correction onto the constraints, restored if it fails.
     before: Vec<f64>,
 }
 
@@ -65,7 +65,8 @@ impl Constraints {
         is_corrected
     }
 
-    /// Adds corrections to `y` until they are below the tolerance; returns false if the corrections do not shrink.
+    /// Adds corrections to `y` until they are below the tolerance of Newton's method; returns false if the corrections
+    /// do not shrink.
     fn iterate(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.phi.resize(system.unknowns, 0.0);
         let mut last = f64::INFINITY;
@@ -99,7 +100,7 @@ impl Constraints {
     }
 
     /// Adds to `out` a first-order bound on the distance of each unknown from the constraints, for rows of the system
-    /// on the face (`Phi`) of magnitudes `sizes`.
+    /// on the active face of `K` (`Phi`) of magnitudes `sizes`.
     pub fn add_errors(
         &mut self,
         system: &mut System<'_>,
@@ -163,7 +164,7 @@ impl Constraints {
         true
     }
 
-    /// Updates the constraints on the states to the active face of `system` and its last Jacobian.
+    /// Updates the stored constraints on the states to the active face of `system` and its last Jacobian.
     fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
         let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);
         if is_same && !system.is_curved() {
@@ -178,8 +179,8 @@ impl Constraints {
     }
 }
 
-/// Returns the matrix that brings the unknowns onto the constraints; `None` if no constraint binds them, or the
-/// system is sparse.
+/// Returns the matrix of the corrections that bring the unknowns onto the constraints, per unit of residual; `None` if
+/// no constraint binds them, or the system is sparse.
 fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize>) -> Option<DMatrix<f64>> {
     let (n, unknowns, layout) = (system.states, system.unknowns, &system.layout);
     rows.clear();
@@ -201,7 +202,7 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
             (usize::MAX, usize::MAX) => {}
-            // A variable on a bound does not drive the states: its column of derivatives of the rates is zero.
+            // A variable at rest on a bound does not drive the states: its column of derivatives of the rates is zero.
             (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
             (row, usize::MAX) => of_states[(row, j)] += value,
             (row, column) => of_free[(row, column)] += value,
@@ -269,7 +270,7 @@ fn reaches(constraints: &DMatrix<f64>, directions: &DMatrix<f64>) -> bool {
     Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == constraints.nrows())
 }
 
-/// Returns the Moore-Penrose pseudoinverse; zero for a zero matrix, `None` if an entry is not finite.
+/// Returns the Moore-Penrose pseudoinverse of a matrix; zero for a zero matrix, `None` if an entry is not finite.
 fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let singular = Singular::of(matrix)?;
     let mut inverse = DMatrix::<f64>::zeros(matrix.ncols(), matrix.nrows());

@@ -28,15 +28,15 @@ const MOST_CUT: u32 = 10;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
-    /// Number of attempts at the present step at which Newton's method failed on the active face of `K`.
+    /// Number of attempts to make the present step in which Newton's method failed on the active face of `K`.
     unfollowed: u32,
-    /// Number of attempts at the present step that were shortened because of an event between the stages.
+    /// Number of attempts to make the present step that were shortened because of an event between the stages.
     cut: u32,
 }
 
 impl Shortened {
-    /// Whether to shorten a step within which a switch that was not located may change a state by `unlocated`
-    /// tolerances.
+    /// Whether to shorten a step within which a switch that was not located may change a state by `unlocated` times its
+    /// tolerance.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
         // If Newton's method solved the stages on the active face, but the end of that face within the step was not
@@ -53,7 +53,7 @@ impl Shortened {
         self.cut <= MOST_CUT
     }
 
-    /// Records an attempt at which Newton's method failed on the active face of `K`.
+    /// Records an attempt to make the present step in which Newton's method failed on the active face of `K`.
     pub fn unfollowed(&mut self) {
         self.unfollowed += 1;
     }
@@ -109,8 +109,8 @@ impl Radau<'_> {
         [begin, halfway, further]
     }
 
-    /// Returns the largest change of a state, in tolerances, that would follow if the switch within the last step
-    /// were anywhere else in the step; `None` if there was no switch, or it was located.
+    /// Returns the largest change of a state, in tolerances, that would follow if the switch (change of the active face
+    /// of `K`) within the last step were anywhere else in the step; `None` if there was no switch, or it was located.
     pub fn unlocated_switch(&self) -> Option<f64> {
         self.last.unlocated
     }

@@ -6,14 +6,14 @@ use super::switches::Switching;
 use super::tableau::MOST_STAGES;
 use numerics::Bracket;
 
-/// A monitor that changes sign within a step.
+/// A monitor (event function of the active face of `K`) that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
     /// Index of the monitor among the monitors of the active face of `K`.
     pub index: usize,
-    /// Position of the sign change, as a fraction of the step.
+    /// Position of the sign change of the monitor, as a fraction of the step.
     pub theta: f64,
-    /// The mean rate of change of the monitor over the interval in which the sign change was found.
+    /// The mean rate of change of the monitor over the interval of the step in which its sign change was found.
     pub slope: f64,
     /// Interval, in fractions of the step, over which the monitor changes from positive to negative, if the monitor
     /// may have other zeros over the step.
@@ -25,7 +25,8 @@ pub(super) struct Crossing {
 const RISES: i32 = 16;
 
 impl Radau<'_> {
-    /// Evaluates all monitors on the collocation polynomial of the present step, into `out`.
+    /// Evaluates all monitors (event functions) of the active face on the collocation polynomial of the present step at
+    /// the position `theta`, into `out`.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
         let t = self.clock.t + theta * h;
@@ -49,8 +50,8 @@ impl Radau<'_> {
         self.monitors_at(theta, h, out);
         let t = self.clock.t + theta * h;
         let scratch = &self.switching.scratch;
-        // The noise of a monitor that is small at `theta` depends on the derivatives there, not on those at another
-        // point.
+        // The noise of a monitor whose value is small at `theta` depends on the derivatives there, not on those at
+        // another point.
         let may_be_violated = |monitor: &Monitor| monitor.value < 0.0 && !monitor.is_violated();
         if out.iter().any(may_be_violated) && self.system.exchange_derivatives(t, scratch) {
             monitors(&mut self.system, &self.control, scratch, out);
@@ -58,7 +59,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Evaluates the collocation polynomial of the present step at `theta` into `switching.scratch`.
+    /// Evaluates the collocation polynomial of the present step at the position `theta` into `switching.scratch`.
     pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
@@ -124,8 +125,8 @@ impl Radau<'_> {
     /// the monitor is not positive there and does not rise from it. On a new face a monitor may be zero to within
     /// noise, and rise before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
-        // A monitor that crossed zero together with the one that ended the last step is wrong by its noise at the end
-        // of that step, which may exceed its noise at the left point.
+        // A monitor (event function) that crossed zero together with the one that ended the last step is wrong by its
+        // noise at the end of that step, which may exceed its noise at the left point.
         let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, right.0, h) };
         let Some(start) = start else { return left.0 };
         let mut bracket = Bracket::new(start, right);

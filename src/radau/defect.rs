@@ -13,7 +13,7 @@ use super::screening::ALLOWED;
 use super::stepper::Radau;
 use numerics::Interval;
 
-/// Points and weights of the Gauss rule on `[0, 1]`.
+/// Points and weights of the Gauss rule on `[0, 1]`, for the integrals of the rates over a step.
 const GAUSS: [(f64, f64); 5] = [
     (0.046_910_077_030_668_0, 0.118_463_442_528_094_54),
     (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
@@ -23,8 +23,8 @@ const GAUSS: [(f64, f64); 5] = [
 ];
 
 impl Radau<'_> {
-    /// Returns the state with the largest defect over the last step, and that defect in units of the tolerance of the
-    /// state; `None` if the problem cannot be enclosed.
+    /// Returns the state with the largest defect over the last step (difference of its change and the integral of its
+    /// rate), and that defect in units of the tolerance of the state; `None` if the problem cannot be enclosed.
     pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
         let errors = self.allowed_errors();
@@ -59,7 +59,7 @@ impl Radau<'_> {
         excess.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Returns the admissible error of each unknown, a multiple of its tolerance.
+    /// Returns the admissible error of each unknown in the computation of the defect, a multiple of its tolerance.
     fn allowed_errors(&self) -> Vec<f64> {
         (0..self.system.unknowns).map(|j| ALLOWED * self.uncertainty(j)).collect()
     }

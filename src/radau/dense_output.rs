@@ -19,22 +19,22 @@ pub struct GivenStep {
     ///
     /// [`Radau::error_power`]: super::stepper::Radau::error_power
     pub at_end: Vec<f64>,
-    /// Errors between the ends of the step, including those of transients that have decayed at its end.
+    /// Error of each state between the ends of the step, including those of transients that have decayed at its end.
     pub within: Vec<f64>,
-    /// Errors at the end of the step from variations of the rates between the stages; empty if the stages show these
-    /// variations.
+    /// Error of each state at the end of the step from variations of the rates between the stages; empty if the stages
+    /// show these variations.
     pub missed: Vec<f64>,
-    /// Whether the rows, in a step with the variational inequality coupled over its stages, vary with time by more
-    /// than their values at both ends and the middle of the step show.
+    /// Whether the rows of the problem, in a step with the variational inequality coupled over its stages, vary with
+    /// time by more than their values at both ends and the middle of the step show.
     pub is_blind: bool,
 }
 
 /// The last accepted step of a run, with the data of its dense output.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Step {
-    /// Time at the beginning of the step.
+    /// Time at the beginning of the last accepted step.
     pub t: f64,
-    /// Step size.
+    /// Size of the last accepted step.
     pub h: f64,
     /// Unknowns `y` at the beginning of the step.
     pub y: Vec<f64>,
@@ -46,9 +46,9 @@ pub(super) struct Step {
     /// The slope of the states with which the next step should begin: that at the end of this step, or that of the
     /// rates at the beginning of a run or a face; empty if neither is known.
     pub end_slope: Vec<f64>,
-    /// The active face of the step.
+    /// The active face of `K` on which the step was made.
     pub face: ActiveFace,
-    /// Whether the step kept one active face.
+    /// Whether the step kept one active face of `K`.
     pub is_smooth: bool,
     /// Result of the screening for events between the stages of the step; `None` if there was nothing to screen.
     pub screened: Option<Between>,
@@ -62,7 +62,7 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// Stores a step; allocates nothing once a step of the same size has been stored.
+    /// Stores a step; allocates nothing once a step with as many unknowns and stages has been stored.
     pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &ActiveFace) {
         (self.t, self.h, self.is_remade) = (t, h, false);
         self.y.clear();
@@ -118,7 +118,7 @@ impl Step {
         combine(&matrix[..s * s], &self.z, out, self.y.len());
     }
 
-    /// Evaluates the unknowns `y` at time `t` into `out`.
+    /// Evaluates the polynomials of the unknowns `y` at time `t` into `out`.
     pub fn at(&mut self, tableau: &Tableau, t: f64, out: &mut [f64]) {
         let theta = (t - self.t) / self.h;
         self.increment_at(tableau, theta, out);

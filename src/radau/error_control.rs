@@ -7,7 +7,8 @@ use super::stages::Contraction;
 /// formula of order `s`, is about the requested tolerance.
 #[derive(Clone, Copy, Debug)]
 pub struct Rescaled {
-    /// Rescaled relative tolerance, `0.1 rtol^((s+1)/(2s))` if the step size is adaptive.
+    /// Rescaled relative tolerance, `0.1 rtol^((s+1)/(2s))` if the step size is adaptive, for the requested tolerance
+    /// `rtol` and `s` stages.
     pub rtol: f64,
     /// The exponent `(s+1)/(2s)` that converts tolerances and errors of the result to those of the embedded formula.
     pub exponent: f64,
@@ -15,7 +16,8 @@ pub struct Rescaled {
     pub factor: f64,
     /// The tolerance on the norm of the remaining Newton increment.
     pub kappa: f64,
-    /// Maximum number of Newton iterations: 4, 7, 12, 17 for 1, 3, 5, 7 stages if the step size is adaptive.
+    /// Maximum number of Newton iterations on the stages of a step: 4, 7, 12, 17 for 1, 3, 5, 7 stages if the step size
+    /// is adaptive.
     pub most: usize,
 }
 
@@ -41,8 +43,8 @@ impl Rescaled {
 /// State of the step size and order controllers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Controller {
-    /// Size and error of the last accepted step, for the predictive controller; `None` after a start, a switch or a
-    /// change of order.
+    /// Size of the last accepted step and its error in tolerances, for the predictive controller; `None` after a start,
+    /// a switch or a change of order.
     accepted: Option<(f64, f64)>,
     /// Whether the last attempt at a step was rejected.
     pub rejected: bool,
@@ -51,11 +53,11 @@ pub struct Controller {
     surprised: bool,
     /// The ratio of the last two accepted step sizes.
     quotient: f64,
-    /// A damped measure of the contraction of Newton's method.
+    /// A damped measure of the contraction of Newton's method on the stages, for the choice of the order.
     contraction: f64,
     /// Number of accepted steps since the order last changed.
     since_change: u32,
-    /// Bound on the step size up to which the stages show the variation of the rates.
+    /// Upper bound on the step size, so that the stages do not miss variations of the rates between them.
     caution: Caution,
 }
 
@@ -65,7 +67,7 @@ pub struct Controller {
 /// whether or not the bound remains necessary, the lost work is of the order of the necessary work.
 #[derive(Clone, Copy, Debug, Default)]
 struct Caution {
-    /// The largest step size that the bound allows.
+    /// The largest step size that is allowed at present.
     most: f64,
     /// The number of accepted steps before a longer step is tried.
     left: u64,
@@ -83,7 +85,8 @@ impl Caution {
         self.most = smaller;
     }
 
-    /// Returns the size of the next step after an accepted step of size `h`, if the error allows the size `new`.
+    /// Returns the size of the next step after an accepted step of size `h`, if its error allows a next step of the
+    /// size `new`.
     fn accepted(&mut self, h: f64, new: f64) -> f64 {
         if self.left > 0 {
             self.left -= 1;
@@ -98,15 +101,15 @@ impl Caution {
 }
 
 impl Controller {
-    /// Returns the factor by which the step size may change for an error of `error` tolerances. The safety factor is
-    /// smaller for more Newton iterations.
+    /// Returns the factor by which the step size may change for an error of the step of `error` tolerances. The safety
+    /// factor is smaller for more Newton iterations.
     fn basic(s: usize, error: f64, newton: usize, most: usize) -> f64 {
         let most = most as f64;
         let safety = 0.9 * (2.0 * most + 1.0) / (2.0 * most + newton as f64);
         (safety * error.powf(-1.0 / (s as f64 + 1.0))).clamp(0.2, 8.0)
     }
 
-    /// Returns the next step size after an accepted step of size `h`.
+    /// Returns the next step size after an accepted step of size `h` with an error of `error` tolerances.
     pub fn accept(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize) -> f64 {
         let error = error.max(1e-10);
         let mut new = h * Self::basic(s, error, newton, most);
@@ -171,7 +174,7 @@ impl Controller {
         change
     }
 
-    /// Resets the controllers after a change of order.
+    /// Resets the controllers after a change of order (of the number of stages).
     pub fn order_changed(&mut self) {
         self.since_change = 0;
         self.accepted = None;

@@ -8,7 +8,7 @@ use super::newton_control::NewtonControl;
 use super::system::System;
 use problem::{self, ConvexSet, Face, Shape};
 
-/// Position of one variable in its interval or its block.
+/// Position of one variable in its interval, or in the set of its block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// The variable is on its lower bound: `z = l`, and `G >= 0`.
@@ -19,16 +19,16 @@ pub enum Activity {
     Inactive,
     /// The value of the variable is prescribed, and not an unknown of the stage equations.
     Fixed,
-    /// The variable is on the boundary of a block, but free to move: on this number of rows of a polyhedron, or
-    /// positive in a simplex.
+    /// The variable is on the boundary of the set of its block, but free to move: on this number of rows of a
+    /// polyhedron, or positive in a simplex.
     Boundary(usize),
-    /// The variable is at a vertex of a block, or zero in a simplex.
+    /// The variable is at a vertex of the set of its block, or zero in a simplex.
     Vertex,
 }
 
 impl Activity {
-    /// Returns the number of equations of the face that restrict the variable; the largest `usize` if its value is
-    /// given.
+    /// Returns the number of equations of the active face of `K` that restrict the variable; the largest `usize` if its
+    /// value is given.
     pub fn equations(self) -> usize {
         match self {
             Self::AtLower | Self::AtUpper | Self::Fixed | Self::Vertex => usize::MAX,
@@ -38,17 +38,18 @@ impl Activity {
     }
 }
 
-/// The face of every factor of `K`.
+/// The active face of `K`: for every factor of `K`, an interval or the set of a block, the face on which its variables
+/// are.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ActiveFace {
-    /// The activity of each variable.
+    /// The activity of each variable: at a bound, inactive, fixed, or its position in its block.
     pub places: Vec<Activity>,
-    /// The face of each block of `K`.
+    /// The active face of the set of each block of variables.
     pub blocks: Vec<Face>,
 }
 
 impl ActiveFace {
-    /// Sets the face of block `b` of `set`.
+    /// Sets the active face of block `b` of the set `K`, and the activities of its members.
     pub fn set_block(&mut self, set: &ConvexSet, b: usize, face: Face) {
         let block = &set.blocks()[b];
         for (i, &k) in block.members.iter().enumerate() {
@@ -83,7 +84,7 @@ impl ActiveFace {
         }
     }
 
-    /// Whether two faces are the same, regardless of the form in which their equations are solved.
+    /// Whether two active faces of `K` are the same, regardless of the form in which their equations are solved.
     pub fn is_same(&self, other: &Self) -> bool {
         let same = |pair: (&Face, &Face)| match pair {
             (Face::Boundary(_), Face::Boundary(_)) => true,
@@ -92,7 +93,7 @@ impl ActiveFace {
         self.places == other.places && self.blocks.iter().zip(&other.blocks).all(same)
     }
 
-    /// Whether the members of a block have values prescribed from outside the stage equations.
+    /// Whether the members of a block of variables have values prescribed from outside the stage equations.
     pub fn holds(&self, members: &[usize]) -> bool {
         members.first().is_some_and(|&k| self.places[k] == Activity::Fixed)
     }
@@ -109,7 +110,7 @@ pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     }
 }
 
-/// A monitor: a quantity that must stay nonnegative while a variable or a block keeps its face of `K`.
+/// A monitor (event function): a quantity that must stay nonnegative while a variable or a block keeps its face of `K`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
     /// Value of the monitor: `G` on the lower bound, `-G` on the upper bound, the distance to a bound inside an
@@ -121,14 +122,14 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Whether the monitor is negative beyond noise: the variable or block has left its face.
+    /// Whether the monitor is negative beyond noise: the variable or block has left its face of `K`.
     pub fn is_violated(&self) -> bool {
         self.value < -self.noise
     }
 }
 
-/// Returns, for each variable, whether the variable or its block is at a switch at `y` to within noise; `system` must
-/// have been evaluated at `y` last.
+/// Returns, for each variable, whether the variable or its block is at a switch (change of its face of `K`) at `y` to
+/// within noise; `system` must have been evaluated at `y` last.
 pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
     let mut undecided = vec![false; system.unknowns - system.states];
     for &k in &system.intervals {
@@ -144,7 +145,7 @@ pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) ->
     undecided
 }
 
-/// Appends the monitors of the face of block `b` at `y` to `out`.
+/// Appends the monitors (event functions) of the face of block `b` at `y` to `out`.
 fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize, y: &[f64], out: &mut Vec<Monitor>) {
     let noise = control.noise_of_block(system, b, y);
     let equations = system.equations_of(b, y);
@@ -154,7 +155,8 @@ fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize,
     }));
 }
 
-/// Returns the monitors of variable `k` of an interval at `y`, except that of the width of the interval.
+/// Returns the monitors (event functions) of variable `k`, which lies in an interval, at `y`, except that of the width
+/// of the interval.
 fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> impl Iterator<Item = Monitor> {
     let (z, g) = (y[system.states + k], system.values[system.states + k]);
     let finite = |distance: f64| Some(distance).filter(|distance| distance.is_finite());
@@ -169,8 +171,8 @@ fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -
     values.into_iter().flatten().map(move |value| Monitor { value, noise })
 }
 
-/// Writes the monitors of the face at `y`, where `system` was evaluated last, to `out`, in an order that depends on
-/// the face alone.
+/// Writes the monitors (event functions) of the active face of `K` at `y`, where `system` was evaluated last, to `out`,
+/// in an order that depends on the face alone.
 pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out: &mut Vec<Monitor>) {
     out.clear();
     for &k in &system.intervals {

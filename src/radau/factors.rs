@@ -29,7 +29,8 @@ pub struct Factors {
 }
 
 impl Factors {
-    /// Allocates for the matrices of `system`; the memory of factors is allocated when they are first computed.
+    /// Allocates the factors of the stage equations of `system`; the memory of factors is allocated when they are first
+    /// computed.
     pub fn new(system: &System<'_>) -> Self {
         let layout = Arc::clone(&system.layout);
         Self {
@@ -41,7 +42,8 @@ impl Factors {
         }
     }
 
-    /// Factorises the matrices for step size `h` on a face, from the current derivatives of `system`.
+    /// Factorises the matrices of the transformed stage equations for step size `h` on an active face of `K`, from the
+    /// current derivatives of `system`.
     pub fn compute(&mut self, system: &System<'_>, face: &ActiveFace, tableau: &Tableau, h: f64) {
         let Self { layout, negative_jacobian, scale, real, complex } = self;
         system.negative_jacobian(face, negative_jacobian);
@@ -66,8 +68,8 @@ impl Factors {
         }
     }
 
-    /// Solves the linear system with the real matrix in place; returns false if the matrix is singular, or the method
-    /// has none.
+    /// Solves the linear system with the real matrix of the transformed stage equations, overwriting the right-hand
+    /// side; returns false if the matrix is singular, or the method has none.
     pub fn solve_real(&mut self, right: &mut [f64]) -> bool {
         for (right, scale) in right.iter_mut().zip(&self.scale) {
             *right *= scale;
@@ -75,8 +77,8 @@ impl Factors {
         self.real.as_mut().is_some_and(|lu| lu.solve(right))
     }
 
-    /// Solves the linear system with the complex matrix of pair `k` of eigenvalues in place, real and imaginary parts
-    /// apart; returns false if the matrix is singular.
+    /// Solves the linear system with the complex matrix of pair `k` of eigenvalues, overwriting the right-hand side,
+    /// real and imaginary parts apart; returns false if the matrix is singular.
     pub fn solve_pair(&mut self, k: usize, re: &mut [f64], im: &mut [f64]) -> bool {
         for ((re, im), scale) in re.iter_mut().zip(&mut *im).zip(&self.scale) {
             *re *= scale;
@@ -94,7 +96,7 @@ fn power_of_two(x: f64) -> f64 {
 /// LU factors of one complex matrix; those of a small dense matrix store real and imaginary parts apart.
 enum PairLu {
     Small(ComplexLu),
-    /// Factors of a large or sparse matrix, and memory for a right-hand side.
+    /// Factors of a large or sparse complex matrix, and memory for a right-hand side.
     Other(Box<Lu<Complex<f64>>>, Vec<Complex<f64>>),
 }
 
@@ -106,7 +108,7 @@ impl PairLu {
         }
     }
 
-    /// Factorises the complex matrix `shift diag(M, 0) - Phi_y` with its rows scaled.
+    /// Factorises the complex matrix `shift diag(M, 0) - Phi_y` of a pair of eigenvalues, with its rows scaled.
     fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: Complex<f64>, outside: &Control) {
         match self {
             Self::Small(factors) => {
@@ -140,7 +142,7 @@ impl PairLu {
     }
 }
 
-/// LU factors of one matrix, dense or sparse.
+/// LU factors of one matrix of the transformed stage equations, dense or sparse.
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 enum Lu<T: Number> {
     Dense(DenseLu<T>),
@@ -148,7 +150,7 @@ enum Lu<T: Number> {
         matrix: SparseMatrix<T>,
         factors: SparseLu<T>,
     },
-    /// No factors: memory was insufficient.
+    /// No factors of the matrix: memory for them was insufficient.
     None,
 }
 
@@ -166,7 +168,7 @@ impl<T: Number + Send + Sync + 'static> Lu<T> {
         }
     }
 
-    /// Factorises the matrix `shift diag(M, 0) - Phi_y` with its rows scaled.
+    /// Factorises the matrix `shift diag(M, 0) - Phi_y` of the stage equations with its rows scaled.
     fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T, outside: &Control) {
         let fill = |entries: &mut [T]| {
             for (entry, &value) in entries.iter_mut().zip(negative_jacobian) {

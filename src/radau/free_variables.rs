@@ -16,11 +16,11 @@ use numerics::Interval;
 /// more than evaluations of as many equations.
 const MOST: usize = 64;
 
-/// Bound on the condition number of the matrix of the equations of free variables; with a larger one, the matrix
-/// counts as singular.
+/// Bound on the condition number of the matrix of the equations of free variables (those not on a bound); with a larger
+/// one, the matrix counts as singular.
 const MOST_CONDITION: f64 = 1e10;
 
-/// The equations of the free variables on one face, with one Jacobian.
+/// The equations of the free variables (those not on a bound) on one active face of `K`, with one Jacobian.
 pub(super) struct FreeVariables {
     jacobians: u64,
     inside: Vec<usize>,
@@ -30,14 +30,14 @@ pub(super) struct FreeVariables {
     /// Inverse of the matrix of the equations of the free variables, column by column, if the equations are coupled.
     inverse: Vec<f64>,
     change: Vec<f64>,
-    /// The correction of every variable; zero between corrections.
+    /// Workspace for the correction of every variable; zero between uses.
     changes: Vec<f64>,
 }
 
 enum Equations {
     /// The equations do not determine the free variables, or are too many to be solved.
     None,
-    /// Decoupled equations: each has one variable, with this factor.
+    /// Decoupled equations: each contains one free variable, with this factor.
     Apart(Vec<f64>),
     Together(DenseLu<f64>),
 }

@@ -10,8 +10,8 @@ use numerics::Interval;
 const ACROSS: f64 = 0.5;
 
 impl Radau<'_> {
-    /// Selects the fewest stages if the step of size `h` with more of them may pass a knot; returns the size of the
-    /// step that replaces it.
+    /// Selects the fewest stages if the step of size `h` with more of them may pass a knot (a value of the unknowns at
+    /// which a derivative jumps); returns the size of the step that replaces it.
     pub(super) fn step_across_knots(&mut self, h: f64) -> Option<f64> {
         let tableau = self.tableau();
         if !self.system.has_knots || tableau.stages() == self.orders.fewest_stages() {

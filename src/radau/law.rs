@@ -19,7 +19,7 @@ use numerics::Interval;
 pub struct Excess {
     /// Index of the variable, counted from 0; for a block of variables, the index of its first member.
     pub variable: usize,
-    /// Residual of the natural map, in units of the uncertainty that the tolerances allow.
+    /// Residual of the natural map for the variable, in units of the uncertainty that the tolerances allow.
     pub excess: f64,
 }
 
@@ -89,8 +89,9 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// Encloses the rows of the problem at `y` over all times within the rounding of `t`: a source is known only up
-    /// to that rounding, and next to a jump only up to the jump. Rows without a finite enclosure are empty.
+    /// Encloses the rows of the problem at `y` over all times within the rounding of `t`: a given function of time is
+    /// known only up to that rounding, and next to a jump only up to the jump. Rows without a finite enclosure are
+    /// empty.
     fn enclose_near_time(&mut self, t: f64, y: &[f64]) -> Vec<Interval> {
         let rounding = self.clock.rounding(self.last.h);
         let ranges: Vec<Interval> = y.iter().map(|y| Interval::point(*y)).collect();
@@ -122,15 +123,15 @@ impl Radau<'_> {
         slopes
     }
 
-    /// Returns the uncertainty of unknown `j` under the tolerances; that of a variable, which has no absolute
-    /// tolerance, is relative to its largest value.
+    /// Returns the uncertainty of unknown `j` if it is known to its tolerance; that of a variable, which has no
+    /// absolute tolerance, is relative to its largest value.
     pub(super) fn uncertainty(&self, j: usize) -> f64 {
         let atol = if j < self.system.states { self.settings.atol[j] } else { 0.0 };
         atol + self.settings.rtol * self.extent.largest[j]
     }
 
-    /// Returns the uncertainties of the unknowns under the tolerances. The weights of the Newton norm must have been
-    /// set for a step of size `h`, or for the shorter probe step that selects the face behind such a step.
+    /// Returns the uncertainties of the unknowns if each is known to its tolerance. The weights of the Newton norm must
+    /// have been set for a step of size `h`, or for the shorter probe step that selects the face behind such a step.
     pub(super) fn uncertainties(&self, h: f64) -> Uncertainties {
         let Self { system, settings, extent, control, .. } = self;
         let longest = extent.longest.max(h);

@@ -24,17 +24,17 @@ pub fn is_sparse(unknowns: usize, entries: usize) -> bool {
 /// Storage index, called place, of each entry of the matrices of the stage equations.
 #[derive(Debug)]
 pub struct Layout {
-    /// Number of unknowns, `n` states and `m` variables.
+    /// Number of unknowns of the system, `n` states and `m` variables.
     pub unknowns: usize,
-    /// Dense or sparse storage of the matrices.
+    /// Dense or sparse storage of the matrices of the stage equations.
     pub storage: Storage,
-    /// Number of stored entries (places) of a matrix.
+    /// Number of stored entries (places) of a matrix of the stage equations.
     pub places: usize,
     /// The entries of the mass matrix `M`, each with its storage index and value.
     pub mass: Vec<(usize, f64)>,
-    /// Whether each row is the equation of a rate: the mass matrix `M` has an entry in this row.
+    /// For each row of the problem, whether it is the equation of a rate: the mass matrix `M` has an entry in this row.
     pub is_rate: Vec<bool>,
-    /// Whether each state has a mass: the mass matrix `M` has an entry in its column.
+    /// For each state, whether it has a mass: the mass matrix `M` has an entry in its column.
     pub has_mass: Vec<bool>,
     /// The storage index of each entry in the problem's pattern of derivatives; an entry of a moving bound is in the
     /// row of its variable.
@@ -44,20 +44,21 @@ pub struct Layout {
     /// For each entry of the pattern of derivatives in the row of a block, its storage indices in the rows of all
     /// members of the block; empty for other rows.
     pub spread: Vec<Vec<usize>>,
-    /// The storage indices of the entries in the rows and columns of the members of each block, row by row.
+    /// The storage indices of the entries in the rows and columns of the members of each block, row by row, in the
+    /// matrices of the stage equations.
     pub own: Vec<Vec<usize>>,
 }
 
-/// Storage of the entries of a matrix.
+/// Storage of the entries of a matrix of the stage equations.
 #[derive(Debug)]
 pub enum Storage {
-    /// All entries, column by column.
+    /// Dense storage: all entries, column by column.
     Dense,
-    /// Entries of a sparsity pattern, in compressed columns.
+    /// Sparse storage: the entries of a sparsity pattern, in compressed columns.
     Sparse {
-        /// Sparsity pattern of the matrix.
+        /// Sparsity pattern of the matrices of the stage equations.
         pattern: SymbolicSparseColMat<usize>,
-        /// Symbolic analysis of the sparsity pattern.
+        /// Symbolic analysis of the sparsity pattern, for the factorisations.
         analysis: Analysis,
     },
 }
@@ -132,7 +133,8 @@ impl Layout {
         Ok(Self { unknowns, storage, places, mass, is_rate, has_mass, jacobian, diagonal, spread, own })
     }
 
-    /// Multiplies each row of a matrix by its factor in `factors`; `places` are the stored entries of the matrix.
+    /// Multiplies each row of a matrix of the stage equations by its factor in `factors`; `places` are the stored
+    /// entries of the matrix.
     pub fn multiply_rows(&self, factors: &[f64], places: &mut [f64]) {
         match &self.storage {
             Storage::Dense => {

@@ -12,7 +12,7 @@ use super::stages::Newton;
 use super::stepper::Radau;
 use super::switches::{Switching, turned};
 
-/// Position of the sign change of a violated monitor.
+/// Position of the sign change of a violated monitor (event function) in a step.
 pub(super) enum EventTime {
     /// The sign change is at the end of a step of size `h`, whose stages are solved; `between` is the result of its
     /// screening.
@@ -20,19 +20,20 @@ pub(super) enum EventTime {
     /// The sign change is at the beginning of the step: the face has been changed there, and the step should be
     /// attempted again.
     Now,
-    /// No monitor changes sign up to this fraction of the step, as screening proves; a switch before the located one
-    /// may follow.
+    /// No monitor changes sign up to this fraction of the step, as screening of the step proves; a switch before the
+    /// located one may follow.
     Behind(f64),
-    /// The sign change was not found, or not searched for.
+    /// The sign change of the monitor was not found, or not searched for.
     Nowhere,
 }
 
 /// Distance from its bracket on the collocation polynomial at which a switch may lie once the stages are solved
 /// again, relative to the length of the bracket.
 const SLACK: f64 = 0.25;
-/// Maximum number of switches located within one step, each of them earlier than the one located before.
+/// Maximum number of switches (changes of the active face of `K`) located within one step, each of them earlier than
+/// the one located before.
 const ROUNDS: usize = 8;
-/// Maximum number of solves of the stages for one switch.
+/// Maximum number of solves of the stages to locate one switch.
 const SOLVES: usize = 12;
 /// Two values of a monitor determine its slope, to within a quarter, if they differ by `TOLD` times its noise, or if
 /// their step sizes differ by the fraction `APART`, over which noise hardly affects the slope. Other pairs may not even
@@ -41,8 +42,8 @@ const TOLD: f64 = 8.0;
 const APART: f64 = 1e-7;
 
 impl Radau<'_> {
-    /// Locates the first sign change of a violated monitor of the present step, of size `h`. At `hidden_crossing`, a
-    /// fraction of the step, a monitor is violated that need not be violated at any stage.
+    /// Locates the first sign change of a violated monitor (event function) of the present step, of size `h`. At
+    /// `hidden_crossing`, a fraction of the step, a monitor is violated that need not be violated at any stage.
     pub(super) fn locate_switch(&mut self, h: f64, mut hidden_crossing: Option<f64>) -> Result<EventTime, StepError> {
         if !self.switching.locates() {
             return Ok(EventTime::Nowhere);
@@ -104,8 +105,8 @@ impl Radau<'_> {
         Ok(EventTime::Nowhere)
     }
 
-    /// Solves the step again with its size as the unknown, so that one monitor is zero at its end. Returns the size, or
-    /// `None` if the stages cannot be solved or the iteration on the size fails.
+    /// Solves the step again with its size as the unknown, so that one monitor (event function) is zero at its end.
+    /// Returns the size, or `None` if the stages cannot be solved or the iteration on the size fails.
     fn solve_for_end(
         &mut self,
         crossing: &Crossing,
@@ -113,7 +114,7 @@ impl Radau<'_> {
         solves: &mut usize,
     ) -> Result<Option<f64>, StepError> {
         let longest = 1.5 * size;
-        // If a monitor has several zeros over the step, only the one in the bracket is sought.
+        // If a monitor has several zeros over the step, only the zero in the bracket of its sign change is sought.
         let slack = |(begin, end): (f64, f64)| SLACK * (end - begin);
         let mut bracket = crossing.bracket.map(|part| ((part.0 - slack(part)) * size, (part.1 + slack(part)) * size));
         let mut trial = crossing.theta * size;
@@ -127,8 +128,8 @@ impl Radau<'_> {
             match self.stages_on_face(size) {
                 Some(true) => {}
                 Some(false) => {
-                    // The step passes the end of the active face: reduce it towards the last step size for which all
-                    // stages were on the face.
+                    // The trial step passes the end of the active face: reduce it towards the last step size for which
+                    // all stages were on the face.
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
                     continue;

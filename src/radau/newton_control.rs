@@ -3,7 +3,8 @@
 
 use super::system::System;
 
-/// Convergence criteria of Newton's method, and scales for noise levels.
+/// Convergence criteria of Newton's method on the stages, and scales for noise levels of the quantities that decide
+/// about a face of `K`.
 #[derive(Clone, Debug)]
 pub struct NewtonControl {
     /// Weight `1/sc`, the inverse of the tolerance, of each component of `y` in the norm
@@ -11,7 +12,7 @@ pub struct NewtonControl {
     pub weight: Vec<f64>,
     /// The tolerance on the weighted norm of the remaining Newton increment.
     pub kappa: f64,
-    /// Maximum number of Newton iterations.
+    /// Maximum number of Newton iterations on the stages of a step.
     pub most: usize,
     /// Rounding error of each component of `y` in the last step; at a switch, including the rounding of its time.
     pub rounding: Vec<f64>,
@@ -43,20 +44,20 @@ impl NewtonControl {
         (self.vi_tolerance * terms).max(passed).max(self.by_time[k]).max(UNDERFLOW)
     }
 
-    /// Returns the error of unknown `j` that Newton's method or rounding leaves undetected; zero for variables.
+    /// Returns the error of unknown `j` that Newton's method or rounding leaves undetected; zero for the variables `z`.
     fn passed(&self, system: &System<'_>, j: usize) -> f64 {
         if j < system.states { (self.kappa / self.weight[j]).max(self.rounding[j]) } else { 0.0 }
     }
 
-    /// Returns the noise level of the distance of variable `k` at `y` from a bound.
+    /// Returns the noise level of the distance of variable `k` at `y` from one of its bounds.
     pub fn noise_of_z(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = if self.weight[at] > 0.0 { self.kappa / self.weight[at] } else { 0.0 };
         (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
 
-    /// Returns the noise levels of block `b` at `y`: that of the distances from its boundary, and that of its
-    /// multipliers.
+    /// Returns the noise levels of block `b` at `y`: that of the distances from the boundary of its set, and that of
+    /// its multipliers.
     pub fn noise_of_block(&self, system: &System<'_>, b: usize, y: &[f64]) -> BlockNoise {
         let mut noise = BlockNoise { z: 0.0, g: 0.0 };
         for &k in &system.set.blocks()[b].members {
@@ -84,11 +85,11 @@ pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: 
     terms().fold(0.0, larger) / (count as f64).sqrt()
 }
 
-/// Noise levels of the monitors of a block.
+/// Noise levels of the monitors (event functions) of a block of variables.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockNoise {
-    /// Noise level of the distances, in the unit of `z`.
+    /// Noise level of the distances of the block from the boundary of its set, in the unit of `z`.
     pub z: f64,
-    /// Noise level of the multipliers, in the unit of `G`.
+    /// Noise level of the multipliers of the block, in the unit of `G`.
     pub g: f64,
 }

@@ -4,14 +4,14 @@ use super::error_control::Rescaled;
 use super::settings::{Settings, StageChoice};
 use super::tableau::Tableau;
 
-/// A method, given by its number of stages, with its tolerances.
+/// A method, given by its number of stages, with its rescaled tolerances.
 #[derive(Clone, Copy)]
 pub(super) struct Method {
     pub tableau: &'static Tableau,
     pub tolerance: Rescaled,
 }
 
-/// The methods available to a run, with the indices of the present method and of that of the last step.
+/// The methods available to a run, with the indices of the present method and of the method of the last accepted step.
 #[derive(Clone)]
 pub(super) struct Orders {
     methods: Vec<Method>,
@@ -31,12 +31,12 @@ impl Orders {
         Self { methods: counts.into_iter().map(method).collect(), current: 0, last: 0 }
     }
 
-    /// Returns the largest number of stages that a step may have.
+    /// Returns the largest number of stages that a step of the run may have.
     pub fn most_stages(&self) -> usize {
         self.methods.iter().map(|method| method.tableau.stages()).max().unwrap_or(1)
     }
 
-    /// Returns the least number of stages that a step may have.
+    /// Returns the least number of stages that a step of the run may have.
     pub fn fewest_stages(&self) -> usize {
         self.methods.iter().map(|method| method.tableau.stages()).min().unwrap_or(1)
     }
@@ -61,12 +61,12 @@ impl Orders {
         self.methods.len() > 1
     }
 
-    /// Records an accepted step with the present method.
+    /// Records that a step with the present method was accepted.
     pub fn accept(&mut self) {
         self.last = self.current;
     }
 
-    /// Selects more stages (1), fewer (-1) or as many (0) for the following steps; returns whether the number
+    /// Selects more stages (1), fewer (-1) or as many stages (0) for the following steps; returns whether the number
     /// changes.
     pub fn change(&mut self, wish: isize) -> bool {
         self.set(self.current.saturating_add_signed(wish).min(self.methods.len() - 1))

@@ -8,10 +8,10 @@ use factorisation::of_size;
 #[derive(Clone, Debug, Default)]
 pub struct Points {
     times: Vec<f64>,
-    /// The unknowns `y`, point by point.
+    /// The unknowns `y` at the stages, stage by stage.
     y: Vec<f64>,
     values: Vec<f64>,
-    /// Whether the rows at all points were found among earlier evaluations.
+    /// Whether the rows at all stages were found among earlier evaluations.
     are_known: bool,
 }
 
@@ -52,7 +52,7 @@ impl Points {
         rates.iter().fold(true, |finite, rate| finite & rate.is_finite())
     }
 
-    /// Sets the points to the stages `(t + c_i h, y0 + Z_i)`.
+    /// Sets the times and the unknowns of the points to the stages `(t + c_i h, y0 + Z_i)`.
     fn place(&mut self, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
         let (Self { times, y, .. }, n) = (self, y0.len());
         times.clear();

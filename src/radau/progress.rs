@@ -5,14 +5,14 @@
 use super::settings::{RejectionCause, StepError};
 use super::stepper::Radau;
 
-/// A step shorter than this fraction of the attempted step size counts as cut.
+/// A step shorter than this fraction of the attempted step size counts as cut, and so as one without progress.
 pub(super) const SHORT: f64 = 0.75;
 
-/// Number of successive steps without progress before a run fails; a few such steps are normal behind a switch or a
-/// breakpoint.
+/// Number of successive steps without progress (short steps over which the states hardly change) before a run fails; a
+/// few such steps are normal behind a switch or a breakpoint.
 const MOST: u32 = 256;
 
-/// Number of successive steps without progress, and the cause of the last rejection.
+/// Number of successive steps without progress, and the cause of the last rejection of a step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Progress {
     count: u32,
@@ -21,7 +21,7 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// Records a rejected step and its cause.
+    /// Records that an attempt at a step was rejected, and why.
     pub(super) fn rejected(&mut self, cause: RejectionCause) {
         self.cause = Some(cause);
         self.was_rejected = true;
@@ -49,8 +49,8 @@ impl Radau<'_> {
         Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })
     }
 
-    /// Returns the largest change of a state over a step of size `h`, in tolerances, by a single term of its rate: at
-    /// rest, terms may cancel.
+    /// Returns the largest change of a state over a step of size `h`, in tolerances, that a single term of its rate
+    /// could make: at rest, terms may cancel.
     fn change(&mut self, h: f64) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {

@@ -35,7 +35,7 @@ impl Radau<'_> {
             let along: Vec<f64> = (0..=s).map(along).collect();
             let slope = self.last.slope.get(j).copied().unwrap_or(0.0);
             let coefficient = |i: usize| {
-                // Elevate the degree of the polynomial by one.
+                // Elevate the degree of the Bernstein polynomial by one.
                 let part = i as f64 / (s + 1) as f64;
                 let before = if i > 0 { part * along[i - 1] } else { 0.0 };
                 let here = if i <= s { (1.0 - part) * along[i] } else { 0.0 };
@@ -47,8 +47,8 @@ impl Radau<'_> {
     }
 }
 
-/// Restricts a polynomial, given by its Bernstein coefficients, to the part `[from, to]` of its interval, by de
-/// Casteljau's algorithm at both ends.
+/// Restricts a polynomial, given by its Bernstein coefficients, to the part `[from, to]` of its interval `[0, 1]`, by
+/// de Casteljau's algorithm at both ends.
 fn restrict(coefficients: &mut [f64], from: f64, to: f64) {
     let count = coefficients.len();
     for round in 1..count {

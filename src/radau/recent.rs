@@ -5,12 +5,12 @@
 /// would save one more evaluation in a hundred.
 const MOST: usize = 16;
 
-/// Points `(t, y)` with the rows of the problem at them; the oldest is overwritten first.
+/// Points `(t, y)` with the rows of the problem at them; the oldest point is overwritten first.
 #[derive(Debug)]
 pub(super) struct Recent {
-    /// Hash of each point, from the sum of its bits: few points share a hash.
+    /// Hash of each point, from the sum of its bits: different points seldom share a hash.
     keys: [u32; MOST],
-    /// Time of each point; NaN for an empty slot.
+    /// Time of each stored point; NaN where no point is stored yet.
     times: [f64; MOST],
     y: Vec<f64>,
     values: Vec<f64>,
@@ -18,7 +18,7 @@ pub(super) struct Recent {
 }
 
 impl Recent {
-    /// Allocates for points with `unknowns` unknowns and `rows` rows.
+    /// Allocates the store for points with `unknowns` unknowns and `rows` rows.
     pub(super) fn new(unknowns: usize, rows: usize) -> Self {
         let (y, values) = (vec![0.0; MOST * unknowns], vec![0.0; MOST * rows]);
         Self { keys: [0; MOST], times: [f64::NAN; MOST], y, values, next: 0 }
@@ -40,7 +40,7 @@ impl Recent {
         Some(&self.values[rows * at..][..rows])
     }
 
-    /// Stores the rows `values` at the point `(t, y)`.
+    /// Stores the rows `values` of the problem at the point `(t, y)`, in place of the oldest point.
     pub(super) fn keep(&mut self, t: f64, y: &[f64], values: &[f64]) {
         let at = self.next;
         (self.keys[at], self.times[at]) = (key(t, y), t);

@@ -13,14 +13,16 @@ use super::face::Activity;
 use super::settings::StepError;
 use super::stepper::Radau;
 
-/// Number of switches within noise before the location of switches is suspended.
+/// Number of switches within noise (changes of the active face of `K` whose monitors stay within their noise levels)
+/// before the location of switches is suspended.
 const MOST: u32 = 16;
 
-/// Number of successive clear switches (those not within noise) after which the record of switches is reset.
+/// Number of successive clear switches (changes of the active face of `K` not within noise) after which the record of
+/// switches is reset.
 const CLEAR: u32 = 64;
 
-/// Multiple of its noise level from which a variable is clearly off its switch: the noise level bounds the error of
-/// one step, and an error below it is carried on until the next switch.
+/// Multiple of its noise level from which a variable is clearly off its switch (the zero of its monitor): the noise
+/// level bounds the error of one step, and an error below it is carried on until the next switch.
 const NEAR: f64 = 10.0;
 
 /// Maximum number of steps on one face for which the location of switches is suspended.
@@ -31,10 +33,11 @@ const LONGEST: u32 = 1 << 16;
 const SAMPLE: u32 = 1 << 11;
 const ENDLESS: f64 = (1_u32 << 21) as f64;
 
-/// Record of the recent switches of a run, clear ones and those within noise.
+/// Record of the recent switches (changes of the active face of `K`) of a run, clear ones and those within noise.
 #[derive(Clone, Debug)]
 pub(super) struct Recurrence {
-    /// Whether each variable has been clearly (by more than noise) off the zero of its monitor since its last switch.
+    /// For each variable, whether it has been clearly (by more than noise) off the zero of its monitor since its last
+    /// switch.
     is_clear: Vec<bool>,
     /// Number of successive clear switches (those not within noise).
     clear: u32,
@@ -54,7 +57,7 @@ impl Recurrence {
         Self { is_clear: vec![true; variables], clear: 0, within: 0, variable: 0, since: (0.0, 0), pause: 1, left: 0 }
     }
 
-    /// Whether the location of switches is suspended.
+    /// Whether the location of switches (changes of the active face of `K`) is suspended.
     pub(super) fn is_pausing(&self) -> bool {
         self.left > 0
     }
@@ -98,7 +101,8 @@ impl Recurrence {
         (self.clear, self.within, self.pause, self.left) = (0, 0, 1, 0);
     }
 
-    /// Records a step that kept its face, which counts towards the end of a suspension of the location of switches.
+    /// Records a step that kept its active face of `K`, which counts towards the end of a suspension of the location of
+    /// switches.
     pub(super) fn kept_face(&mut self) {
         self.left = self.left.saturating_sub(1);
     }

@@ -11,14 +11,14 @@
 use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
-/// Relative rank threshold: singular values below this fraction of the largest are rounding, in a matrix with rows and
+/// Relative rank threshold: singular values below this fraction of the largest count as zero, in a matrix with rows and
 /// columns scaled to one.
 const RANK: f64 = 1e-10;
 
 /// A variable of an affine VI over an interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
-    /// Index of the variable in the matrix of the affine VI.
+    /// Index of the row and column of the variable in the matrix of the affine VI.
     pub at: usize,
     pub z: f64,
     pub g: f64,
@@ -27,7 +27,7 @@ pub(super) struct Member {
     pub rests: Rests,
 }
 
-/// Position of a variable in its interval: free, or on a bound.
+/// Position of a variable of the affine VI in its interval: free, or on a bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rests {
     Inactive,
@@ -35,7 +35,8 @@ pub(super) enum Rests {
     Upper,
 }
 
-/// End of the path along a null vector, where one variable changes its position in its interval.
+/// End of the path along a null vector of the matrix of the free variables, where one variable changes its position in
+/// its interval.
 struct End {
     /// Distance from the solution to the end of the path, in units of the null vector.
     tau: f64,
@@ -46,8 +47,8 @@ struct End {
     pivot: f64,
 }
 
-/// Moves variables along null vectors until the matrix of the free variables is regular; returns whether anything
-/// changed.
+/// Moves the variables of a solution of an affine VI along null vectors until the matrix of the free variables is
+/// regular; returns whether anything changed.
 pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool {
     let mut changed = false;
     for _ in 0..members.len() {

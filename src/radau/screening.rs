@@ -27,8 +27,8 @@ use on_face::{OnFace, Told};
 use part::Part;
 use watched::{Watched, watch};
 
-/// Largest deviation of a source from the polynomial through its values at the stages, relative to its change over the
-/// step: beyond it, events between the stages may be as large as the change.
+/// Largest deviation of a given function of time from the polynomial through its values at the stages, relative to its
+/// change over the step: beyond it, events between the stages may be as large as the change.
 const RESOLVED: f64 = 1e-2;
 
 /// Maximum number of parts of one step over which monitors are enclosed. Bisection of a part where a monitor starts
@@ -53,41 +53,44 @@ const RISES: i32 = 6;
 /// digit less than requested.
 pub const ALLOWED: f64 = 10.0;
 
-/// Result of the screening of a step.
+/// Result of the screening of a step for switches (changes of the active face of `K`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
-    /// Proven: no monitor changes sign within the step.
+    /// Proven: no monitor (event function) changes sign within the step.
     Proven,
-    /// Sign changes are neither excluded nor seen: parts of the step were left undecided, or the problem cannot be
-    /// enclosed.
+    /// Sign changes of monitors (event functions) are neither excluded nor seen: parts of the step were left undecided,
+    /// or the problem cannot be enclosed.
     Undecided,
-    /// Sign changes are not excluded, though the states determine every monitor: a proof would need too many parts of
-    /// the step.
+    /// Sign changes of monitors (event functions) are not excluded, though the states determine every monitor: a proof
+    /// would need too many parts of the step.
     Open,
     /// The variational inequality is violated at this time, with this excess (its residual in units of the
     /// tolerances).
     Missed(f64, Excess),
 }
 
-/// Result of the screening of monitors between the stages, with positions as fractions of the step.
+/// Result of the screening of monitors (event functions) between the stages, with positions as fractions of the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
-    /// Proven: no monitor changes sign within the step.
+    /// Proven: no monitor (event function) changes sign within the step.
     Proven,
-    /// Nothing is proven, and no violation of a monitor was seen at the points examined.
+    /// Nothing is proven, and no violation of a monitor (event function) was seen at the points examined.
     Undecided,
-    /// Undecided although the states determine every monitor: smaller parts of the step would decide it.
+    /// Sign changes of monitors are neither excluded nor seen, although the states determine every monitor: smaller
+    /// parts of the step would decide it.
     Open,
-    /// Undecided, and the equations of the face vary between the stages by more than their values at the stages show.
+    /// Sign changes of monitors are neither excluded nor seen, and the equations of the active face vary between the
+    /// stages by more than their values at the stages show.
     Unresolved,
     /// No monitor changes sign up to this point; the rest of the step was not examined.
     ProvenUpTo(f64),
-    /// A monitor is violated at `theta`; no monitor changes sign up to `proven`.
+    /// A monitor (event function) is violated at `theta`; no monitor changes sign up to `proven`.
     Violated { theta: f64, proven: f64 },
 }
 
 impl Between {
-    /// Returns the point at which a monitor is violated, and the point up to which no monitor changes sign.
+    /// Returns the point at which a monitor (event function) is seen violated in the step, and the point up to which no
+    /// monitor changes sign.
     pub(super) fn violation(self) -> Option<(f64, f64)> {
         match self {
             Self::Violated { theta, proven } => Some((theta, proven)),
@@ -95,8 +98,8 @@ impl Between {
         }
     }
 
-    /// Returns the part of the step to make first if an event was seen in the step, or is possible in the rest of the
-    /// step.
+    /// Returns the part of the step that is to be made first if an event was seen in the step, or is possible in the
+    /// rest of the step.
     pub(super) fn part_before(self) -> Option<f64> {
         match self {
             Self::ProvenUpTo(theta) => Some(theta),
@@ -107,7 +110,7 @@ impl Between {
     }
 }
 
-/// Path along which rows of the problem are evaluated within a step.
+/// Path in time and unknowns along which rows of the problem are evaluated within a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Along {
     /// Time varies, and the states are those at the beginning of the step.
@@ -116,7 +119,7 @@ enum Along {
     Polynomial,
 }
 
-/// Workspace of the screening.
+/// Workspace of the screening of steps for switches.
 #[derive(Debug, Default)]
 pub(super) struct Screening {
     watched: Vec<Watched>,
@@ -124,12 +127,12 @@ pub(super) struct Screening {
     enclosure: Enclosure,
     /// Parts of the step still to be examined, as a stack: the earliest is last.
     left: Vec<Part>,
-    /// Unused parts, kept so that their memory is reused.
+    /// Unused parts of a step, kept so that their memory is reused.
     spare: Vec<Part>,
 }
 
 impl Radau<'_> {
-    /// Screens the step of size `h` whose stages are solved.
+    /// Screens the step of size `h` whose stages are solved, for switches between its stages.
     pub(super) fn screen_step(&mut self, h: f64) -> Between {
         let mut screening = std::mem::take(&mut self.switching.screening);
         let found = self.screen_parts(h, &mut screening);
@@ -189,8 +192,8 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
-                    // Attempt no further proof for the monitors that depend on hidden constraints; the other monitors
-                    // are still to be proven.
+                    // Attempt no further proof for the monitors (event functions) that depend on hidden constraints;
+                    // the other monitors are still to be proven.
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
                         // Hidden constraints hold at the stages, so that the monitors there show nothing of what the
                         // unknowns do between the stages.
@@ -279,7 +282,8 @@ impl Radau<'_> {
         is_unresolved
     }
 
-    /// Whether a monitor is violated at `theta` of the step of size `h`, whose stages are solved.
+    /// Whether a monitor (event function) of the active face is violated at the position `theta` of the step of size
+    /// `h`, whose stages are solved.
     fn is_violated_at(&mut self, theta: f64, h: f64) -> bool {
         let mut there = std::mem::take(&mut self.switching.between);
         self.judged_monitors_at(theta, h, &mut there);
@@ -288,8 +292,8 @@ impl Radau<'_> {
         is_violated
     }
 
-    /// Whether a monitor that is violated at `theta` of the step of size `h`, whose stages are solved, was positive
-    /// earlier in the step.
+    /// Whether a monitor that is violated at the position `theta` of the step of size `h`, whose stages are solved, was
+    /// positive earlier in the step.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
         let (mut there, mut before) = (Vec::new(), Vec::new());
         self.judged_monitors_at(theta, h, &mut there);
@@ -299,15 +303,16 @@ impl Radau<'_> {
         })
     }
 
-    /// Returns the first midpoint between the stages at which a monitor is violated.
+    /// Returns the first midpoint between the stages at which a monitor (event function) is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
         self.tableau().middles().find(|&theta| self.is_violated_at(theta, h))
     }
 
-    /// Returns the result of the screening of the last step; `None` if the step has no bounded variables.
+    /// Returns the result of the screening of the last step for switches; `None` if the step has no bounded variables.
     pub fn screened(&mut self) -> Option<Screened> {
         let found = self.last.screened?;
-        // At the end of its active face, the variables must still satisfy the variational inequality.
+        // If the step ended its active face, the variables at the end of the step must still satisfy the variational
+        // inequality.
         let end = self.last.t + self.last.h;
         if self.last.is_smooth
             && !self.continues
@@ -323,8 +328,8 @@ impl Radau<'_> {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {
                     Some(excess) => Screened::Missed(t, excess),
-                    // The violation is within the uncertainty under the tolerances, and the rest of the step was not
-                    // examined; this is frequent for monitors of blocks.
+                    // The violation of the monitor is within the uncertainty under the tolerances, and the rest of the
+                    // step was not examined; this is frequent for monitors of blocks.
                     None if self.system.set.has_blocks() => Screened::Undecided,
                     None => Screened::Open,
                 }

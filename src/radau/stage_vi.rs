@@ -29,7 +29,7 @@ pub struct StageVi {
     /// Matrix `S` of the affine variational inequality, with its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
-    /// The set `K` of the bounded variables, and its product over the stages.
+    /// The set `K` of the bounded variables, and the product of this set over all stages.
     factor: ConvexSet,
     set: ConvexSet,
     workspace: Workspace,
@@ -43,26 +43,27 @@ pub struct StageVi {
     last_z: Vec<f64>,
     /// Values of `G` for the bounded variables of all stages.
     g: Vec<f64>,
-    /// The face on which all bounded variables are held fixed and the unbounded ones are free.
+    /// The face of `K` on which all bounded variables are held fixed and the unbounded ones are free.
     held: ActiveFace,
-    /// Stage increments and their transforms before the present iteration.
+    /// Stage increments and their transforms before the present Newton iteration.
     saved: (Vec<f64>, Vec<f64>),
     /// The largest magnitude of each unknown over the step.
     largest: Vec<f64>,
     /// Offset added to `G` of each variable: zero, unless a switch is known to be exactly at `G = 0`.
     pub offset: Vec<f64>,
-    /// Whether the derivatives are evaluated anew at every iteration, for a first guess that may be far off.
+    /// Whether the derivatives are evaluated anew at every Newton iteration, for a first guess that may be far off.
     pub relinearise: bool,
     factors: Factors,
     real: Vec<f64>,
     complex: [Vec<f64>; 2],
-    /// The variable whose inequality alone proves that the last unsolved problem has no solution.
+    /// The variable whose inequality alone proves that the last affine variational inequality that was not solved has
+    /// no solution.
     pub contradiction: Option<usize>,
-    /// Number of affine problems solved.
+    /// Number of affine variational inequalities solved.
     pub solves: u64,
-    /// Number of pivots or iterations of the solver of affine problems.
+    /// Number of pivots or iterations of the solver of affine variational inequalities.
     pub pivots: u64,
-    /// The unsuccessful attempts of the solver at affine problems, each with its number of occurrences.
+    /// The unsuccessful attempts of the solver at affine variational inequalities, each with its number of occurrences.
     pub failures: Vec<(Attempt, u64)>,
 }
 
@@ -112,12 +113,12 @@ impl StageVi {
         self.reduce(system, tableau, h)
     }
 
-    /// Returns the name of the solver that solved the last problem.
+    /// Returns the name of the solver that solved the last affine variational inequality.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
 
-    /// Returns the factors of the last solve, with the bounded variables held fixed.
+    /// Returns the factors of the stage equations of the last solve, with the bounded variables held fixed.
     pub fn factors(&mut self) -> &mut Factors {
         &mut self.factors
     }
@@ -188,7 +189,8 @@ impl StageVi {
         Err(RejectionCause::Slow)
     }
 
-    /// Sets the face of `system` to that of the last stage, and records whether all stages share it.
+    /// Sets the face of `system` to the face of `K` of the solution at the last stage, and records whether all stages
+    /// share it.
     fn set_last_face(&mut self, system: &mut System<'_>, control: &NewtonControl) {
         let stages = self.z.len() / system.bounded.len();
         let mut face = std::mem::take(&mut system.face);
@@ -201,7 +203,7 @@ impl StageVi {
         system.face = face;
     }
 
-    /// Writes the face of the solution at stage `i` to `face`.
+    /// Writes the face of `K` of the solution at stage `i` to `face`.
     fn write_face(&mut self, i: usize, system: &System<'_>, control: &NewtonControl, face: &mut ActiveFace) {
         let (count, blocks) = (system.bounded.len(), system.set.blocks().len());
         for (a, &k) in system.bounded.iter().enumerate() {
@@ -391,8 +393,8 @@ impl StageVi {
             })
     }
 
-    /// Forms the matrix `S` from the derivatives of `system`; returns false if a matrix is singular or the caller
-    /// asks to stop.
+    /// Forms the matrix `S` of the affine variational inequality over the stages from the derivatives of `system`;
+    /// returns false if a matrix is singular or the caller asks to stop.
     fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
         self.factors.compute(system, &self.held, tableau, h);
         system.work.factorisations += 1;
@@ -452,7 +454,8 @@ impl StageVi {
         self.matrix.iter().all(|value| value.is_finite())
     }
 
-    /// Resizes the vectors and the matrix to `size` coupled variables.
+    /// Resizes the vectors and the matrix of the affine variational inequality to `size` variables coupled over the
+    /// stages.
     fn resize(&mut self, size: usize) {
         if self.q.len() != size {
             self.matrix.resize_mut(size, size, 0.0);

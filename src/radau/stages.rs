@@ -21,7 +21,7 @@ pub struct Stages {
     pub z: Vec<f64>,
     /// The transformed stage increments `W = T^-1 Z`.
     pub w: Vec<f64>,
-    /// Values of `Phi`, the rows of the system on the face, at the stages as of the last evaluation.
+    /// Values of `Phi`, the rows of the system on the active face of `K`, at the stages as of the last evaluation.
     pub phi: Vec<f64>,
     right: Vec<f64>,
     /// The product `diag(M, 0) W` of the mass matrix and the transformed increments.
@@ -29,7 +29,8 @@ pub struct Stages {
     y: Vec<f64>,
     /// The rows of the problem at the stages, as last evaluated.
     pub points: Points,
-    /// The monitors of the face at every stage, stage by stage, as of the last convergence of Newton's method.
+    /// The monitors (event functions) of the active face at every stage, stage by stage, as of the last convergence of
+    /// Newton's method.
     pub monitors: Vec<Monitor>,
     at_stage: Vec<Monitor>,
 }
@@ -37,11 +38,12 @@ pub struct Stages {
 /// Outcome of Newton's method on the stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Newton {
-    /// The Newton increments are below the tolerance.
+    /// Newton's method converged: its increments are below the tolerance.
     Converged {
-        /// Number of Newton iterations.
+        /// Number of Newton iterations until convergence.
         iterations: usize,
-        /// Whether a monitor of the face is violated at a stage, so that the face ends within the step.
+        /// Whether a monitor (event function) of the active face is violated at a stage, so that the face ends within
+        /// the step.
         violated: bool,
     },
     /// Newton's method would need too many iterations; the step size should be multiplied by this factor, below 1.
@@ -53,14 +55,14 @@ pub enum Newton {
 /// Observed contraction of Newton's method, carried from one step to the next.
 #[derive(Clone, Copy, Debug)]
 pub struct Contraction {
-    /// The last estimate of the convergence rate.
+    /// The last estimate of the convergence rate of Newton's method.
     pub theta: f64,
     /// The quantity `theta / (1 - theta)` of the last step, for the convergence test after the first iteration.
     pub factor: f64,
 }
 
 /// The convergence rate assumed if Newton's method converges in one iteration, so that no rate is observed; also the
-/// rate up to which a Jacobian is kept.
+/// rate up to which a Jacobian is kept for the next step.
 pub const THETA: f64 = 1e-3;
 
 impl Default for Contraction {
@@ -70,7 +72,7 @@ impl Default for Contraction {
 }
 
 impl Stages {
-    /// Allocates for at most `s` stages of `unknowns` unknowns.
+    /// Allocates the stage equations for at most `s` stages of `unknowns` unknowns.
     pub fn new(s: usize, unknowns: usize) -> Self {
         let zeros = vec![0.0; s * unknowns];
         Self {
@@ -87,7 +89,7 @@ impl Stages {
         }
     }
 
-    /// Returns the unknowns `y` at stage `i`.
+    /// Returns the unknowns `y` at stage `i` of the present step.
     pub fn stage(&mut self, y0: &[f64], i: usize) -> &[f64] {
         let z = &self.z[i * self.unknowns..];
         for ((y, y0), z) in self.y.iter_mut().zip(y0).zip(z) {
@@ -96,7 +98,8 @@ impl Stages {
         &self.y
     }
 
-    /// Evaluates `Phi`, the rows of the system on the face, at every stage; returns false if a number is not finite.
+    /// Evaluates `Phi`, the rows of the system on the active face of `K`, at every stage; returns false if a number is
+    /// not finite.
     pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
         let n = self.unknowns;
         if system.unknowns == system.states && tableau.stages() > 1 {
@@ -107,7 +110,7 @@ impl Stages {
         stages.fold(true, |finite, (i, phi)| finite & system.take_phi(&self.points, i, phi))
     }
 
-    /// Sets the transformed increments `W = T^-1 Z`.
+    /// Sets the transformed increments `W = T^-1 Z` of the stages from the increments `Z`.
     pub fn transform(&mut self, tableau: &Tableau) {
         combine(tableau.t_inverse.as_slice(), &self.z, &mut self.w, self.unknowns);
     }
@@ -131,8 +134,8 @@ impl Stages {
         self.transform(tableau);
     }
 
-    /// Solves the transformed equations once: given `Phi` at the stages, adds the increment to `W` and `Z` and
-    /// returns its weighted norm, or `None` for a singular matrix.
+    /// Solves the transformed linear equations of one Newton iteration: given `Phi` at the stages, adds the increment
+    /// to `W` and `Z` and returns its weighted norm, or `None` for a singular matrix.
     pub fn increment(
         &mut self,
         system: &System<'_>,
@@ -205,8 +208,8 @@ impl Stages {
         Some(mean_square_root(sum, s * n, terms))
     }
 
-    /// Solves the stage equations by Newton's method on the present face from the current increments `Z`, with
-    /// `W = T^-1 Z`.
+    /// Solves the stage equations by Newton's method on the active face of `K` from the current increments `Z`, with `W
+    /// = T^-1 Z`.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, factors, place and tolerance")]
     pub fn newton(
         &mut self,
@@ -263,8 +266,8 @@ impl Stages {
                 last_ratio = ratio;
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                // Extrapolated variables dominate the first increment: the rate of convergence shows from the third
-                // increment on.
+                // Judge the predicted number of iterations from the third increment on: extrapolated variables dominate
+                // the first increment, which shows no rate of convergence.
                 if predicted >= 1.0 && (k > 2 || is_ode) && !rounding() {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
@@ -349,14 +352,15 @@ impl Stages {
     }
 }
 
-/// Result of the check of the bounded variables at the stages.
+/// Result of the check of the equations and monitors of the bounded variables at the stages.
 struct Verdict {
     /// Whether the equations of the active face of `K` hold at the stages to the tolerance of the variational
     /// inequality.
     satisfied: bool,
     /// Whether a monitor of the active face of `K` is violated at a stage.
     violated: bool,
-    /// Whether, on a curved face, values beside the apex satisfy the equations but not the inequality.
+    /// Whether, on a curved face of a cone, values beside the apex satisfy the equations of the face but not the
+    /// variational inequality.
     degenerate: bool,
 }
 

@@ -18,8 +18,8 @@ use super::tableau::Tableau;
 
 /// Size of the probe step that selects a face of `K`, relative to the steps of the run.
 const PROBE: f64 = 1e-4;
-/// Sizes of longer probe steps, relative to the steps of the run, for a sign that the first probe step leaves
-/// undecided.
+/// Sizes of longer probe steps, relative to the steps of the run, taken if the first probe step does not decide the
+/// sign of a monitor beyond noise.
 const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 /// Fraction of its distance from a switch by which an inequality may approach the switch within the probe step: after a
 /// closer approach, a step only twice as long might have passed the switch.
@@ -44,7 +44,7 @@ const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 /// same, while a steep change grows by this factor.
 const MULTIPLE: f64 = 16.0;
 
-/// The probe: an implicit Euler step that selects a face of `K`.
+/// The probe: an implicit Euler step that selects the active face of `K` for the following steps.
 pub(super) struct Probe {
     euler: &'static Tableau,
     stages: Stages,
@@ -63,21 +63,22 @@ impl Probe {
     }
 }
 
-/// A jump of the states: `x+ = x + M^-1 B p` with `p` in `K` complementary to `G(x+)`.
+/// An instantaneous jump of the states: `x+ = x + M^-1 B p` with `p` in `K` complementary to `G(x+)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Jump {
-    /// Time of the jump.
+    /// Time of the jump of the states.
     pub t: f64,
     /// Time from which on the states are those after the jump.
     pub behind: f64,
-    /// The unknowns `(x, z)` before the jump.
+    /// The unknowns `(x, z)` before the jump of the states.
     pub before: Vec<f64>,
     /// The impulses `p`, the integrals of the variables over the jump.
     pub impulses: Vec<f64>,
 }
 
 impl Jump {
-    /// Returns the unknowns `(x, z)` with the states `states`, and with `share` times the impulses as variables.
+    /// Returns the unknowns `(x, z)` of a jump with the states `states`, and with `share` times the impulses as
+    /// variables.
     pub fn unknowns(&self, states: &[f64], share: f64) -> Vec<f64> {
         states.iter().copied().chain(self.impulses.iter().map(|impulse| share * impulse)).collect()
     }
@@ -148,8 +149,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Selects the face and the variables at `(t, y)` for steps of a size of about `h`; changes the states by noise
-    /// only. Returns false, with nothing changed, if no solution is found.
+    /// Selects the active face of `K` and the variables at `(t, y)` for steps of a size of about `h`; changes the
+    /// states by noise only. Returns false, with nothing changed, if no solution is found.
     pub(super) fn choose_face(&mut self, h: f64) -> bool {
         let n = self.system.states;
         let mut length = PROBE * h;
@@ -204,7 +205,7 @@ impl Radau<'_> {
     /// `G_k` that contains no variables, and was nonzero at `t`, came half way to zero. If switches accumulate, the
     /// time between them is shorter than any fraction of the steps of the run.
     fn was_too_long(&mut self) -> bool {
-        // A fixed step size resolves no shorter times.
+        // A fixed step size resolves no times shorter than a step: give up.
         if self.settings.step.is_some() {
             return false;
         }

@@ -35,14 +35,14 @@ use problem::{Control, Dvi};
 /// Counts of the steps of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Number of accepted steps.
+    /// Number of accepted steps of the run.
     pub accepted: u64,
     /// Numbers of rejected steps by cause, in the order of [`RejectionCause::ALL`].
     rejected: [u64; RejectionCause::ALL.len()],
 }
 
 impl Counts {
-    /// Returns the number of steps rejected for `cause`.
+    /// Returns the number of attempts at steps that were rejected for `cause`.
     pub fn rejected(&self, cause: RejectionCause) -> u64 {
         self.rejected[cause as usize]
     }
@@ -76,16 +76,16 @@ pub struct Radau<'p> {
     pub(super) unseen: Unseen,
     pub(super) progress: Progress,
     estimates: Estimates,
-    /// Numbers of accepted and rejected steps.
+    /// Numbers of accepted and rejected steps of the run.
     pub counts: Counts,
 }
 
 /// Largest step size and largest magnitudes of the unknowns in a run so far.
 #[derive(Clone)]
 pub(super) struct Extent {
-    /// The size of the longest step so far.
+    /// The size of the longest step of the run so far.
     pub longest: f64,
-    /// The largest magnitude of each unknown so far.
+    /// The largest magnitude of each unknown in the run so far.
     pub largest: Vec<f64>,
 }
 
@@ -95,14 +95,14 @@ impl Extent {
     }
 }
 
-/// Status of the current derivatives.
+/// Status of the stored derivatives of the rows of the problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freshness {
-    /// Derivatives that are not evaluated, or not worth keeping.
+    /// Stale: derivatives that are not evaluated, or not worth keeping.
     Stale,
-    /// Derivatives from an earlier step that are still good enough.
+    /// Kept: derivatives from an earlier step that are still good enough.
     Kept,
-    /// Derivatives evaluated in the present step.
+    /// Fresh: derivatives evaluated in the present step.
     Fresh,
 }
 
@@ -190,7 +190,7 @@ impl<'p> Radau<'p> {
         self.orders.current().tableau
     }
 
-    /// Appends the present step to the trajectory.
+    /// Appends the present step, which is accepted, to the trajectory.
     fn append(&mut self, &Trial { h, coupled, is_one_face, between, .. }: &Trial, ends_at_switch: bool) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
@@ -244,14 +244,15 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Discards data that are valid for one number of stages only.
+    /// Discards data that are valid for the last number of stages only.
     pub(super) fn forget_order(&mut self) {
         self.factored = None;
         self.contraction = Contraction::default();
         self.controller.order_changed();
     }
 
-    /// Reduces the size of the next attempt below `h`; fails if the step size is fixed or would become too small.
+    /// Reduces the size of the next attempt at a step below `h`; fails if the step size is fixed or would become too
+    /// small.
     fn shrink(
         &mut self,
         h: f64,

@@ -16,37 +16,38 @@ use super::stepper::Radau;
 use super::system::System;
 use problem::{ConvexSet, Face};
 
-/// A variable that changed its activity.
+/// A switch: a variable changed its activity (its position in its interval or block).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
-    /// Time of the switch: exact to the order of the method if located, otherwise the end of the step in which it
+    /// Time of the switch: accurate to the order of the method if located, otherwise the end of the step in which it
     /// happened.
     pub t: f64,
-    /// The variable, counted from 0.
+    /// Index of the variable that switches, counted from 0.
     pub variable: usize,
-    /// Activity before the switch.
+    /// Activity of the variable before the switch.
     pub from: Activity,
-    /// Activity after the switch.
+    /// Activity of the variable after the switch.
     pub to: Activity,
 }
 
-/// Number of successive switches, each after a shorter time than the last, that count as an accumulation (Zeno).
+/// Number of successive switches (changes of the active face of `K`), each after a shorter time than the last, that
+/// count as an accumulation (Zeno).
 const ACCUMULATION: u32 = 8;
-/// State and workspace of the location of switches.
+/// State and workspace of the location of switches (changes of the active face of `K`).
 pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
-    /// The active face before the present step.
+    /// The active face of `K` before the present step.
     pub(super) before: ActiveFace,
     pub(super) history: History,
     pub(super) scratch: Vec<f64>,
     pub(super) inside: FreeVariables,
     pub(super) constraints: Constraints,
     pub(super) monitors: Vec<Monitor>,
-    /// Workspace for the monitors evaluated between the stages.
+    /// Workspace for the monitors (event functions) evaluated between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
-    /// Switches not yet taken by the caller.
+    /// Recorded switches that the caller has not taken yet.
     pub(super) switches: Vec<Switch>,
 }
 
@@ -59,7 +60,7 @@ pub(super) struct History {
     gap: f64,
     shrinking: u32,
     pub recurrence: Recurrence,
-    /// Number of accumulations of switches so far.
+    /// Number of accumulations of switches (Zeno) in the run so far.
     accumulations: u32,
 }
 
@@ -74,7 +75,7 @@ impl History {
         }
     }
 
-    /// Records a switch of the variables `variables` at time `t`.
+    /// Records that the variables `variables` switch (change their activities) at time `t`.
     fn switched(&mut self, t: f64, variables: impl Iterator<Item = usize>) {
         if self.recurrence.switched(variables) {
             self.accumulations += 1;
@@ -87,7 +88,7 @@ impl History {
         (self.last, self.gap) = (t, gap);
     }
 
-    /// Whether switches follow each other too fast to be located.
+    /// Whether switches (changes of the active face of `K`) follow each other too fast to be located.
     fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
@@ -132,24 +133,24 @@ impl Switching {
         !changed.is_empty()
     }
 
-    /// Whether the settings ask to locate switches.
+    /// Whether the settings ask to locate switches (changes of the active face of `K`).
     pub(super) fn is_to_locate(&self) -> bool {
         self.locate
     }
 
-    /// Whether switches follow each other too fast to be located.
+    /// Whether switches (changes of the active face of `K`) follow each other too fast to be located.
     pub(super) fn is_accumulating(&self) -> bool {
         self.history.is_accumulating()
     }
 
-    /// Whether a step should end at a switch.
+    /// Whether a step should end at a switch: the settings ask for it, and switches do not follow each other too fast.
     pub(super) fn locates(&self) -> bool {
         self.locate && !self.is_accumulating()
     }
 }
 
 impl Radau<'_> {
-    /// Takes the switches since the last call.
+    /// Removes and returns the switches since the last call.
     pub fn take_switches(&mut self) -> std::vec::Drain<'_, Switch> {
         self.switching.switches.drain(..)
     }
@@ -236,8 +237,8 @@ impl Radau<'_> {
     }
 }
 
-/// Returns the members of blocks that stay on their boundary between two values of the variables, but on its opposite
-/// side: friction at a reversal of the motion.
+/// Returns the members of blocks that stay on the boundary of their set between two values of the variables, but on its
+/// opposite side: friction at a reversal of the motion.
 pub(super) fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
     let faces = from.blocks.iter().zip(&system.face.blocks);
     let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {

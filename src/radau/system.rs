@@ -18,7 +18,7 @@ use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
-/// A problem on a face of `K`, with the values of one evaluation and of one Jacobian.
+/// A problem on an active face of `K`, with the values of one evaluation and of one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
     /// The structure of the problem: sizes, mass matrix and sparsity. The set `K` with its moving bounds is in
@@ -26,7 +26,7 @@ pub struct System<'p> {
     structure: Structure,
     /// The caller's control, which may ask to stop.
     pub outside: &'p Control,
-    /// Number of states `n`.
+    /// Number of states `n` of the problem.
     pub states: usize,
     /// Number of unknowns: `n` states and `m` variables.
     pub unknowns: usize,
@@ -40,7 +40,7 @@ pub struct System<'p> {
     /// The variables that variational inequalities are solved for: those with a bound and, if the unbounded variables
     /// cannot be eliminated while the bounded ones are fixed, all others. Variables not listed are algebraic states.
     pub bounded: Vec<usize>,
-    /// The members of `bounded` that belong to no block.
+    /// The variables in `bounded` that belong to no block, each in an interval.
     pub intervals: Vec<usize>,
     /// Tolerance of each state, within which states count as equal; empty before tolerances are set.
     pub tolerances: Vec<f64>,
@@ -52,13 +52,13 @@ pub struct System<'p> {
     pub pace: f64,
     /// Rows of `F` and `G` that may vary within a step in ways that its stages do not show.
     pub features: Vec<usize>,
-    /// The active face of `K`.
+    /// The active face of `K` whose equations are solved.
     pub face: ActiveFace,
-    /// Equations of the face of each block, as of their last evaluation.
+    /// Equations of the active face of each block, as of their last evaluation.
     pub equations: Vec<FaceEquations>,
-    /// Equations of the face of each block at the point of linearisation.
+    /// Equations of the active face of each block, as of the last linearisation.
     pub(super) linearised: Vec<FaceEquations>,
-    /// Values of `z` and `G` for the members of one block.
+    /// Values of `z` and `G` for the members of one block, as workspace.
     pub(super) members: (Vec<f64>, Vec<f64>),
     /// Values of the rows (`F`, `G` and the moving bounds) as of the last evaluation.
     pub values: Vec<f64>,
@@ -66,16 +66,16 @@ pub struct System<'p> {
     /// again.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
-    /// Rows evaluated at earlier points; `None` without variables, since only events of variables bring a step back
-    /// to earlier points.
+    /// Values of the rows at points evaluated earlier; `None` without variables, since only events of variables bring a
+    /// step back to earlier points.
     recent: Option<Recent>,
-    /// Index of the first nonzero of each row of the Jacobian.
+    /// Index of the first nonzero of each row of the Jacobian in `derivatives`.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
     pub derivatives: Vec<f64>,
     /// The derivatives that [`System::exchange_derivatives`] has set aside.
     exchanged: Vec<f64>,
-    /// Counters of evaluations, factorisations and iterations.
+    /// Counters of evaluations, factorisations and Newton iterations of the run.
     pub work: Work,
 }
 
@@ -163,12 +163,13 @@ impl<'p> System<'p> {
         Ok(())
     }
 
-    /// Returns the problem.
+    /// Returns the problem whose rows are evaluated.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
     }
 
-    /// Returns the partial derivatives of the rows with respect to time as sums of terms, if these sums are known.
+    /// Returns the partial derivatives of the rows of the problem with respect to time as sums of terms, if these sums
+    /// are known.
     pub fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         self.problem.forcing_slopes()
     }
@@ -188,7 +189,7 @@ impl<'p> System<'p> {
         self.structure.constant_jacobian && !self.is_curved()
     }
 
-    /// Whether a block is on a curved face.
+    /// Whether a block is on a curved face of its set, so that its equations are nonlinear.
     pub fn is_curved(&self) -> bool {
         self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
@@ -234,7 +235,8 @@ impl<'p> System<'p> {
         y.iter().zip(&self.last_y).all(is_same).then_some(finite)
     }
 
-    /// Copies the rows at `(t, y)` to `values` if they were evaluated recently; returns false otherwise.
+    /// Copies the values of the rows of the problem at `(t, y)` to `values` if they were evaluated recently; returns
+    /// false otherwise.
     pub(super) fn recall(&self, t: f64, y: &[f64], values: &mut [f64]) -> bool {
         let found = self.recent.as_ref().and_then(|recent| recent.find(t, y, values.len()));
         found.inspect(|found| values.copy_from_slice(found)).is_some()
@@ -255,7 +257,7 @@ impl<'p> System<'p> {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
-        // Read all rows, even behind one that is not finite, so that the loop is vectorised.
+        // Read the values of all rows, even behind one that is not finite, so that the loop is vectorised.
         let finite = self.values.iter().fold(true, |finite, value| finite & value.is_finite());
         self.last = Some((t, finite));
         self.last_y.copy_from_slice(y);
@@ -268,15 +270,15 @@ impl<'p> System<'p> {
         self.last = None;
     }
 
-    /// Evaluates `Phi`, the rows of the system on the present face, at `(t, y)` into `phi`; returns false if a number
-    /// is not finite.
+    /// Evaluates `Phi`, the rows of the system on the active face of `K`, at `(t, y)` into `phi`; returns false if a
+    /// number is not finite.
     pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
         let finite = self.evaluate(t, y);
         self.on_face(finite, y, phi)
     }
 
-    /// Evaluates `Phi`, the rows of the system on the present face, at `y`, the point of the last evaluation, into
-    /// `phi`; returns whether the rows of the problem (`finite`) and `phi` are finite.
+    /// Evaluates `Phi`, the rows of the system on the active face of `K`, at `y`, the point of the last evaluation,
+    /// into `phi`; returns whether the rows of the problem (`finite`) and `phi` are finite.
     pub(super) fn on_face(&mut self, finite: bool, y: &[f64], phi: &mut [f64]) -> bool {
         phi.copy_from_slice(&self.values[..self.unknowns]);
         for &k in &self.intervals {
@@ -311,7 +313,7 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Projects the variables of `y = (x, z)` onto `K` as of the last evaluation.
+    /// Projects the variables of `y = (x, z)` onto the set `K` with its moving bounds as of the last evaluation.
     pub fn project(&mut self, y: &mut [f64]) {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
@@ -333,8 +335,8 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Returns the residual of the natural map of block `b` at the variables `z`, with `G` of the last evaluation
-    /// multiplied by `scale`.
+    /// Returns the residual of the natural map of block `b` at the values `z` of its variables, with `G` of the last
+    /// evaluation multiplied by `scale`.
     pub fn defect_of_block(&mut self, b: usize, z: &[f64], scale: f64) -> f64 {
         self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
     }

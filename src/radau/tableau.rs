@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 /// Radau IIA with `s` stages: order `2s - 1`, stage order `s`, stiffly accurate.
 #[derive(Clone, Debug)]
 pub struct Tableau {
-    /// The nodes, increasing; the last is 1.
+    /// The nodes `c`, increasing; the last is 1.
     pub c: Vec<f64>,
     /// The matrix `A` of coefficients, `s x s`; its last row is `b`.
     pub a: DMatrix<f64>,
@@ -54,19 +54,20 @@ pub struct Tableau {
     barycentric: Vec<f64>,
 }
 
-/// Maximum number of stages of a tableau.
+/// Maximum number of stages of a tableau of Radau IIA.
 pub const MOST_STAGES: usize = 9;
 
 static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
 
 impl Tableau {
-    /// Returns the coefficients for `s` stages, where `s` is clamped to 1 to 9; they are computed on first use.
+    /// Returns the coefficients of Radau IIA for `s` stages, where `s` is clamped to 1 to 9; they are computed on first
+    /// use.
     pub fn of(s: usize) -> &'static Self {
         let s = s.clamp(1, MOST_STAGES);
         TABLEAUX[s - 1].get_or_init(|| Self::new(s))
     }
 
-    /// Computes the coefficients for `s >= 1` stages.
+    /// Computes the coefficients of Radau IIA for `s >= 1` stages.
     fn new(s: usize) -> Self {
         let c = nodes(s);
         let w = DMatrix::from_fn(s, s, |i, j| legendre(c[i], s)[j]);
@@ -164,12 +165,12 @@ impl Tableau {
         })
     }
 
-    /// Returns the number of stages `s`.
+    /// Returns the number of stages `s` of the method.
     pub fn stages(&self) -> usize {
         self.c.len()
     }
 
-    /// Returns the midpoints between the nodes `0, c_1, .., c_s`.
+    /// Returns the midpoints between the nodes `0, c_1, .., c_s` of the method.
     pub fn middles(&self) -> impl Iterator<Item = f64> {
         let left = std::iter::once(0.0).chain(self.c.iter().copied());
         left.zip(&self.c).map(|(left, right)| 0.5 * (left + right))
@@ -222,8 +223,8 @@ impl Tableau {
     }
 }
 
-/// Returns the interpolation error at a point: `value` minus the polynomial through `begin` and the values at the
-/// stages, with the `weights` that [`Tableau::increments_at`] writes for that point.
+/// Returns the interpolation error of the collocation polynomial at a point: `value` minus the polynomial through
+/// `begin` and the values at the stages, with the `weights` that [`Tableau::increments_at`] writes for that point.
 pub fn interpolation_error(value: f64, begin: f64, at_stages: impl Iterator<Item = f64>, weights: &[f64]) -> f64 {
     value - begin - at_stages.zip(weights).map(|(stage, weight)| weight * (stage - begin)).sum::<f64>()
 }
@@ -285,7 +286,8 @@ fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
     (p1 - p0, 2.0 * (d1 - d0))
 }
 
-/// Computes the nodes: zeros bracketed on a fine cosine grid, then refined by Newton's method.
+/// Computes the nodes of Radau IIA with `s` stages: zeros bracketed on a fine cosine grid, then refined by Newton's
+/// method.
 fn nodes(s: usize) -> Vec<f64> {
     let cells = 40 * s;
     let grid = |k: usize| 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / cells as f64).cos());
@@ -402,7 +404,7 @@ mod tests {
         for (i, (computed, exact)) in tableau.estimate.iter().zip(d).enumerate() {
             assert!((computed - exact).abs() < 2e-14, "estimate {i}");
         }
-        // The eigenvalues of RADAU5.
+        // The eigenvalues of `A^-1` for three stages, as in the code RADAU5.
         assert!((tableau.gamma.unwrap() - 3.637_834_252_744_496).abs() < 4e-15);
         assert!((tableau.pairs[0].re - 2.681_082_873_627_752).abs() < 4e-15);
         assert!((tableau.pairs[0].im - 3.050_430_199_247_41).abs() < 4e-15);

@@ -36,17 +36,17 @@ use independent::Jump;
 use nalgebra::{DMatrix, Dyn, LU};
 use problem::{Dvi, Mass, MovingBound};
 
-/// A jump of the rates below this fraction of their terms counts as zero: variables and times of switches are only as
-/// accurate as the tolerances.
+/// A jump of the rates at a switch below this fraction of their terms counts as zero: variables and times of switches
+/// are only as accurate as the tolerances.
 const CONTINUOUS: f64 = 1e-9;
 
 /// Maximum number of attempts at a step whose derivatives are not accurate enough, each at most half as long as the
 /// one before it.
 const MOST_ATTEMPTS: usize = 40;
 
-/// The directions of differentiation, one per column.
+/// The directions of differentiation (parameters and initial values), one per column.
 pub struct Directions {
-    /// The derivatives of the states at the start of the run.
+    /// The derivatives of the states at the start of the run along the directions, one direction per column.
     pub initial: DMatrix<f64>,
     /// Writes the derivatives of the rows `F`, `G` and the moving bounds at `(t, y)` with respect to the directions.
     pub rows: RowsBy,
@@ -62,36 +62,36 @@ pub struct Directions {
 /// Writes the derivatives of the rows of a problem at `(t, y)` with respect to each direction.
 pub type RowsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
-/// A problem with a parameter above and below its value.
+/// A problem with one parameter shifted above and below its value.
 pub struct Shifted {
-    /// Size of the shift of the parameter.
+    /// Size of the shift of the parameter, in its unit.
     pub by: f64,
     /// The problems with the parameter above and below its value.
     pub problems: [Box<dyn Dvi>; 2],
 }
 
-/// Reason why a run has no derivative.
+/// Reason why a run has no derivative along the directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoDerivative {
     /// The mass matrix is singular: some states have no mass.
     #[error("the mass matrix is singular: the rates of some states are not determined")]
     SingularMass,
-    /// The states jump, since they violate constraints.
+    /// The states jump, since they violate constraints at the start or at a breakpoint.
     #[error("the states jump, because they violate the constraints")]
     Jump,
-    /// A switch was stepped over rather than located.
+    /// A switch (change of the active face of `K`) was stepped over rather than located.
     #[error("a switch could not be located, and was stepped over")]
     Unlocated,
-    /// A block of variables changes its face of `K`.
+    /// A block of variables moves from one face of its set to another.
     #[error(
         "variables come to the boundary of a ball, a cone, a simplex or a polyhedron, or leave it, and rates jump: of that switch \
          derivatives are not available"
     )]
     Block,
-    /// Several monitors vanish at one time.
+    /// Several monitors (event functions) vanish at one time, with different derivatives of that time.
     #[error("several switches coincide, and their order depends on the direction")]
     Several,
-    /// A monitor touches zero without a change of sign.
+    /// A monitor (event function) touches zero without a change of sign.
     #[error(
         "a switching surface is touched and not crossed (grazing), so that the time of the switch has no derivative"
     )]
@@ -118,22 +118,22 @@ pub struct Tangents {
     inverse_mass: LU<f64, Dyn, Dyn>,
     /// Derivatives of the states at the time reached, one direction per column.
     now: DMatrix<f64>,
-    /// The largest absolute value of each derivative so far.
+    /// The largest absolute value of the derivative of each state so far.
     largest: DMatrix<f64>,
     /// Derivatives of the states at the beginning of the last step, and at its stages.
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
-    /// Slopes (time derivatives) of the derivatives: the correction at the beginning of the last step, times the step
-    /// size, and the slope at its end.
+    /// Slopes (time derivatives) of the derivatives of the states: the correction at the beginning of the last step,
+    /// times the step size, and the slope at its end.
     slopes: [Option<DMatrix<f64>>; 2],
     /// Whether the directions are a basis of the states and parameters, some of which lead off the constraints of a
     /// face: along such directions the monitors of one switch need not agree.
     is_basis: bool,
-    /// Magnitudes of the terms of the derivatives in the last step, if they are measured.
+    /// Magnitudes of the terms of the derivatives of the states in the last step, if they are measured.
     terms: Option<Terms>,
     /// Number of central differences, one for each direction, at breakpoints of time and of hidden constraints.
     differences: u64,
-    /// The error of the derivatives in the last step, relative to the tolerance, if it was estimated.
+    /// The error of the derivatives of the states in the last step, relative to the tolerance, if it was estimated.
     error: Option<f64>,
 }
 
@@ -191,12 +191,12 @@ impl Tangents {
         Ok(self)
     }
 
-    /// Returns a copy of the data on which the derivatives in later steps depend.
+    /// Returns a copy of the data at the time reached on which the derivatives in later steps depend.
     fn point(&self) -> Point {
         Point { now: self.now.clone(), largest: self.largest.clone(), slope: self.slopes[1].clone() }
     }
 
-    /// Restores the data on which the derivatives in later steps depend.
+    /// Restores saved data on which the derivatives in later steps depend.
     fn restore(&mut self, Point { now, largest, slope }: &Point) {
         self.now.copy_from(now);
         self.largest.copy_from(largest);
@@ -224,7 +224,7 @@ impl Tangents {
         Ok(Ok(()))
     }
 
-    /// Updates the derivatives over the last accepted step of a run.
+    /// Updates the derivatives of the states over the last accepted step of a run.
     fn follow(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         self.error = None;
         if !radau.last.is_smooth {
@@ -311,7 +311,7 @@ impl Tangents {
         self.now.ncols()
     }
 
-    /// Continues the derivatives across a switch or breakpoint at the end of a step.
+    /// Continues the derivatives of the states across a switch or breakpoint at the end of a step.
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         for Saltation { jump, times } in self.saltations(radau)? {
             for (direction, time) in times.iter().enumerate() {
@@ -343,7 +343,7 @@ impl Tangents {
         self.switches(radau, ends, Jump { ends: [&before, &after], by: &jump, none: &none })
     }
 
-    /// Returns the rates `M^-1 F` at a point, and the largest term of each row.
+    /// Returns the rates `M^-1 F` at the point `(t, y)`, and the largest term of each row.
     fn rates(&mut self, t: f64, y: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let n = self.mass.nrows();
         let mut values = vec![0.0; self.problem.structure().rows()];
@@ -366,7 +366,7 @@ impl Tangents {
     }
 }
 
-/// A point of a run to which its derivatives can return.
+/// The derivatives at a saved point of a run, to which the computation of derivatives can return.
 struct Point {
     now: DMatrix<f64>,
     largest: DMatrix<f64>,
@@ -377,7 +377,7 @@ struct Point {
 /// The change `(x'- - x'+) dtau` of the derivatives at a jump of the rates whose time `tau` depends on the
 /// directions.
 struct Saltation {
-    /// The jump `x'- - x'+` of the rates.
+    /// The jump `x'- - x'+` of the rates of the states.
     jump: Vec<f64>,
     /// The derivatives of the time of the jump, one per direction.
     times: Vec<f64>,

@@ -5,12 +5,12 @@ use super::system::System;
 /// Errors of the unknowns within the tolerances, and their effect on the variables and on `G`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Uncertainties {
-    /// Error of each unknown under the tolerances; that of a variable, which has no absolute tolerance, is relative
-    /// to its largest value.
+    /// Error of each unknown that the tolerances allow; that of a variable, which has no absolute tolerance, is
+    /// relative to its largest value.
     pub errors: Vec<f64>,
     /// The largest magnitude of each unknown in the run so far.
     pub largest: Vec<f64>,
-    /// Change of each variable that affects no state over the longest step so far.
+    /// Largest change of each variable that affects no state by more than its tolerance over the longest step so far.
     pub without_effect: Vec<f64>,
     /// The tolerance of the variational inequality, relative to the magnitude of the terms of `G`.
     pub vi_tolerance: f64,

@@ -30,8 +30,9 @@ const SHOWN: f64 = 0.1;
 /// distances to their nodes and to the beginning.
 const SHOWN_PHASE: f64 = std::f64::consts::PI;
 
-/// Maximum number of parts into which one step is divided in the search for missed variations. A part that is still
-/// undecided then contributes the whole width of its enclosure in time, and its observed deviation in space.
+/// Maximum number of parts into which one step is divided in the search for variations of the rows that the stages
+/// miss. A part that is still undecided then contributes the whole width of its enclosure in time, and its observed
+/// deviation in space.
 const MOST_PARTS: usize = 400;
 
 /// Allowance for unsuccessful searches: `FREE` parts, those of two steps, and `SHARE` parts for each evaluation of the
@@ -49,17 +50,18 @@ struct Row {
     /// The equation of the face in which the row occurs, and the factor of the row in that equation.
     equation: usize,
     factor: f64,
-    /// Admissible error of the mean of the row over the step.
+    /// Admissible error, from missed variations, of the mean of the row over the step.
     allowed: f64,
     /// Whether the row is more than a polynomial of low degree in the unknowns `y`.
     has_feature: bool,
 }
 
-/// A part of the step, with the rows at its ends and at its midpoint.
+/// A part of the step, with the values of the rows at its ends and at its midpoint.
 struct Piece {
     part: Part,
     values: [Vec<f64>; 3],
-    /// Bound on the deviation of the mean of each row from the mean that the values at three points show.
+    /// Bound on the deviation of the mean of each row from the mean that the values at the ends and the midpoint of the
+    /// part show.
     unseen: Vec<f64>,
     /// The largest bound on a deviation, relative to the admissible error of the mean over the whole step.
     size: f64,
@@ -72,7 +74,7 @@ impl Piece {
     }
 }
 
-/// Samples of the rows of the problem over a step.
+/// Samples of the rows of the problem over a step, to be compared with their polynomials.
 struct StepSamples {
     h: f64,
     /// Least distance of a sample from the ends of the step, where a breakpoint may be, as a fraction of the step.
@@ -87,7 +89,7 @@ struct StepSamples {
 }
 
 impl StepSamples {
-    /// Writes the unknowns at the position `u` in `[0, 1]` within a part to `y`.
+    /// Writes the unknowns at the position `u` in `[0, 1]` within a part of the step to `y`.
     fn unknowns_at(&self, part: &Part, u: f64, y: &mut [f64]) {
         match &self.still {
             Some(still) => y.copy_from_slice(still),
@@ -96,23 +98,25 @@ impl StepSamples {
     }
 }
 
-/// Workspace of the search for missed variations, with an account of the parts of steps enclosed.
+/// Workspace of the search for variations of the rows that the stages miss, with an account of the parts of steps
+/// enclosed.
 #[derive(Debug, Default)]
 pub(super) struct Unseen {
     y: Vec<Interval>,
     values: Vec<Interval>,
     jacobian: Vec<Interval>,
     by_time: Vec<Interval>,
-    /// The unknowns at both ends and at the midpoint of a part, and the variations of derivatives between these points.
+    /// The unknowns at both ends and at the midpoint of a part of the step, and the variations of derivatives between
+    /// these points.
     points: Vec<f64>,
     variations: Vec<(f64, f64)>,
-    /// Largest magnitude of the slope of each unknown over a part of the step.
+    /// The largest magnitude of the slope of each unknown over a part of the step.
     slopes: Vec<f64>,
     /// Number of parts enclosed in the search over the last step, and in all searches that are charged to the
     /// allowance because they found no missed variation.
     looked: f64,
     spent: f64,
-    /// Whether the search left functions of the states undecided in the last step.
+    /// Whether the search did not decide if the stages of the last step miss variations of functions of the states.
     is_open: bool,
     /// Fraction of the last step at which a variation begins that its stages miss; one if no part of the variation
     /// exceeds its admissible error by itself.
@@ -170,7 +174,7 @@ impl Radau<'_> {
         means.map(|means| self.made_of(h, means))
     }
 
-    /// Whether the stages of the last step are known to show how functions of the states vary between them.
+    /// Whether the stages of the last step are known to show how functions of the states vary in the time between them.
     pub fn are_rates_shown(&self) -> bool {
         !self.unseen.is_open
     }
@@ -217,7 +221,7 @@ impl Radau<'_> {
         self.system.pace * h > SHOWN_PHASE
     }
 
-    /// Returns the largest of the errors of states, in units of their tolerances.
+    /// Returns the largest of the errors `errors` of the states, in units of their tolerances.
     fn in_tolerances(&self, errors: &[f64]) -> f64 {
         let of_state = |(j, error): (usize, &f64)| error / self.uncertainty(j).max(f64::MIN_POSITIVE);
         errors.iter().enumerate().map(of_state).fold(0.0, f64::max)
@@ -301,7 +305,8 @@ impl Radau<'_> {
         effects
     }
 
-    /// Returns the rows to be examined, with the admissible errors of their means over a step of size `h`.
+    /// Returns the rows to be examined for variations that the stages miss, with the admissible errors of their means
+    /// over a step of size `h`.
     fn rows_compared(&self, h: f64, effects: &[Option<f64>]) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
@@ -370,7 +375,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Returns the deviations of the rows at `theta` from the polynomial through their values at the nodes.
+    /// Returns the deviations of the rows at the position `theta` of the step from the polynomial through their values
+    /// at the nodes.
     fn off_at(&self, theta: f64, samples: &StepSamples, values: &[f64]) -> Vec<f64> {
         let mut weights = [0.0; MOST_STAGES];
         let weights = &mut weights[..self.tableau().stages()];

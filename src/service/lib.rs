@@ -124,7 +124,7 @@ impl Service {
         http::router(Arc::clone(&self.shared))
     }
 
-    /// The limits in force on the worker processes.
+    /// The resource and access limits in force on the worker processes.
     pub fn confinement(&self) -> &Confinement {
         match &self.workers {
             Workers::Near(pool) => pool.confinement(),
@@ -149,7 +149,7 @@ impl Service {
     }
 }
 
-/// Returns `count`, limited to the largest number of permits that a semaphore can have.
+/// Returns `count`, a number of permits, limited to the largest number that a semaphore can have.
 fn places(count: NonZeroUsize) -> usize {
     count.get().min(Semaphore::MAX_PERMITS)
 }

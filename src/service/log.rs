@@ -23,7 +23,7 @@ const ROOM: usize = 1 << 20;
 /// writing it. The delay is too short for a reader to notice.
 const GATHER: Duration = Duration::from_millis(2);
 
-/// A handle of the log; all its clones write to one output.
+/// A handle of the log of the service; all its clones write to one output.
 #[derive(Clone, Debug)]
 pub struct Log(Arc<Shared>);
 
@@ -61,7 +61,7 @@ impl Log {
         Ok(Self(shared))
     }
 
-    /// Returns a writer for the next log line.
+    /// Returns a writer for the next line of the log.
     pub fn line(&self) -> Line {
         Line(Arc::clone(&self.0))
     }
@@ -72,7 +72,7 @@ impl Log {
     }
 
     /// Closes the log to new lines, and waits until all lines are written, at most for `time`; returns false if some
-    /// are not.
+    /// lines are not written.
     pub fn close(&self, time: Duration) -> bool {
         let mut waiting = self.0.waiting();
         waiting.is_closed = true;
@@ -161,7 +161,7 @@ struct PlainLine<'w> {
 }
 
 impl PlainLine<'_> {
-    /// Writes a field as its name and `value`, unless an earlier write has failed.
+    /// Writes a field of the log line as its name and `value`, unless an earlier write has failed.
     fn field(&mut self, field: &Field, value: impl FnOnce(&mut Writer<'_>) -> fmt::Result) {
         if self.result.is_ok() {
             self.result = self.write(field, value);

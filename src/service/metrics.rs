@@ -203,7 +203,7 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// Counts a solve that returned after `time`, with its steps and its ending.
+    /// Counts a solve that returned after `time`, with its number of steps and the way in which it ended.
     pub fn solved(&self, solved: &Solved, time: Duration) {
         let code = match (&solved.failed, solved.status) {
             (_, Status::Completed) => "completed".into(),
@@ -219,7 +219,7 @@ impl Metrics {
         self.ended(solved.problem.clone(), code, time);
     }
 
-    /// Counts a request that was answered with the stored solution of an earlier one.
+    /// Counts a request that was answered with the stored solution of an earlier request.
     pub fn repeated(&self) {
         self.repeated.inc();
     }
@@ -229,13 +229,13 @@ impl Metrics {
         self.yielded.inc();
     }
 
-    /// Counts the end of a solve after `time`, with the code of its ending, by problem type.
+    /// Counts a job whose solve ended after `time`, by problem type, with the code of its ending.
     pub fn ended(&self, problem: Cow<'static, str>, code: Cow<'static, str>, time: Duration) {
         self.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
         self.solve_seconds.get_or_create(&[("problem", problem)]).observe(time.as_secs_f64());
     }
 
-    /// Counts and logs an event of a worker process.
+    /// Counts and logs an event of a worker process, such as its start or death.
     pub fn notice(&self, event: Event<'_>) {
         match event {
             Event::Started(pid, _) => {
@@ -326,7 +326,7 @@ impl Metrics {
         self.kept_bytes.set(i64::try_from(kept_bytes).unwrap_or(i64::MAX));
         self.busy.set(i64::try_from(running + checks).unwrap_or(i64::MAX));
         self.process.look();
-        // Counts saturate at `i64::MAX`, which no queue reaches.
+        // Counts of jobs saturate at `i64::MAX`, which no queue reaches.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.long.set(i64::try_from(jobs.long()).unwrap_or(i64::MAX));
@@ -338,7 +338,7 @@ impl Metrics {
         self.panics.inner().fetch_max(jobs.panics(), Relaxed);
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();
-        // Encoding into a string cannot fail.
+        // Encoding the metrics into a string cannot fail.
         let _ = encode(&mut text, &self.registry);
         text
     }

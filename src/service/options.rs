@@ -247,18 +247,19 @@ impl Options {
         Duration::from_secs(self.wall_seconds.get())
     }
 
-    /// The time from the signal to stop the service until running jobs are stopped.
+    /// The grace time: from the signal to stop the service until running jobs are stopped.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
     }
 
-    /// The number of ordinary and express worker processes, without relief workers.
+    /// The number of worker processes that solve, without relief workers (additional workers for clients that have no
+    /// long job running).
     pub fn supervised(&self) -> NonZeroUsize {
         self.workers.saturating_add(self.express)
     }
 
-    /// The number of worker processes for checks, in addition to those that solve: half as many, since checks are
-    /// short.
+    /// The number of worker processes that check specifications, in addition to those that solve: half as many, since
+    /// checks are short.
     pub fn checkers(&self) -> usize {
         self.workers.get().div_ceil(2)
     }

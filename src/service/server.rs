@@ -28,7 +28,8 @@ use tokio::sync::mpsc::Receiver;
 use tokio::time::{sleep, timeout};
 use tower_service::Service;
 
-/// The time limit for cancelled solves to reach their next step, and again for pending responses to be sent.
+/// The time limit, at the stop of the service, for cancelled solves to reach their next step, and again for pending
+/// responses to be sent.
 const LAST_CALL: Duration = Duration::from_secs(5);
 
 /// The interval between two searches for jobs whose retention time has expired.

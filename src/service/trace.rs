@@ -39,7 +39,7 @@ impl Trace {
         format!("00-{id:032x}-{span:016x}-{flags:02x}")
     }
 
-    /// Returns the trace with the id of a new span of this program.
+    /// Returns the trace with the id of a new span of this program in place of its span.
     fn continued(self) -> Self {
         let (_, span) = Uuid::now_v7().as_u64_pair();
         Self { span, ..self }

@@ -1,5 +1,5 @@
-//! A stream that fails when its peer stops reading. Without a time limit, the unsent response would stay in memory,
-//! and the connection open, for as long as the peer wishes.
+//! A network stream that fails when its peer stops reading. Without a time limit, the unsent response would stay in
+//! memory, and the connection open, for as long as the peer wishes.
 
 use std::io;
 use std::pin::Pin;
@@ -8,16 +8,16 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Sleep, sleep};
 
-/// A stream whose writes fail after a period without progress.
+/// A network stream whose writes fail after a period in which the peer has accepted nothing.
 pub struct TimedWrites<S> {
     stream: S,
     write_timeout: Duration,
-    /// The timer of a write that the peer has not yet accepted.
+    /// The timer of a write to the network that the peer has not accepted yet.
     stalled: Option<Pin<Box<Sleep>>>,
 }
 
 impl<S> TimedWrites<S> {
-    /// Wraps `stream`, with a time limit for each piece that is written.
+    /// Wraps `stream`, with a time limit for the peer to accept each piece that is written.
     pub fn new(stream: S, write_timeout: Duration) -> Self {
         Self { stream, write_timeout, stalled: None }
     }

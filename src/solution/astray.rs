@@ -21,8 +21,8 @@ impl Astray {
         Self { bodies: vec![Default::default(); bodies], order }
     }
 
-    /// Adds the errors of the last step of a run: a step of length `h` that began with the motions `starts` and ended
-    /// at the time `t`.
+    /// Adds the errors of the impacts in the last step of a run: a step of length `h` that began with the motions
+    /// `starts` and ended at the time `t`.
     pub fn step(&mut self, scene: &MultibodySystem, run: &MoreauStepping<'_>, starts: &[Motion], [h, t]: [f64; 2]) {
         let directions = run.misdirected(starts, h);
         let errors = directions.into_iter().zip(run.restituted(starts, h)).zip(damped(scene, [starts, &run.ends], h));
@@ -86,7 +86,7 @@ impl Astray {
     }
 }
 
-/// Returns the speed and the angular speed of a body.
+/// Returns the speed and the angular speed of the motion of a body.
 fn speeds_of(motion: &Motion) -> [f64; 2] {
     [motion.velocity.norm(), motion.omega.norm()]
 }

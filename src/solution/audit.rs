@@ -7,7 +7,8 @@ use super::{CheckCode, Checks, Plan, Screening};
 use hybrid::OneStep;
 use radau::{ALLOWED, End, Excess, Radau, Screened};
 
-/// Multiple of its absolute tolerance below which the maximum of a state is hardly distinguishable from zero.
+/// Multiple of the absolute tolerance of a state below which the largest value of the state is hardly distinguishable
+/// from zero.
 pub(super) const SMALL: f64 = 10.0;
 
 /// The measurements of a run in progress for its verdict.
@@ -16,7 +17,8 @@ pub(super) struct Audit<'p> {
     /// Whether the rates, as functions of the states, have kinks, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
-    /// Number of steps that could not be proven free of events although the states determine every monitor.
+    /// Number of steps that could not be proven free of events although the states determine every monitor (event
+    /// function).
     open: u32,
     /// Number of steps in which rates may vary between the stages more than their values at the stages show.
     hidden: u32,
@@ -117,7 +119,8 @@ impl<'p> Audit<'p> {
         }
     }
 
-    /// Measures the residual of the variational inequality for the values `y` at an output time within a step.
+    /// Measures the residual of the variational inequality for the states and variables `y` at an output time within a
+    /// step.
     pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
         // If the output time is an end of the step up to rounding, data that jump there may already have the values
         // after the jump while the active face is the one before it, or the reverse. The residual at the end of a

@@ -21,7 +21,7 @@ pub(super) enum Bindable<'a> {
 }
 
 impl<'a> Bindable<'a> {
-    /// Returns the values of the parameters.
+    /// Returns the values to which the parameters of the model are bound.
     pub fn values(&self) -> &[f64] {
         let parameters = match self {
             Self::Dvi(model) => model.parameters.as_ref(),
@@ -30,7 +30,7 @@ impl<'a> Bindable<'a> {
         parameters.map_or(&[][..], |parameters| parameters.values())
     }
 
-    /// Returns the initial states.
+    /// Returns the initial states of the model.
     pub fn initial(&self) -> &[f64] {
         match self {
             Self::Dvi(model) => &model.initial,
@@ -38,7 +38,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// Returns the problem with other values of its parameters, or the reason why these are invalid.
+    /// Returns the model bound to other values of its parameters, or the reason why these are invalid.
     pub fn bound(&self, values: &[f64]) -> Result<Self, String> {
         if values.is_empty() {
             return Ok(self.clone());
@@ -52,7 +52,7 @@ impl<'a> Bindable<'a> {
         .map_err(|why| why.to_string())
     }
 
-    /// Returns the structural analysis at the start time.
+    /// Returns the structural analysis of the model at the start time.
     pub fn analyse(&self, start: f64) -> Analysis {
         match self {
             Self::Dvi(model) => model.analyse(start),
@@ -60,7 +60,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// Returns the problem as the subject of runs over one period (shooting).
+    /// Returns the model as the subject of runs over one period (shooting).
     pub fn subject<'m>(&'m self, settings: &'m Settings) -> Subject<'m> {
         match self {
             Self::Dvi(model) => Subject::Dvi(model, settings),
@@ -68,7 +68,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// Runs the problem with all checks of accuracy, including those that need further runs.
+    /// Runs the model with all checks of accuracy, including those that need further runs.
     pub fn run(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Solution {
         match self {
             Self::Dvi(model) => integrate(model, plan, settings, analysis, control),
@@ -76,7 +76,7 @@ impl<'a> Bindable<'a> {
         }
     }
 
-    /// Runs the problem once, without the checks that need other runs.
+    /// Runs the model once, without the checks that need other runs.
     pub fn run_once(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Ended {
         match self {
             Self::Dvi(model) => integrate_once(model, plan, settings, analysis, control),

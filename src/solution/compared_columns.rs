@@ -6,7 +6,8 @@ use super::reducers::{Over, Reduction};
 use super::run::Plan;
 use expression::Tape;
 
-/// The columns of a run: the outputs of the problem, and the programs that compute the other columns.
+/// The columns of a run for comparison with another run: the outputs of the problem, and the programs that compute the
+/// other columns.
 pub(super) struct Columns {
     outputs: usize,
     programs: [Tape; 2],
@@ -54,7 +55,7 @@ impl Columns {
     }
 
     /// Writes the changes of the computed columns to `by`, which already contains small changes of the outputs of the
-    /// problem; `y` are the unchanged columns.
+    /// problem; `y` are the columns before the change.
     pub fn displace(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
         if self.inputs.is_empty() {
             return;

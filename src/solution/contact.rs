@@ -24,8 +24,8 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
-/// Fraction of a displacement that counts as a rounding error after contacts and joints have removed the components
-/// that they do not allow.
+/// Fraction of the displacement of a coordinate that counts as a rounding error after contacts and joints have removed
+/// the components that they do not allow.
 const HELD: f64 = 1e-9;
 
 /// The plan for the integration of a mechanical system.
@@ -33,11 +33,12 @@ const HELD: f64 = 1e-9;
 pub struct ContactPlan {
     /// The settings of the contact method: step size of time stepping, and contact laws.
     pub settings: Settings,
-    /// Settings of Radau IIA for smooth motion, if impacts are located.
+    /// Settings of Radau IIA for smooth motion between impacts, if impacts are located in time; `None` for time
+    /// stepping.
     pub located: Option<radau::Settings>,
 }
 
-/// Integrates a mechanical system with impacts.
+/// Integrates a mechanical system with impacts, by time stepping or with located impacts, with all checks of accuracy.
 pub fn integrate_contact(
     model: &MechanicalModel,
     plan: &Plan,
@@ -230,7 +231,7 @@ pub(super) fn failure_of(model: &MechanicalModel, error: ContactError, time: f64
     Failure { code: error.code().into(), message, time, state: states.to_vec() }
 }
 
-/// Computes the named outputs of a mechanical system, for time stepping and for located impacts.
+/// The named outputs of a mechanical system, computed for time stepping and for located impacts.
 struct Outputs<'p> {
     model: &'p MechanicalModel,
     control: &'p Control,
@@ -256,7 +257,7 @@ impl<'p> Outputs<'p> {
         failure_of(self.model, error, time, &self.states)
     }
 
-    /// Writes gaps, impulses and energies to `out`, which already begins with `q` and `v`.
+    /// Writes gaps, impulses and energies to the outputs `out`, which already begin with `q` and `v`.
     fn write(&mut self, t: f64, impulses: &[Vector3<f64>], energy: &Energy, out: &mut [f64]) {
         let structure = self.model.structure();
         let n = structure.coordinates;
@@ -279,7 +280,7 @@ impl<'p> Outputs<'p> {
         ]);
     }
 
-    /// Converts events to the user's time, by adding `start`, and to named contacts.
+    /// Converts events of contacts to the user's time, by adding `start`, and to the names of the contacts.
     fn events(&self, start: f64, new_events: &mut Vec<ContactEvent>, events: &mut Vec<Event>) {
         let name = |k: usize| self.model.contacts[k].clone();
         events.extend(new_events.drain(..).map(|ContactEvent { t, kind, contact }| Event {
@@ -290,7 +291,7 @@ impl<'p> Outputs<'p> {
     }
 }
 
-/// A run by time stepping, with named outputs and estimates of its errors.
+/// A run of a mechanical system by time stepping, with named outputs and estimates of its errors.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     longer: Option<Box<LongerRun<Self>>>,
@@ -500,8 +501,8 @@ impl Stepper for TimeSteppingRun<'_> {
         Ok(())
     }
 
-    /// Writes the outputs within a step; velocities are constant and equal those at the end, as in the scheme
-    /// `q+ = q + h v+`.
+    /// Writes the outputs of time stepping within a step; velocities are constant and equal those at the end, as in the
+    /// scheme `q+ = q + h v+`.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let TimeStepping { state, last, impulses, impulses_before, energy, energy_before, .. } = &self.stepper;
         let h = state.t - last.t;
@@ -554,18 +555,18 @@ impl Clock {
         self.end - self.start
     }
 
-    /// Returns the user's time for the time elapsed since the start.
+    /// Returns the user's time for the time elapsed since the start of the run.
     fn shows(self, elapsed: f64) -> f64 {
         if elapsed >= self.length() { self.end } else { (self.start + elapsed).min(self.end) }
     }
 
-    /// Returns the time elapsed since the start at the user's time `t`.
+    /// Returns the time elapsed since the start of the run at the user's time `t`.
     fn elapsed(self, t: f64) -> f64 {
         t - self.start
     }
 }
 
-/// Motion in one contact mode, with located impacts and named outputs.
+/// A run of smooth motion in one contact mode between located impacts, with named outputs.
 struct EventDrivenRun<'l, 'p, 'o> {
     phase: SmoothPhase<'l, 'p>,
     clock: Clock,
@@ -649,8 +650,8 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn finish(&mut self, _: &mut Diagnostics) {}
 }
 
-/// Copies the counters of a run to the diagnostics, and adds warnings; `ahead` is added to the times in these to
-/// obtain the user's time.
+/// Copies the counters of a run of a mechanical system to the diagnostics, and adds warnings; `ahead` is added to the
+/// times in the warnings to obtain the user's time.
 fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
@@ -696,8 +697,8 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
     }
 }
 
-/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
-/// reasons.
+/// Returns the diagnostics of a mechanical system known before the run: structural analysis, components built, and
+/// components left out with reasons.
 pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis: &Analysis) -> Diagnostics {
     let ContactPlan { settings, located } = contact;
     let structure = model.structure();

@@ -45,13 +45,13 @@ pub enum Mesh {
 /// The plan for the integration of a problem with memory.
 #[derive(Clone, Debug)]
 pub struct ConvolutionPlan {
-    /// Settings of the steps on a uniform mesh.
+    /// Settings of the time steps on a uniform mesh, such as the number of stages.
     pub settings: Settings,
     /// The uniform mesh: with a given number of steps, or with steps that are halved until the runs agree.
     pub mesh: Mesh,
     /// Settings for segments between located switches, if these are tried before a uniform mesh.
     pub segments: Option<SegmentSettings>,
-    /// Largest number of steps whose history fits into memory.
+    /// Largest number of steps of a run whose history fits into memory.
     pub most: usize,
 }
 
@@ -187,8 +187,8 @@ pub fn integrate_convolution(
 /// quarter of the work of the run itself, since each step sums over all earlier ones.
 const HALF_AS_MANY: f64 = 0.2;
 
-/// Records the check of the difference between a run with steps of a given size and `before`, a run with half as many
-/// steps.
+/// Records the check of the difference between `fine`, a run with steps of a given size, and `before`, a run with half
+/// as many steps.
 fn judge_given_steps(before: Option<&Coarse>, fine: &Coarse, plan: &Plan, diagnostics: &mut Diagnostics) {
     let Some(before) = before else {
         diagnostics.checks.caveat(
@@ -210,7 +210,7 @@ fn judge_given_steps(before: Option<&Coarse>, fine: &Coarse, plan: &Plan, diagno
     });
 }
 
-/// A run on a uniform mesh, with named outputs.
+/// A run of a problem with memory (a convolution) on a uniform mesh, with named outputs.
 struct ConvolutionRun<'p> {
     convolution: Convolution<'p>,
     names: &'p [String],
@@ -223,13 +223,13 @@ struct ConvolutionRun<'p> {
     told: usize,
     total: usize,
     end: f64,
-    /// Last position of each variable in an interval: -1 at the lower bound, 0 inside, 1 at the upper bound.
+    /// Last position of each variable in its interval: -1 at the lower bound, 0 inside, 1 at the upper bound.
     places: Vec<Option<i8>>,
     /// Largest absolute value of a variable so far, the scale of rounding errors in distances from bounds.
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
-    /// Permitted residual of the natural map of the variational inequality in a step.
+    /// Permitted residual of the natural map of the variational inequality in a step of the run.
     tolerance: f64,
 }
 
@@ -276,7 +276,8 @@ impl<'p> ConvolutionRun<'p> {
         Ok(course)
     }
 
-    /// Records the switches of variables between the stages of the last step.
+    /// Records the switches of variables (changes of their position in the interval) between the stages of the last
+    /// step.
     fn find_switches(&mut self) {
         let convolution = &self.convolution;
         let m = self.names.len();
@@ -397,8 +398,8 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
-/// reasons.
+/// Returns the diagnostics of a problem with memory known before the run: structural analysis, components built, and
+/// components left out with reasons.
 pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
     if plan.segments.is_some() {
         return segments::describe(model, analysis);

@@ -8,18 +8,19 @@
 
 use std::f64::consts::PI;
 
-/// The first number of intervals between Chebyshev points: exact for three stages of Radau IIA.
+/// The first number of intervals between Chebyshev points in a step: exact for three stages of Radau IIA.
 const FIRST: usize = 4;
-/// The largest number of intervals between Chebyshev points: a field that needs more is not smooth within the step.
+/// The largest number of intervals between Chebyshev points in a step: a field that needs more is not smooth within the
+/// step.
 const MOST: usize = 64;
-/// Differences below this fraction of the largest value of a field are rounding errors.
+/// Differences of an interpolant below this fraction of the largest value of a field are rounding errors.
 const ROUNDING: f64 = 1e-13;
 
-/// The fields of a run as functions of time, by piecewise interpolation.
+/// The fields of a run as functions of time, by piecewise interpolation over its steps.
 #[derive(Clone, Debug)]
 pub struct Dense {
     fields: usize,
-    /// The start time with its row of fields: variables may jump immediately after the start.
+    /// The start time of the run with its row of fields: variables may jump immediately after the start.
     start: (f64, Vec<f64>),
     pieces: Vec<Piece>,
     /// The rows of fields at the Chebyshev points of all pieces, one after the other.
@@ -33,7 +34,8 @@ pub struct Dense {
 struct Piece {
     begin: f64,
     end: f64,
-    /// The index of the first value of the piece, and the number of intervals between its points.
+    /// The index of the first value of the interpolant of the step, and the number of intervals between its Chebyshev
+    /// points.
     first: usize,
     intervals: usize,
 }
@@ -42,7 +44,7 @@ struct Piece {
 #[derive(Debug)]
 pub(super) struct Sampling {
     dense: Dense,
-    /// The permitted difference of an interpolant from the values, relative to the largest value of a field.
+    /// The permitted difference of an interpolant from the values of the run, relative to the largest value of a field.
     tolerance: f64,
     most_values: usize,
     /// The largest absolute value of each field in the run so far.
@@ -58,7 +60,7 @@ impl Dense {
             out.copy_from_slice(&self.start.1);
             return true;
         }
-        // An output at the end of a step takes the values of that step, as in a run.
+        // A time at the end of a step takes the values of that step, as in the output of a run.
         let place = self.pieces.partition_point(|piece| piece.end < t);
         match self.pieces.get(place).filter(|piece| piece.begin <= t) {
             Some(piece) => {
@@ -69,14 +71,14 @@ impl Dense {
         }
     }
 
-    /// Returns the number of fields.
+    /// Returns the number of fields that are interpolated.
     pub fn fields(&self) -> usize {
         self.fields
     }
 }
 
 impl Piece {
-    /// Maps a time of the step to the interval from -1 to 1.
+    /// Maps a time within the step of the interpolant to the interval from -1 to 1.
     fn position(&self, t: f64) -> f64 {
         2.0 * ((t - self.begin) / (self.end - self.begin)) - 1.0
     }
@@ -88,7 +90,8 @@ fn point(k: usize, n: usize) -> f64 {
     (0.5 * PI * (2.0 * k as f64 - n as f64) / n as f64).sin()
 }
 
-/// Interpolates by the barycentric formula; weights have alternating signs, and half the size at the ends.
+/// Interpolates between Chebyshev points by the barycentric formula; weights have alternating signs, and half the size
+/// at the ends.
 fn interpolate(values: &[f64], n: usize, x: f64, out: &mut [f64]) {
     let fields = out.len();
     out.fill(0.0);
@@ -108,7 +111,7 @@ fn interpolate(values: &[f64], n: usize, x: f64, out: &mut [f64]) {
 }
 
 impl Sampling {
-    /// Creates the interpolants with the row of fields at the start.
+    /// Creates the interpolants of a run with the row of fields at its start.
     pub fn new(start: f64, row: Vec<f64>, tolerance: f64, most_values: usize) -> Self {
         let largest = row.iter().map(|value| value.abs()).collect();
         let dense =
@@ -116,7 +119,7 @@ impl Sampling {
         Self { dense, tolerance: tolerance.max(ROUNDING), most_values, largest, is_broken: false }
     }
 
-    /// Samples and interpolates a step; `row` writes the fields at a time within the step.
+    /// Samples and interpolates the fields over a step; `row` writes the fields at a time within the step.
     pub fn step(&mut self, begin: f64, end: f64, mut row: impl FnMut(f64, &mut [f64])) {
         let fields = self.dense.fields;
         if self.is_broken || fields == 0 || end <= begin {
@@ -151,7 +154,8 @@ impl Sampling {
                 interpolate(&flat, n, point(2 * k + 1, 2 * n), &mut found);
                 for ((found, value), largest) in found.iter().zip(row).zip(&self.largest) {
                     let difference = (found - value).abs();
-                    // A field that has been zero so far has no scale to compare with.
+                    // A field that has been zero so far has no size to which the difference of its interpolant could be
+                    // related.
                     let part = if difference == 0.0 { 0.0 } else { difference / largest };
                     deviation = if part > deviation || part.is_nan() { part } else { deviation };
                 }
@@ -183,7 +187,7 @@ impl Sampling {
         }
     }
 
-    /// Returns the interpolants, if every step could be interpolated.
+    /// Returns the interpolants of the run, if every step could be interpolated.
     pub fn finish(self) -> Option<Dense> {
         (!self.is_broken).then_some(self.dense)
     }
@@ -225,7 +229,8 @@ mod tests {
                 assert!(dense.at(t, &mut out));
                 worst = worst.max((out[0] - f(t)[0]).abs()).max((out[1] - f(t)[1]).abs());
             }
-            // Between the compared points, the error may be a small multiple of that at the compared points.
+            // Between the times of comparison, the error of an interpolant may be a small multiple of that at these
+            // times.
             assert!(worst < 4.0 * tolerance, "{worst:e} at {tolerance:e}");
         }
     }

@@ -27,7 +27,7 @@ const POINTS: [(f64, f64); 5] = [
 /// The energy balance of a run in progress.
 pub(super) struct EnergyBalance {
     form: EnergyForm,
-    /// The energies of the system, and the work and losses from the start of the run up to now.
+    /// The energies of the system at the current time, and the work and losses since the start of the run.
     pub energy: Energy,
     reached: f64,
     samples: [Vec<f64>; POINTS.len()],
@@ -48,7 +48,7 @@ impl EnergyBalance {
         }
     }
 
-    /// Adds the last step to the energy balance.
+    /// Adds the last step of the run to the energy balance.
     pub fn step(&mut self, radau: &mut Radau<'_>) {
         if !self.form.is_closed() {
             self.integrate(radau);
@@ -58,7 +58,7 @@ impl EnergyBalance {
         self.energy.close(kinetic, potential);
     }
 
-    /// Records the check of the defect of the balance at the end of a run; `rtol` is `None` for fixed steps.
+    /// Records the check of the defect of the energy balance at the end of a run; `rtol` is `None` for fixed steps.
     pub fn judge(&self, radau: &Radau<'_>, rtol: Option<f64>, atol: &[f64], checks: &mut Checks) {
         let mut tolerances = vec![0.0; radau.y().len()];
         tolerances.iter_mut().zip(atol).for_each(|(tolerance, atol)| *tolerance = *atol);
@@ -87,7 +87,7 @@ impl EnergyBalance {
     }
 }
 
-/// Returns the derivative at point `i` of the Lagrange polynomial of point `j`.
+/// Returns the derivative at Gauss point `i` of the Lagrange polynomial of Gauss point `j`.
 fn derivative(i: usize, j: usize) -> f64 {
     let at = |k: usize| POINTS[k].0;
     let others = |j: usize| (0..POINTS.len()).filter(move |&k| k != j);

@@ -12,15 +12,15 @@ pub(super) struct EvaluationBuffer {
     boxes: IntervalWorkspace,
     /// The outputs of the problem at the last evaluation.
     pub outputs: Vec<f64>,
-    /// The values of the program at the last evaluation.
+    /// The values of the program's functions at the last evaluation.
     pub values: Vec<f64>,
     output_ranges: Vec<Interval>,
     ranges: Vec<Interval>,
 }
 
 impl EvaluationBuffer {
-    /// Creates the buffers for a program with `values` values, of a problem with `outputs` outputs; `integrates` is
-    /// set if the values are integrated.
+    /// Creates the buffers for a program that computes `values` values, for a problem with `outputs` outputs;
+    /// `integrates` is set if the values are integrated.
     pub fn new(program: &Tape, [outputs, values]: [usize; 2], integrates: bool) -> Self {
         Self {
             program: program.clone(),
@@ -40,15 +40,15 @@ impl EvaluationBuffer {
         &self.values
     }
 
-    /// Evaluates the program at a time with given outputs of the problem.
+    /// Evaluates the program at the time `t` with given outputs of the problem.
     pub fn take(&mut self, t: f64, outputs: &[f64]) -> &[f64] {
         self.outputs.copy_from_slice(outputs);
         self.program.evaluate(t, outputs, &mut self.values);
         &self.values
     }
 
-    /// Encloses outputs and values between two times within the last step, with the first outputs widened by their
-    /// uncertainties `uncertain`; returns `None` if they cannot be enclosed.
+    /// Encloses outputs and values of the program between two times within the last step, with the first outputs
+    /// widened by their uncertainties `uncertain`; returns `None` if they cannot be enclosed.
     pub fn enclose(
         &mut self,
         stepper: &mut impl Stepper,
@@ -61,8 +61,8 @@ impl EvaluationBuffer {
         Some([output_ranges, ranges])
     }
 
-    /// Encloses outputs and values at the time of the last evaluation, with functions that jump on the side of the
-    /// last evaluation.
+    /// Encloses outputs and values of the program at the time of the last evaluation; functions that jump there are
+    /// enclosed on the side of the last evaluation.
     fn enclose_at(&mut self, stepper: &mut impl Stepper, t: f64, uncertain: &[f64]) -> Option<[&[Interval]; 2]> {
         self.enclose_outputs(stepper, (t, t), uncertain)?;
         let Self { program, boxes, output_ranges, ranges, .. } = self;
@@ -81,22 +81,23 @@ impl EvaluationBuffer {
         Some(())
     }
 
-    /// Discards all samples, and begins those of another part of a step, over which the values are to be integrated.
+    /// Discards all samples of the program, and begins those of another part of a step, over which its values are to be
+    /// integrated.
     pub fn begin(&mut self) {
         if self.sight.is_needed() {
             self.sight.begin();
         }
     }
 
-    /// Adds the last evaluation to the samples of the current part of a step.
+    /// Adds the last evaluation of the program to the samples of the current part of a step.
     pub fn sample(&mut self) {
         if self.sight.is_needed() {
             self.sight.sample(&self.program);
         }
     }
 
-    /// Bounds the variation of the values between two times that the samples do not show; returns whether samples may
-    /// miss variation of any value.
+    /// Bounds the variation of the program's values between two times that the samples do not show; returns whether
+    /// samples may miss variation of any value.
     pub fn judge(&mut self, from: f64, to: f64) -> bool {
         if self.sight.is_needed() {
             self.sight.judge(&self.program, Interval::new(from, to));
@@ -124,7 +125,7 @@ fn of_both<T: Copy>([outputs, values]: [&[T]; 2], place: usize) -> T {
     place.checked_sub(outputs.len()).map_or_else(|| outputs[place], |value| values[value])
 }
 
-/// Selected outputs and values as functions of time along the last step of a method.
+/// Selected outputs of the problem and values of a program as functions of time along the last step of a method.
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,

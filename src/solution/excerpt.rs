@@ -40,7 +40,7 @@ pub enum ExcerptError {
     /// The requested field, named by the first entry, does not exist; the second entry lists the names of the
     /// existing fields.
     NoSuchField(String, Vec<String>),
-    /// The columns cannot be read from the disk.
+    /// The columns of the trajectory cannot be read from the disk.
     Unreadable(io::Error),
 }
 

@@ -9,9 +9,10 @@ use numerics::{Interval, kronrod};
 /// errors (the square of this number); also the permitted excess over an extreme between samples, relative to its
 /// size.
 const KNOWN: f64 = 1e-8;
-/// Factor by which one golden-section step reduces the bracket of an extreme.
+/// Factor by which one golden-section step reduces the bracket of an extreme of a function.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
-/// Largest number of parts of a step that are enclosed. A pulse needs two parts for each binary digit of its width.
+/// Largest number of parts of a step over which functions are enclosed. A pulse needs two parts for each binary digit
+/// of its width.
 const MOST_PARTS: usize = 1000;
 
 /// The minima and maxima of several functions over the part of a run that has been examined.
@@ -20,17 +21,17 @@ pub(super) struct Extremes {
     least: Vec<f64>,
     largest: Vec<f64>,
     samples: Samples,
-    /// Enclosures of the functions over a part of a step, and the widths of their enclosures at one time, which are
+    /// Enclosures of the functions over a part of a step, and the widths of the enclosures at a single time, which are
     /// due to rounding.
     ranges: Vec<Interval>,
     rounding: Vec<f64>,
     /// Parts of a step that remain to be enclosed, as a stack with the earliest part on top.
     left: Vec<(f64, f64)>,
-    /// For each function, the parts of the step whose middle is its minimum and its maximum, if these were found in
-    /// this step.
+    /// For each function, the parts of the step whose middle is the function's minimum and its maximum, if these were
+    /// found in this step.
     found: Vec<[Option<[f64; 2]>; 2]>,
-    /// The function whose extreme is least certain: by how much it may be exceeded, relative to its size, and at what
-    /// time.
+    /// The function whose minimum or maximum is least certain: its index, by how much the extreme may be exceeded,
+    /// relative to its size, and at what time.
     open: Option<(usize, f64, f64)>,
 }
 
@@ -38,7 +39,7 @@ pub(super) struct Extremes {
 #[derive(Clone, Debug, Default)]
 struct Samples {
     times: Vec<f64>,
-    /// The values of all functions at the first time, then at the second, and so on.
+    /// The values of all functions at the first sampled time, then at the second, and so on.
     values: Vec<f64>,
     order: Vec<usize>,
     at_one: Vec<f64>,
@@ -59,18 +60,18 @@ impl Extremes {
         }
     }
 
-    /// Returns the minimum and the maximum of function `k`.
+    /// Returns the minimum and the maximum of function `k` over the run so far.
     pub fn of(&self, k: usize) -> (f64, f64) {
         (self.least[k], self.largest[k])
     }
 
-    /// Returns the function whose extreme is least certain, by how much it may be exceeded, relative to its size, and
-    /// at what time.
+    /// Returns the function whose minimum or maximum is least certain, by how much the extreme may be exceeded,
+    /// relative to its size, and at what time.
     pub fn open(&self) -> Option<(usize, f64, f64)> {
         self.open
     }
 
-    /// Updates the extremes of the functions `of` by the step from the time `from` to the time `to`.
+    /// Updates the minima and maxima of the functions `of` by the step from the time `from` to the time `to`.
     pub fn step(&mut self, from: f64, to: f64, of: &mut impl Followed) {
         if self.least.is_empty() {
             return;
@@ -84,7 +85,7 @@ impl Extremes {
         self.search(from, to, of);
     }
 
-    /// Updates the extremes with the local maxima and minima around the samples.
+    /// Updates the minima and maxima of the functions by searches for local extremes around the samples.
     fn widen(&mut self, of: &mut impl Followed) {
         let Samples { times, values, order, at_one } = &mut self.samples;
         let count = at_one.len();
@@ -105,7 +106,8 @@ impl Extremes {
         }
     }
 
-    /// Searches a step for larger and smaller values, wherever interval enclosures do not exclude them.
+    /// Searches a step for larger maxima and smaller minima of the functions, wherever interval enclosures do not
+    /// exclude them.
     fn search(&mut self, from: f64, to: f64, of: &mut impl Followed) {
         self.rounding.fill(0.0);
         if !of.enclose(from, to, &mut self.ranges) || self.exceeded().is_none() {
@@ -156,8 +158,8 @@ impl Extremes {
         }
     }
 
-    /// Returns the function whose enclosure exceeds its extremes most, and by how much relative to its size; `None`
-    /// if all enclosures are within the accuracy of the extremes.
+    /// Returns the function whose enclosure exceeds its minimum or maximum most, and by how much relative to its size;
+    /// `None` if all enclosures are within the accuracy of the extremes.
     fn exceeded(&self) -> Option<(usize, f64)> {
         let beyond = |k: usize| {
             let (range, least, largest) = (self.ranges[k], self.least[k], self.largest[k]);
@@ -177,7 +179,7 @@ impl Samples {
         self.at_one.resize(count, 0.0);
     }
 
-    /// Adds a sample of all functions at the time `t`.
+    /// Adds the values of all functions at the time `t` to the samples of the step.
     fn take(&mut self, t: f64, of: &mut impl Followed) {
         let begin = self.values.len();
         self.times.push(t);
@@ -218,7 +220,7 @@ mod tests {
     use hybrid::Followed;
     use numerics::Interval;
 
-    /// A ramp, and a triangular pulse of height 1 at 1/3 with the given half-width.
+    /// Two test functions of time: a ramp, and a triangular pulse of height 1 at 1/3 with the given half-width.
     struct Hat(f64);
 
     impl Followed for Hat {
@@ -234,7 +236,7 @@ mod tests {
         }
     }
 
-    /// The functions `2 + 3 sin t` and `t^2`, without enclosures.
+    /// Two test functions, `2 + 3 sin t` and `t^2`, without enclosures.
     struct Smooth;
 
     impl Followed for Smooth {

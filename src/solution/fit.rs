@@ -28,18 +28,20 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Least ratio of positive bounds of a parameter for which starting points are chosen on a logarithmic scale.
+/// Least ratio of positive bounds of a fitted parameter for which the starting points of the search are chosen on a
+/// logarithmic scale.
 const FAR_APART: f64 = 100.0;
-/// Relative tolerance of the rank of the Jacobian, in units of `rtol`, since derivatives are as accurate as a run.
+/// Relative tolerance of the rank of the Jacobian of the residuals, in units of `rtol`, since derivatives are as
+/// accurate as a run.
 const TOLERANCES: f64 = 10.0;
-/// Fraction of the progress reported to the user that the search accounts for; the rest is for the final run and its
-/// sensitivity check.
+/// Fraction of the progress reported to the user that the search for the estimates accounts for; the rest is for the
+/// final run and its sensitivity check.
 const SHARE: f64 = 0.9;
-/// Reported progress at which the search begins. It is above 0 because only the events of a run that begins at 0 are
-/// recorded as those of the answer.
+/// Reported progress at which the search for the estimates begins. It is above 0 because only the events of a run that
+/// begins at 0 are recorded as those of the answer.
 const BEGIN: f64 = 1e-9;
-/// Largest ratio of the squared errors of the runs to the sum of squares at which the residuals are attributed to the
-/// data.
+/// Largest ratio of the squared errors of the runs to the sum of squared residuals at which the residuals are
+/// attributed to the data.
 const EXACT: f64 = 0.01;
 /// Relative difference of the losses of two minima below which they count as equal.
 const SAME: f64 = 1e-3;
@@ -49,15 +51,15 @@ const SAME: f64 = 1e-3;
 pub struct Fit {
     /// The parameters and initial values to fit to the data.
     pub parameters: Vec<Fitted>,
-    /// The times of the data, increasing, within the horizon.
+    /// The times of the measurements, increasing, within the horizon of the run.
     pub t: Vec<f64>,
     /// The measured values of each fitted output.
     pub data: Vec<DataColumn>,
-    /// Whether the standard deviations of the data are known; otherwise all of them are set to one.
+    /// Whether the standard deviations of the measured values are known; otherwise all of them are set to one.
     pub is_scaled: bool,
-    /// The loss to be minimised by the fit.
+    /// The loss (such as the sum of squared residuals) that the fit minimises.
     pub loss: Loss,
-    /// The number of starting points of the search.
+    /// The number of starting points of the search for the minimum of the loss.
     pub starts: u64,
 }
 
@@ -66,35 +68,35 @@ pub struct Fit {
 pub struct Fitted {
     /// The name of the fitted parameter, or of the state with a fitted initial value.
     pub name: String,
-    /// The parameter or initial value with respect to which residuals are differentiated.
+    /// The parameter or initial value of the model with respect to which residuals are differentiated.
     pub by: By,
-    /// Starting value of the parameter in the search for the minimum.
+    /// Starting value of the parameter or initial value in the search for the minimum of the loss.
     pub initial: f64,
-    /// Lower bound of the fitted parameter.
+    /// Lower bound of the fitted parameter or initial value.
     pub lower: f64,
-    /// Upper bound of the fitted parameter.
+    /// Upper bound of the fitted parameter or initial value.
     pub upper: f64,
 }
 
-/// An output with measured values.
+/// An output of the problem with measured values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// A measured state, given by its index.
     State(usize),
-    /// A measured definition of the user, by its index; it depends on states, parameters and time alone.
+    /// A measured quantity of the user (`definitions`), by its index; it depends on states, parameters and time alone.
     Definition(usize),
 }
 
-/// The measured values of a state or a definition.
+/// The measured values of a state or of a user-defined quantity (`definitions`).
 #[derive(Clone, Debug)]
 pub struct DataColumn {
-    /// The name of the measured state or definition.
+    /// The name of the measured state or user-defined quantity.
     pub name: String,
     /// The output to which the measured values belong.
     pub of: Quantity,
     /// The measured values; `None` where there is no measurement.
     pub values: Vec<Option<f64>>,
-    /// The standard deviations of the measured values.
+    /// The standard deviations of the measured values, one for each.
     pub sd: Vec<f64>,
 }
 
@@ -167,7 +169,7 @@ impl Fit {
         self.parameters.iter().map(|fitted| fitted.name.clone()).zip(point.iter().copied()).collect()
     }
 
-    /// Returns the starting point with the given number, counted from zero.
+    /// Returns the starting point of the search with the given number, counted from zero.
     fn start(&self, number: u64) -> Vec<f64> {
         if number == 0 {
             return self.parameters.iter().map(|fitted| fitted.initial).collect();
@@ -182,17 +184,18 @@ impl Fit {
     }
 }
 
-/// Returns the positive root of `x^(d+1) = x + 1`.
+/// Returns the positive root of `x^(d+1) = x + 1`, whose powers give starting points that fill the box of the bounds
+/// evenly.
 fn generalised_golden_ratio(d: usize) -> f64 {
     let mut x = 2.0_f64;
-    // The fixed-point iteration contracts by at least a factor of two per step.
+    // The fixed-point iteration for the root contracts by at least a factor of two per step.
     for _ in 0..f64::MANTISSA_DIGITS {
         x = (1.0 + x).powf(1.0 / (d as f64 + 1.0));
     }
     x
 }
 
-/// The user's definitions as functions of states and parameters.
+/// The user-defined quantities (`definitions`) as functions of states and parameters.
 struct Definitions {
     of: Observables,
     parameters: Vec<f64>,
@@ -212,8 +215,8 @@ impl Definitions {
         self.values[definition]
     }
 
-    /// Returns the central difference of a definition, without division by the increment, along `dx` in the states
-    /// and `step` in a parameter.
+    /// Returns the central difference of a user-defined quantity, without division by the increment, along `dx` in the
+    /// states and `step` in a parameter.
     fn difference(
         &mut self,
         definition: usize,
@@ -307,8 +310,8 @@ impl<'a> Search<'a> {
         [of(|fitted| fitted.lower), of(|fitted| fitted.upper)]
     }
 
-    /// Returns the best minimum from all starting points, or the failure at the first starting point if no search
-    /// succeeds.
+    /// Returns the best minimum of the loss from all starting points, or the failure at the first starting point if no
+    /// search succeeds.
     fn best_of_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
         let bounds = self.bounds();
         let problem = self.problem(&bounds);
@@ -359,8 +362,8 @@ impl<'a> Search<'a> {
         Failure { code: "no_fit".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
     }
 
-    /// Returns the sensitivities to compute: those of the states that the data depend on, with respect to the fitted
-    /// quantities.
+    /// Returns the sensitivities to compute: those of the states that the fitted outputs depend on, with respect to the
+    /// fitted parameters and initial values.
     fn columns(&self) -> Sensitivities {
         let states = || self.fit.data.iter().map(|column| column.of);
         let of: Vec<usize> = match states().all(|of| matches!(of, Quantity::State(_))) {
@@ -404,7 +407,8 @@ impl<'a> Search<'a> {
         self.control.part(done(run)..done(run + 1), || self.residuals(point).ok())
     }
 
-    /// Computes the residuals and their derivatives at a point by one run up to the last time of the data.
+    /// Computes the residuals of the fit and their derivatives at given parameters, by one run up to the last time of
+    /// the data.
     fn residuals(&self, point: &[f64]) -> Result<Residuals, Failure> {
         let (fit, p) = (self.fit, point.len());
         let columns = self.columns();
@@ -470,7 +474,7 @@ impl<'a> Search<'a> {
         Ok(Residuals { values, jacobian, noise: noise.sqrt() })
     }
 
-    /// Writes the estimates at a minimum to the answer, with checks and caveats.
+    /// Writes the estimates at a minimum of the loss to the answer, with checks and caveats.
     fn answer(&self, minimum: &Minimum, starts: Vec<FitStart>, solution: &mut Solution) {
         let (fit, bounds) = (self.fit, self.bounds());
         let problem = self.problem(&bounds);
@@ -529,7 +533,7 @@ impl<'a> Search<'a> {
         solution.fit = Some(answer);
     }
 
-    /// Adds caveats about the estimates of a fit.
+    /// Adds caveats about the estimates of a fit to the answer.
     fn warn(&self, minimum: &Minimum, answer: &FitAnswer, (held, freedoms): (&[bool], usize), solution: &mut Solution) {
         let (fit, checks) = (self.fit, &mut solution.diagnostics.checks);
         for parts in &answer.undetermined {
@@ -595,7 +599,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Returns the magnitude to which relative changes of a fitted parameter refer.
+/// Returns the magnitude to which relative changes of a fitted parameter with this value refer.
 fn size(value: f64, fitted: &Fitted) -> f64 {
     let span = fitted.upper - fitted.lower;
     [value.abs(), fitted.initial.abs(), span].into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0)

@@ -7,7 +7,8 @@ use radau::{GivenStep, Radau};
 /// for the other checks of runs without a tolerance.
 pub(super) const GIVEN_STEPS: f64 = 1e-3;
 
-/// Returns the size, relative to the largest state, below which a state counts as a rounding error of zero.
+/// Returns the size of a state, derived from the largest values of all states, below which the state counts as a
+/// rounding error of zero.
 pub(super) fn rounding_of(largest: &[f64]) -> f64 {
     1e-12 * largest.iter().copied().fold(0.0, f64::max)
 }
@@ -34,22 +35,24 @@ pub(super) struct GivenSteps {
     /// For each state, the sum over the steps of the estimated errors at their ends. Each estimate is raised to the
     /// power `power`, which raises its order to the order of the method.
     at_ends: Vec<f64>,
-    /// For each state, the largest estimated error at a time within a step whose interpolated values are in use.
+    /// For each state, the largest estimated error within a step, over the steps whose interpolated values are in use.
     within: Vec<f64>,
-    /// For each state, the sum over the steps of the errors due to variations of the rates between the stages.
+    /// For each state, the sum over the steps of the errors due to variations of the rates between the stages of a
+    /// step.
     missed: Vec<f64>,
     /// Number of steps with a switch in which functions of time vary by more than their values at the ends and in the
     /// middle of the step show.
     blind: u32,
     /// The largest absolute value of each state in the run so far.
     largest: Vec<f64>,
-    /// The power to which the estimated errors at the ends of steps are raised.
+    /// The power to which the estimated errors of states at the ends of steps are raised, so that their order becomes
+    /// that of the method.
     power: f64,
 }
 
 impl GivenSteps {
-    /// Adds the last step of `radau`; successive calls may pass different methods, such as one for each phase of a
-    /// motion.
+    /// Adds the last step of the method `radau`; successive calls may pass different methods, such as one for each
+    /// phase of a motion.
     pub fn add(&mut self, radau: &Radau<'_>) {
         let step = radau.given_step();
         let states = step.at_end.len();
@@ -65,15 +68,16 @@ impl GivenSteps {
         self.power = radau.error_power();
     }
 
-    /// Records that values interpolated within this step are in use, so that their estimated errors count.
+    /// Records that values interpolated within this step are in use, so that the estimated errors of the interpolation
+    /// count.
     pub fn use_within(&mut self, step: &GivenStep) {
         self.within.resize(step.within.len(), 0.0);
         let errors = self.within.iter_mut().zip(&step.within);
         errors.filter(|(most, error)| is_worse(**error, **most)).for_each(|(most, error)| *most = *error);
     }
 
-    /// Records checks of the largest errors relative to the largest values of the states, except for states that are
-    /// held at zero; records nothing if no step had a given size.
+    /// Records checks of the largest errors of steps of a given size relative to the largest values of the states,
+    /// except for states that are held at zero; records nothing if no step had a given size.
     pub fn judge(&self, held_at_zero: impl FnOnce() -> Vec<bool>, checks: &mut Checks) {
         if self.at_ends.is_empty() {
             return;

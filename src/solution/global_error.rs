@@ -16,13 +16,13 @@ use models::DviModel;
 use problem::Control;
 use radau::{Settings, StageChoice};
 
-/// The factor of the tolerances for the second, more accurate run, and the least relative tolerance, below which
-/// rounding errors dominate.
+/// The factor of the tolerances for the second, more accurate run of an estimate of the global error, and the least
+/// relative tolerance, below which rounding errors dominate.
 const TIGHTER: f64 = 0.01;
 const LEAST_RTOL: f64 = 1e-14;
 
-/// The approximate fraction of the work of both runs, the first one and the more accurate second one, that the first
-/// run accounts for.
+/// The approximate fraction of the work of both runs of an estimate of the global error, the first one and the more
+/// accurate second one, that the first run accounts for.
 pub const SHARE: f64 = 0.5;
 
 /// Makes the second, more accurate run and records the estimate of the global error in the diagnostics of the first
@@ -64,8 +64,8 @@ pub fn estimate(
     });
 }
 
-/// Returns the settings of the second, more accurate run, and the factor that converts the difference of the runs to
-/// the error of the first.
+/// Returns the settings of the second, more accurate run, and the factor that converts the difference of the two runs
+/// to the error of the first.
 fn more_accurate(settings: &Settings) -> (Settings, f64) {
     let mut second = settings.clone();
     let tighter = TIGHTER.max(LEAST_RTOL / settings.rtol).min(1.0);

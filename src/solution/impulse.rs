@@ -15,7 +15,8 @@ pub struct Impulse {
     pub after: [Vec<f64>; 3],
 }
 
-/// Relative difference of the effects of an impulse below which they count as equal, the level of rounding errors.
+/// Relative difference of the effects of an impulse before and after a jump below which they count as equal, the level
+/// of rounding errors.
 pub(super) const SAME_IMPULSE: f64 = 1e-9;
 
 impl Impulse {

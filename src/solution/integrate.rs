@@ -64,7 +64,7 @@ pub(super) fn integrate_once(
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
-        // The active set at the start is not a switch, and integrals begin after a jump at the start.
+        // The active set at the start of the run is not a switch, and integrals begin after a jump at the start.
         radau.take_switches();
         radau.take_jumps();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
@@ -99,7 +99,7 @@ pub(super) fn integrate_once(
     })
 }
 
-/// A run of Radau IIA with named outputs.
+/// A run of a differential variational inequality by Radau IIA, with named outputs.
 struct RadauRun<'p> {
     radau: Radau<'p>,
     /// The jumps of the states at the end of the last step.
@@ -148,8 +148,8 @@ impl RadauRun<'_> {
     }
 }
 
-/// Converts a switch to an event: the event is an activation if fewer equations fix the variable after the switch
-/// than before it.
+/// Converts a switch of a variable to an event: the event is an activation if fewer equations fix the variable after
+/// the switch than before it.
 fn event(plan: &Plan, &Switch { t, variable, from, to }: &Switch) -> Event {
     let kind = if to.equations() < from.equations() { EventKind::Activated } else { EventKind::Deactivated };
     Event { t, kind, of: plan.names[plan.initial.len() + variable].clone() }
@@ -366,7 +366,8 @@ impl RadauRun<'_> {
     }
 }
 
-/// Adds the values at the end of a step to the evidence; after a switch, also the analysis of the new active face.
+/// Adds the values at the end of a step to the diagnostics as evidence; after a switch, also the analysis of the new
+/// active face.
 fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut Diagnostics) {
     let smooth = radau.kept_face() && !switched && radau.problem().structure().moving.is_empty();
     if let Some(Variables { set, bounded, z, g }) = radau.variables() {
@@ -464,8 +465,8 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// Returns the diagnostics known before the run: structural analysis, components built, and components left out with
-/// reasons.
+/// Returns the diagnostics of a differential variational inequality known before the run: structural analysis,
+/// components built, and components left out with reasons.
 pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
     let mut diagnostics = Diagnostics {

@@ -204,8 +204,8 @@ fn passed_over<'de, T: Default, D: Deserializer<'de>>(deserializer: D) -> Result
 }
 
 impl Solution {
-    /// Derives the verdict from all checks, and is called after the last of them. `end` is the requested end time of
-    /// a run, and `None` for a search.
+    /// Derives the verdict on the answer from all checks, and is called after the last of them. `end` is the requested
+    /// end time of a run, and `None` for a search.
     pub fn judge(&mut self, end: Option<f64>) {
         self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
     }

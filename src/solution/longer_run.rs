@@ -8,7 +8,7 @@ use super::reducers::{Reduction, Selected};
 use super::run::{Plan, Stepper};
 use super::{Checks, Event, Failure};
 
-/// An output time within this fraction of a step from one of its ends counts as that end.
+/// An output time within this fraction of a time step from one of the ends of the step counts as that end.
 const WITHIN: f64 = 1e-6;
 
 /// A time-stepping method whose run can be compared with a run with longer steps.
@@ -26,7 +26,7 @@ pub(super) trait TimeStepped: Stepper + Sized {
     fn kinds(&self) -> Vec<Kind>;
 
     /// Returns groups of outputs that are the components of one vector; if all components are requested, their errors
-    /// are relative to the largest of them.
+    /// are relative to the largest component.
     fn vectors(&self) -> Vec<Vec<usize>> {
         Vec::new()
     }
@@ -34,8 +34,8 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Writes, for each output, its change by the forces of the last step.
     fn resolve(&mut self, out: &mut [f64]);
 
-    /// Writes, for each output, its displacement if all impacts of the last step had a timing error of one step;
-    /// returns false if the step has no impacts.
+    /// Writes, for each output, its displacement at the end of the last step if all impacts of the step had a timing
+    /// error of one step; returns false if the step has no impacts.
     fn strike(&mut self, out: &mut [f64]) -> bool;
 
     /// Writes a nonzero number for each output that contacts hold fixed at the end of the last step, so that errors
@@ -64,14 +64,14 @@ pub(super) trait TimeStepped: Stepper + Sized {
         false
     }
 
-    /// Writes, for each output, the displacement at the end of the last step by variations of data between the
-    /// evaluation points of the steps; returns false if there are none.
+    /// Writes, for each output, the displacement at the end of the last step by variations of data (such as forces)
+    /// between the times at which steps evaluate them; returns false if there are none.
     fn miss(&mut self, _out: &mut [f64]) -> bool {
         false
     }
 
-    /// Returns the number of leading outputs that are as accurate within the last step as at its ends, because the
-    /// step has located their jumps in time. All other outputs that jump are constant within a step.
+    /// Returns the number of leading outputs that are as accurate within the last step as at its ends, because the step
+    /// has located their jumps in time. All other outputs that jump are constant within a step.
     fn known_within(&self) -> usize {
         0
     }
@@ -79,18 +79,18 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Returns the events of the last step.
     fn events(&self) -> Vec<Event>;
 
-    /// Prepares the next step, which ends at `_end`, to have substeps at least twice as long as those of `_run` over
-    /// the same time.
+    /// Prepares the next step of the longer run, which ends at `_end`, to have substeps at least twice as long as those
+    /// of the compared run `_run` over the same time.
     fn exceed(&mut self, _run: &mut Self, _end: f64) {}
 
-    /// Returns the part of the last step, as a length of time, in which its substeps are not longer than those of
-    /// `_shorter`, which has made shorter steps over the same time.
+    /// Returns the part of the last step, as a length of time, in which its substeps are not longer than those of the
+    /// run `_shorter`, which has made shorter steps over the same time.
     fn repeats(&mut self, _shorter: &mut Self) -> f64 {
         0.0
     }
 }
 
-/// The columns (recorded quantities) at the end of a step.
+/// The columns (recorded quantities) of the compared run at the end of a step.
 struct Row {
     t: f64,
     /// The length of the step that ends at the time `t`.
@@ -98,7 +98,7 @@ struct Row {
     y: Vec<f64>,
 }
 
-/// The run with longer steps, for comparison.
+/// The run with longer steps, for comparison with a run by time stepping.
 pub(super) struct LongerRun<S> {
     stepper: S,
     columns: Columns,
@@ -110,7 +110,7 @@ pub(super) struct LongerRun<S> {
     free: Vec<Row>,
     y: Vec<f64>,
     changes: Vec<f64>,
-    /// The columns at the end of the last step of the compared run.
+    /// The columns (recorded quantities) at the end of the last step of the compared run.
     last: Vec<f64>,
     /// The output times, and the index of the next output time.
     times: Vec<f64>,
@@ -120,16 +120,16 @@ pub(super) struct LongerRun<S> {
     events: Vec<SelectedEvents>,
 }
 
-/// The events of both runs of one kind and origin, whose number or time a sweep collects.
+/// The events of one kind and origin in both runs, whose number or time a sweep collects.
 struct SelectedEvents {
     name: String,
     /// Whether the number of the events is collected; otherwise the time of the first or the last event is collected.
     is_count: bool,
     of: Selected,
     counts: [u32; 2],
-    /// For both runs, the times of the first and the last event.
+    /// For both runs, the times of the first and the last selected event.
     times: [Option<[f64; 2]>; 2],
-    /// The longest step with an event whose time was not located.
+    /// The length of the longest step with a selected event whose time was not located.
     h: f64,
 }
 
@@ -181,7 +181,7 @@ impl SelectedEvents {
 }
 
 impl<S: TimeStepped> LongerRun<S> {
-    /// Creates a comparison with `stepper`, which must be at the start.
+    /// Creates a comparison with the run of `stepper`, which must be at the start and makes the longer steps.
     pub fn new(mut stepper: S, plan: &Plan, is_default: bool) -> Self {
         let mut columns = Columns::new(plan);
         let quantities = columns.asked(plan, &stepper.kinds());
@@ -275,21 +275,21 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Whether the step from `begin` to `end` counts for values at the output times: it does if it reaches into the
-    /// latter half of the time from the start to the next output time, or if every step is an output.
+    /// Whether the step from `begin` to `end` counts for the errors of values at the output times: it does if it
+    /// reaches into the latter half of the time from the start to the next output time, or if every step is an output.
     fn counts(&self, [begin, end]: [f64; 2]) -> bool {
         let next = self.times.get(self.times.partition_point(|time| *time <= begin));
         self.times.is_empty() || next.is_some_and(|next| end - self.start >= 0.5 * (next - self.start))
     }
 
-    /// Writes the columns of a run at a time within its last step.
+    /// Writes the columns (recorded quantities) of a run at a time within its last step.
     fn read(&mut self, run: &mut S, t: f64, y: &mut [f64]) {
         run.values(t, &mut y[..self.columns.outputs()]);
         self.columns.evaluate(t, y);
     }
 
-    /// Makes one step of the longer run over the next `count` steps of `run`, which is ahead of it, and compares the
-    /// two runs over this step.
+    /// Makes one step of the longer run over the next `count` steps of the compared run `run`, which is ahead of it,
+    /// and compares the two runs over this step.
     fn join(&mut self, run: &mut S, count: usize) {
         let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
         self.stepper.exceed(run, end);
@@ -307,7 +307,7 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Makes a step of the longer run up to `end`; returns false if it fails.
+    /// Makes a step of the longer run up to the time `end`; returns false if it fails.
     fn advance(&mut self, end: f64) -> bool {
         if let Err(failure) = self.stepper.step_to(end) {
             self.comparison.fail(failure.message);
@@ -320,7 +320,7 @@ impl<S: TimeStepped> LongerRun<S> {
         true
     }
 
-    /// Compares the last step of the longer run with the `count` steps of the run that it spans.
+    /// Compares the last step of the longer run with the `count` steps of the compared run that it spans.
     fn compare(&mut self, count: usize) {
         let length = self.stepper.t() - self.stepper.begin();
         self.changes.fill(0.0);
@@ -338,8 +338,8 @@ impl<S: TimeStepped> LongerRun<S> {
         self.free.extend(rows);
     }
 
-    /// Completes the comparison at the end of the run: compares the steps that the longer run has not made yet, and
-    /// sets the scales of errors.
+    /// Completes the comparison at the end of the compared run: compares the steps that the longer run has not made
+    /// yet, and sets the scales of errors.
     pub fn finish(&mut self, run: &mut S) {
         if self.comparison.goes_on() && self.open.len() == 1 {
             // At first order two steps of half the length have half the error of the single step, so that their
@@ -347,7 +347,7 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.share(2.0);
             let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
             if self.advance(t - 0.5 * h) && self.advance(t) {
-                // Only the second half step is compared with the single step.
+                // Only the second of the two half steps is compared with the single step of the run.
                 self.comparison.repeat(0.5 * run.repeats(&mut self.stepper));
                 self.compare(1);
             }
@@ -357,7 +357,7 @@ impl<S: TimeStepped> LongerRun<S> {
             self.join(run, count);
         }
         self.comparison.settle();
-        // The error of a whole vector relative to its length does not depend on the coordinate frame.
+        // The error of a whole vector output relative to its length does not depend on the coordinate frame.
         let mut vectors = self.stepper.vectors();
         vectors.retain(|vector| vector.iter().all(|&column| self.comparison.compares(column)));
         self.comparison.share_units(&vectors);
@@ -367,7 +367,7 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Records the result of the comparison as checks; see [`Comparison::judge`].
+    /// Records the result of the comparison with longer steps as checks; see [`Comparison::judge`].
     pub fn judge(&self, allowed: f64, checks: &mut Checks) {
         self.comparison.judge(allowed, checks);
     }

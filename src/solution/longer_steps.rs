@@ -23,8 +23,8 @@ use super::{CheckCode, Checks};
 /// in a row amplify a rounding error to the size of a body. Such runs are also the long ones.
 pub const MOST_COMPARED: usize = 100;
 
-/// Largest fraction of the time in which both runs may have identical steps. The error hidden there is then at most
-/// the error that the remaining steps show.
+/// Largest fraction of the time in which a run and the run with longer steps may have identical steps. The error hidden
+/// there is then at most the error that the remaining steps show.
 const MOST_REPEATED: f64 = 0.5;
 
 /// Fraction of the largest energy that is the least scale for errors of energies. Losses that are zero, such as those
@@ -32,10 +32,10 @@ const MOST_REPEATED: f64 = 0.5;
 /// permitted part of this scale.
 pub(super) const KNOWN_ENERGY: f64 = 1e-6;
 
-/// Changes below this fraction of the largest value are treated as rounding errors.
+/// Changes of a quantity below this fraction of its largest value are treated as rounding errors.
 const ROUNDING: f64 = 1e-12;
 
-/// Behaviour of an output in time, which decides how two runs are compared.
+/// Behaviour of an output in time, which decides how the output is compared with the run with longer steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// An output that is continuous in time.
@@ -49,12 +49,13 @@ pub(super) enum Kind {
     Residual,
 }
 
-/// The functional of a column (one recorded quantity over time) that is compared between two runs.
+/// The functional of a column (one recorded quantity over time) that is compared between a run and the run with longer
+/// steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Measure {
     /// The values of the column.
     Values,
-    /// The integral over time of the column, or of its square.
+    /// The integral of the column over time, or of its square.
     Integral { is_squared: bool },
     /// The times at which the column changes sign.
     Crossings,
@@ -67,46 +68,47 @@ pub(super) struct Quantity {
     pub name: String,
     /// The index of the column that contains the values of the quantity.
     pub column: usize,
-    /// The behaviour of the column in time.
+    /// The behaviour in time of the column that contains the values.
     pub kind: Kind,
     /// The functional of the column that is compared.
     pub measure: Measure,
     /// The value of the quantity at the start of the run; `None` before the run starts.
     start: Option<f64>,
-    /// The scale of errors, `size`: the largest change so far of a continuous quantity, or the largest absolute value
-    /// of another; and the largest absolute value, `largest`.
+    /// The scale of the errors of the quantity, `size`: the largest change so far if it is continuous, or else the
+    /// largest absolute value; and the largest absolute value, `largest`.
     size: f64,
     largest: f64,
-    /// Largest change of the quantity by the forces of one step: the least scale of errors.
+    /// Largest change of the quantity by the forces of one step: the least scale of its errors.
     least: f64,
-    /// The largest difference of the two runs, for continuous quantities; its integral over time, for quantities that
-    /// jump.
+    /// The largest difference of the quantity between the two runs if it is continuous; the integral of the difference
+    /// over time if the quantity jumps.
     distance: f64,
     /// The integral over time of the quantity, and the difference of this integral between the two runs.
     integrals: [f64; 2],
     /// Whether only the values of the quantity at the output times are requested.
     pub is_at_times: bool,
-    /// The length of time over which the two runs were compared.
+    /// The length of time over which the quantity was compared between the two runs.
     compared: f64,
-    /// The sum of the squares of the displacements by all impacts so far, each with a timing error of one step
-    /// (`carried`), and the largest such sum (`impacts`).
+    /// The sum of the squares of the displacements of the quantity by all impacts so far, each with a timing error of
+    /// one step (`carried`), and the largest such sum (`impacts`).
     carried: f64,
     impacts: f64,
-    /// The largest displacement by impacts in a wrong direction; for a quantity that jumps, the integral of this
-    /// displacement over time.
+    /// The largest displacement of the quantity by impacts in a wrong direction; for a quantity that jumps, the
+    /// integral of this displacement over time.
     misled: f64,
-    /// The largest displacement by variations of data between the evaluation points of the steps.
+    /// The largest displacement of the quantity by variations of data (such as forces) between the times at which steps
+    /// evaluate them.
     missed: f64,
-    /// The sum, over output times within steps, of the distances of the values from the linear interpolation between
+    /// The sum, over output times within steps, of the distances of the quantity from its linear interpolation between
     /// the step ends.
     held: f64,
-    /// The largest distance, within a step, of a value from the linear interpolation between the step ends, due to
+    /// The largest distance, within a step, of the quantity from its linear interpolation between the step ends, due to
     /// impacts.
     bent: f64,
     /// The value of the quantity at the end of the last step.
     last: f64,
-    /// The numbers of sign changes in both runs, and the largest error of the time of a sign change, relative to the
-    /// time since the start.
+    /// The numbers of sign changes of the quantity in both runs, and the largest error of the time of a sign change,
+    /// relative to the time since the start.
     crossings: [u32; 2],
     late: f64,
 }
@@ -139,7 +141,7 @@ impl Quantity {
         }
     }
 
-    /// Returns the value of the column; a sum over a step of length `h` is converted to its mean.
+    /// Returns the value of the quantity's column; a sum over a step of length `h` is converted to its mean.
     fn value(&self, y: &[f64], h: f64) -> f64 {
         let value = y[self.column];
         match (self.kind, self.measure) {
@@ -154,7 +156,7 @@ impl Quantity {
         self.kind == Kind::Continuous || self.measure != Measure::Values
     }
 
-    /// Updates the size and the largest value of the quantity by a value of the run.
+    /// Updates the scale and the largest value of the quantity by a value of the run.
     fn meet(&mut self, value: f64) {
         let start = *self.start.get_or_insert(value);
         let from = if self.kind == Kind::Continuous { start } else { 0.0 };
@@ -210,7 +212,7 @@ impl Quantity {
         let part = |error: f64| part_of(error, &format!("its largest {of}"));
         let impacts =
             format!("and impacts whose times or order the steps do not resolve move {name} by {}", part(by_impacts));
-        // Where both runs have identical steps they do not differ, whatever their error.
+        // Where both runs have identical steps, their quantities do not differ, whatever their error.
         let apart = relative(self.distance / over) / (1.0 - repeated);
         let apart = if self.measure == Measure::Crossings { self.late } else { apart };
         let what = format!(
@@ -229,35 +231,36 @@ impl Quantity {
     }
 }
 
-/// The comparison of a run with another whose steps are twice as long.
+/// The comparison of the quantities of a run with another run whose steps are twice as long.
 #[derive(Clone, Debug)]
 pub(super) struct Comparison {
     /// The quantities that are compared between the two runs.
     pub quantities: Vec<Quantity>,
-    /// Whether the steps have the default size, and not a size that the user gave.
+    /// Whether the steps of the compared run have the default size, and not a size that the user gave.
     is_default: bool,
-    /// Advice to the user on how to reduce the errors, for messages.
+    /// Advice to the user on how to reduce the errors of the run, for messages.
     pub remedy: &'static str,
     start: f64,
     /// The length of time over which velocities were compared, and the length of time in which both runs had
     /// identical steps.
     compared: f64,
     repeated: f64,
-    /// Factor that converts a difference of the two runs to the error of the first run.
+    /// Factor that converts a difference of the two compared runs to the error of the run whose error is sought.
     share: f64,
     /// Number of output times of the run that lie within steps, and not at their ends.
     within: u32,
     /// Whether differences of the two runs at the current time count as errors of the values at the output times; see
     /// [`Comparison::count`].
     counts: bool,
-    /// Relative errors from other sources, each with a message that names the quantity in error.
+    /// Relative errors from sources other than the difference of the two runs, each with a message that names the
+    /// quantity in error.
     others: Vec<(f64, String)>,
     /// The reason why the run with longer steps failed; `None` if it did not.
     failed: Option<String>,
 }
 
 impl Comparison {
-    /// Creates a comparison that begins at the time `start`.
+    /// Creates a comparison of two runs that begins at the time `start`.
     pub fn new(quantities: Vec<Quantity>, start: f64, is_default: bool) -> Self {
         let (compared, repeated, share) = (0.0, 0.0, 1.0);
         let (others, remedy) = (Vec::new(), "give a smaller `step`");
@@ -276,8 +279,8 @@ impl Comparison {
         }
     }
 
-    /// Updates sizes by the columns `y` of the run at the end of a step of length `h`, or at the start if `h` is
-    /// zero.
+    /// Updates the scales of errors by the columns `y` of the run at the end of a step of length `h`, or at the start
+    /// if `h` is zero.
     pub fn meet(&mut self, y: &[f64], h: f64) {
         for quantity in &mut self.quantities {
             let value = quantity.value(y, h);
@@ -293,8 +296,8 @@ impl Comparison {
         self.quantities.iter_mut().for_each(|of| of.least = of.least.max(least[of.column]));
     }
 
-    /// Reduces the scale of each continuous quantity from its largest change to its largest absolute value if that is
-    /// smaller, as for an oscillation about zero.
+    /// Reduces the scale of the errors of each continuous quantity from its largest change to its largest absolute
+    /// value if that is smaller, as for an oscillation about zero.
     pub fn settle(&mut self) {
         for quantity in
             self.quantities.iter_mut().filter(|of| of.kind == Kind::Continuous && of.measure == Measure::Values)
@@ -308,15 +311,15 @@ impl Comparison {
         self.quantities.iter().any(|of| of.column == column && of.measure == Measure::Values)
     }
 
-    /// Makes all columns of a group, which have one unit, share the largest scale among them, as for the coordinates
-    /// of two bodies along the line on which they meet.
+    /// Makes all columns of a group, which have one unit, share the largest scale of errors among them, as for the
+    /// coordinates of two bodies along the line on which they meet.
     pub fn share_units(&mut self, groups: &[Vec<usize>]) {
         let members = |group: &Vec<usize>| -> Vec<usize> {
             let is_member = |of: &Quantity| group.contains(&of.column) && of.measure == Measure::Values;
             (0..self.quantities.len()).filter(|&k| is_member(&self.quantities[k])).collect()
         };
         let groups: Vec<Vec<usize>> = groups.iter().map(members).collect();
-        // Groups may overlap: a scale is passed on through one group per round.
+        // Groups of columns may overlap: a scale is passed on through one group per round.
         let mut grows = true;
         while grows {
             grows = false;
@@ -330,8 +333,8 @@ impl Comparison {
         }
     }
 
-    /// Adds the squared displacements of the columns by the impacts of a step, each with a timing error of one step,
-    /// where `remaining` is the time to the end of the run.
+    /// Adds the squared displacements of the columns by the impacts of a step, each with a timing error of one step;
+    /// `remaining` is the time to the end of the run.
     pub fn strike(&mut self, displaced: &[f64], remaining: f64) {
         for quantity in &mut self.quantities {
             let by = displaced[quantity.column];
@@ -407,8 +410,8 @@ impl Comparison {
         }
     }
 
-    /// Updates the errors of the quantities by `displaced`, the displacements of the columns that result from data
-    /// that vary between the evaluation points of the steps.
+    /// Updates the errors of the quantities by `displaced`, the displacements of the columns that result from
+    /// variations of data between the times at which steps evaluate them.
     pub fn miss(&mut self, displaced: &[f64]) {
         let counts = self.counts;
         let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
@@ -436,17 +439,19 @@ impl Comparison {
         }
     }
 
-    /// Adds a length of time in which both runs had identical steps.
+    /// Adds a length of time in which both compared runs had identical steps.
     pub fn repeat(&mut self, time: f64) {
         self.repeated += time;
     }
 
-    /// Adds a relative error from another source, with the message that names the quantity in error.
+    /// Adds a relative error from a source other than the difference of the two runs, with the message that names the
+    /// quantity in error.
     pub fn note(&mut self, error: f64, what: String) {
         self.others.push((error, what));
     }
 
-    /// Sets the factor that converts a difference of the two runs to the error of the first run.
+    /// Sets the factor that converts a difference of the two compared runs to the error of the run whose error is
+    /// sought.
     pub fn share(&mut self, share: f64) {
         self.share = share;
     }
@@ -461,8 +466,8 @@ impl Comparison {
         self.failed.is_none()
     }
 
-    /// Records the largest relative error of all quantities as a check against the permitted error `allowed`. An
-    /// error that is permitted but exceeds a thousandth is reported as a caveat.
+    /// Records the largest relative error of all compared quantities as a check against the permitted error `allowed`.
+    /// An error that is permitted but exceeds a thousandth is reported as a caveat.
     pub fn judge(&self, allowed: f64, checks: &mut Checks) {
         let size = match self.is_default {
             true => "the steps have the default size",
@@ -482,7 +487,8 @@ impl Comparison {
         checks.record(CheckCode::LocalError, error, allowed, || message);
     }
 
-    /// Returns the largest relative error of all quantities, with the message that names the quantity in error.
+    /// Returns the largest relative error of all compared quantities, with the message that names the quantity in
+    /// error.
     fn worst(&self) -> (f64, String) {
         let mut worst = (0.0, "and what is asked for does not differ with steps twice as long".to_owned());
         let repeated = if self.compared > 0.0 { self.repeated / self.compared } else { 0.0 };
@@ -509,8 +515,8 @@ impl Comparison {
     }
 }
 
-/// Largest relative error that is reported as a number: a larger one belongs to a quantity that is zero up to
-/// rounding.
+/// Largest relative error of a quantity that is reported as a number: a larger one belongs to a quantity that is zero
+/// up to rounding.
 const MOST_TOLD: f64 = 1e3;
 
 /// Formats an error relative to the size of a quantity in words.
@@ -526,7 +532,7 @@ pub(super) fn part_of(error: f64, what: &str) -> String {
     }
 }
 
-/// Adds the caveat that steps over impacts were not compared with longer ones, with the reason `why`.
+/// Adds the caveat that steps over impacts were not compared with longer steps, with the reason `why`.
 pub(super) fn not_compared(checks: &mut Checks, why: &str) {
     checks.caveat("error_not_estimated", format!("what the steps are worth was not estimated: {why}"));
 }

@@ -11,8 +11,8 @@ use contact::energy::Energy;
 use contact::{Grazed, Passed, Screening, Violation, Violations};
 use radau::ALLOWED;
 
-/// Largest permitted defect of energies and constraints, relative to the largest energy or length, whatever the
-/// tolerances.
+/// Largest permitted defect of the energy balance or of a constraint, relative to the largest energy or length,
+/// whatever the tolerances.
 pub(super) const LARGEST_PART: f64 = 1e-3;
 
 /// Permitted error of the states of a first-order scheme, as a multiple of their motion per step. The errors of steps
@@ -20,11 +20,11 @@ pub(super) const LARGEST_PART: f64 = 1e-3;
 /// correct to first order; a larger one would accept an oscillation that the scheme has damped away.
 const STEPS: f64 = 30.0;
 
-/// Largest defect that the order of a scheme may explain, relative to the largest energy. A loss of a twentieth of
-/// the energy is a loss of a fortieth of the amplitude, which is visible in a plot.
+/// Largest defect of the energy balance that the order of a scheme may explain, relative to the largest energy. A loss
+/// of a twentieth of the energy is a loss of a fortieth of the amplitude, which is visible in a plot.
 const MOST_EXCUSED: f64 = 0.05;
 
-/// Relative rounding error of joints and gaps after position corrections.
+/// Relative rounding error of the constraints of joints and of gaps after position corrections.
 const ROUNDING: f64 = 1e-9;
 
 /// Permitted error of a collocation polynomial between the stages, in units of the error tolerance at the end of the
@@ -53,7 +53,7 @@ pub(super) enum Accuracy {
 }
 
 impl Accuracy {
-    /// Returns the permitted defect of the energy balance.
+    /// Returns the permitted defect of the energy balance for this accuracy of the run.
     fn of_energy(self, energy: &Energy) -> f64 {
         let (size, most) = (energy.size(), LARGEST_PART * energy.size());
         let permitted = match self {
@@ -75,7 +75,7 @@ impl Accuracy {
     }
 }
 
-/// Compares the defect of the energy balance with its permitted value.
+/// Records the check of the defect of the energy balance against its permitted value.
 pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Checks) {
     let (allowed, size, remedy) = (accuracy.of_energy(energy), energy.size(), accuracy.remedy());
     let lacking = energy.lacking();
@@ -101,8 +101,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     });
 }
 
-/// Compares the violations of joints and gaps with their permitted values: a fraction of the length scale of each
-/// joint or gap in the run for fixed steps, else the tolerances. `names` are those of the contacts.
+/// Records the check of the violations of joints and gaps against their permitted values: a fraction of the length
+/// scale of each joint or gap in the run for fixed steps, else the tolerances. `names` are those of the contacts.
 pub(super) fn check_violations(violations: &Violations, names: &[String], accuracy: Accuracy, checks: &mut Checks) {
     let allowed = |seen: &Violation| {
         let permitted = match accuracy {
@@ -135,7 +135,7 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
     }
 }
 
-/// Records the check of a grazing contact that the tolerances cannot decide.
+/// Records the check of a grazing contact of which the tolerances cannot decide whether it closes.
 pub(super) fn check_grazed(grazed: &Grazed, name: &str, checks: &mut Checks) {
     checks.record(CheckCode::EventsUnproven, grazed.change, ALLOWED, || {
         format!(
@@ -165,8 +165,8 @@ pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
     }
 }
 
-/// Compares the energy removed to pass accumulations of impacts with the tolerance; with elastic impacts only
-/// rounding is permitted, since they have no accumulation.
+/// Records the check of the energy removed to pass accumulations of impacts against the tolerance; with elastic impacts
+/// only rounding is permitted, since they have no accumulation.
 pub(super) fn check_passed(passed: &Passed, name: &str, energy: &Energy, rtol: f64, checks: &mut Checks) {
     let part = if energy.size() > 0.0 { passed.energy.abs() / energy.size() } else { 0.0 };
     let allowed = if passed.is_elastic { ROUNDING_OF_IMPACTS } else { rtol.max(ROUNDING_OF_IMPACTS) };

@@ -2,14 +2,14 @@
 //! impact, times the path length since the impact. The error of a body at rest does not grow, unless an impact has
 //! stopped the body in error.
 
-/// Errors of the direction of a velocity, and the position errors that follow. Errors of single impacts are
-/// independent: their squares are summed, component by component.
+/// Errors of the direction of a body's velocity due to impacts, and the position errors that follow. Errors of single
+/// impacts are independent: their squares are summed, component by component.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Misdirection {
-    /// The path length so far, measured in the norm of the given speeds.
+    /// The path length of the body so far, measured in the norm of the given speeds.
     way: f64,
-    /// The speed that impacts have removed in error, less the speed that the body would have lost since without the
-    /// error.
+    /// The speed that impacts have removed from the body in error, less the speed that the body would have lost since
+    /// without the error.
     taken: f64,
     /// For each component, the sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, where `e` is the error of the
     /// velocity relative to the speed and `s` is the path length before the impact.
@@ -38,7 +38,7 @@ impl Misdirection {
         self.err(error, possible, self.way - ago * possible);
     }
 
-    /// Adds an error of each velocity component, at the speed `speed`, from the path length `since` on.
+    /// Adds an error of each velocity component of the body, at the speed `speed`, from the path length `since` on.
     fn err(&mut self, error: &[f64], speed: f64, since: f64) {
         // The relative error of a direction is at most one.
         let speed = size_of(error).max(speed);
@@ -68,7 +68,7 @@ impl Misdirection {
         self.sums.iter().map(move |[one, first, second]| (one * way * way - 2.0 * first * way + second).max(0.0).sqrt())
     }
 
-    /// Returns the errors of the velocity components of a body with the given speed.
+    /// Returns the errors that impacts have caused in the velocity components of a body with the given speed.
     pub fn of_velocity(&self, speed: f64) -> impl Iterator<Item = f64> {
         let speed = speed.max(self.taken);
         self.sums.iter().map(move |[one, ..]| one.sqrt() * speed)

@@ -17,10 +17,10 @@ const CLOSER: usize = 2;
 
 /// Differences of the end states of runs that begin on either side of an orbit.
 struct Differences {
-    /// The change of each end state that the derivative predicts.
+    /// The change of each end state that the monodromy matrix predicts.
     derivative: DVector<f64>,
     near: DVector<f64>,
-    /// Half the difference for runs that begin at twice the distance from the orbit.
+    /// Half the difference of the end states of runs that begin at twice the distance from the orbit.
     far: DVector<f64>,
     /// The tolerances of the end states in the runs that begin at twice the distance from the orbit.
     scale: Vec<f64>,
@@ -64,7 +64,8 @@ fn part_of(subject: Subject<'_>) -> f64 {
     subject.settings().rtol.powf(POWER).min(MOST_MOVED)
 }
 
-/// Whether multipliers, by decreasing modulus, differ by at most a fraction `part` of the largest.
+/// Whether two lists of multipliers, by decreasing modulus, differ by at most a fraction `part` of the largest
+/// multiplier.
 fn is_same(some: &[[f64; 2]], others: &[[f64; 2]], part: f64) -> bool {
     let largest = some.first().map_or(0.0, modulus);
     some.len() == others.len()
@@ -81,7 +82,7 @@ fn later(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control) -> O
     Some((plan, later))
 }
 
-/// Records the check of the monodromy matrix against a finite difference of runs.
+/// Records the check of the monodromy matrix of an orbit against a finite difference of runs.
 fn check(subject: Subject<'_>, plan: &Plan, shot: &Shot, control: &Control, checks: &mut Checks) {
     let Ok(monodromy) = &shot.monodromy else { return };
     let settings = subject.settings();

@@ -14,14 +14,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use utoipa::ToSchema;
 
-/// The definitions, integrals and monitors of a user.
+/// The user's definitions, integrals and monitors (event functions).
 #[derive(Clone, Debug, Default)]
 pub struct Observables {
     /// The names of the user's definitions, then of the integrals.
     pub names: Vec<String>,
     /// The number of the user's integrals.
     pub integrals: usize,
-    /// For each definition, the number of outputs of the problem up to the last one that it depends on.
+    /// For each of the user's definitions, the number of outputs of the problem up to the last one that it depends on.
     pub reach: Vec<usize>,
     /// For each definition, integrand and monitor, the outputs of the problem that it depends on.
     pub inputs: Vec<Vec<usize>>,
@@ -29,22 +29,23 @@ pub struct Observables {
     pub monitors: Vec<Monitored>,
     /// Definitions, integrands and monitors, compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
-    /// The derivatives of definitions and integrands; empty if none are requested.
+    /// The derivatives of the user's definitions and integrands; empty if none are requested.
     pub slopes: ObservableSlopes,
 }
 
-/// The partial derivatives of definitions and integrands with respect to states and parameters.
+/// The partial derivatives of the user's definitions and integrands with respect to states and parameters.
 #[derive(Clone, Debug, Default)]
 pub struct ObservableSlopes {
-    /// The structural nonzeros: the index of the observable, and the argument of the partial derivative.
+    /// The structural nonzeros of the derivatives: the index of the definition or integrand, and the argument of the
+    /// partial derivative.
     pub pattern: Vec<(usize, Argument)>,
     /// The partial derivatives, compiled as functions of `t` and the states.
     pub program: Tape,
-    /// For each observable, the reason why it has no derivative; `None` if it has one.
+    /// For each definition and integrand, the reason why it has no derivative; `None` if it has one.
     pub refused: Vec<Option<&'static str>>,
 }
 
-/// An argument of a partial derivative of an observable.
+/// An argument of a partial derivative of a definition or integrand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Argument {
     /// A state, given by its index.
@@ -87,12 +88,12 @@ pub struct EndedBy {
 }
 
 impl Observables {
-    /// Whether observables are evaluated within steps, independently of the output times.
+    /// Whether integrals or monitors must be evaluated within steps, independently of the output times.
     pub fn is_followed(&self) -> bool {
         self.integrals > 0 || !self.monitors.is_empty()
     }
 
-    /// Binds new values of the parameters.
+    /// Binds new values of the parameters to the definitions, integrands and monitors.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.program.bind(parameters);
         self.slopes.program.bind(parameters);
@@ -109,28 +110,29 @@ impl Observables {
     }
 }
 
-/// The state of a user's observables during a run.
+/// The state of a user's definitions, integrals and monitors during a run.
 pub(super) struct Observed<'a> {
     of: &'a Observables,
     monitors: Monitors,
     touches: Touches,
     place: EvaluationBuffer,
-    /// The indices of the monitors, in the outputs of the problem followed by the values of the program.
+    /// The indices of the user's monitors, in the outputs of the problem followed by the values of the program.
     watched: Vec<usize>,
     /// The user's integrals from the start up to the time `reached`.
     integrals: Integrals,
-    /// The indices of the integrands, in the outputs of the problem followed by the values of the program; none of
-    /// them is squared.
+    /// The indices of the user's integrands, in the outputs of the problem followed by the values of the program; none
+    /// of them is squared.
     integrands: Vec<(usize, bool)>,
     reached: f64,
-    /// Impulses after the time `reached`, in the order of time.
+    /// Impulses at jumps of the states after the time `reached`, in the order of time.
     impulses: VecDeque<Impulse>,
-    /// The index of a monitor without a finite value, if there is one.
+    /// The index of a monitor whose value is not finite, if there is one.
     lost: Option<usize>,
 }
 
 impl<'a> Observed<'a> {
-    /// Creates the state at the start of a run; `outputs` is the number of outputs of the problem.
+    /// Creates the state of the user's definitions, integrals and monitors at the start of a run; `outputs` is the
+    /// number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let place = EvaluationBuffer::new(&of.program, [outputs, of.values()], of.integrals > 0);
         let t = stepper.t();
@@ -197,19 +199,19 @@ impl<'a> Observed<'a> {
         ended
     }
 
-    /// Returns the index of a monitor without a finite value at a time within the last step.
+    /// Returns the index of a monitor whose value is not finite at a time within the last step, if there is one.
     fn lost_at(&mut self, stepper: &mut impl Stepper, t: f64) -> Option<usize> {
         let first = self.of.names.len();
         self.place.at(stepper, t)[first..].iter().position(|value| !value.is_finite())
     }
 
-    /// Returns the label of a monitor without a finite value at the end of the last step.
+    /// Returns the label of a monitor whose value is not finite at the end of the last step, if there is one.
     pub fn lost(&self) -> Option<&str> {
         self.lost.map(|monitor| self.of.monitors[monitor].label.as_str())
     }
 
-    /// Writes definitions and integrals at a time within the last step; `outputs` are the outputs of the problem at
-    /// this time. Times must increase from call to call.
+    /// Writes the user's definitions and integrals at a time within the last step; `outputs` are the outputs of the
+    /// problem at this time. Times must increase from call to call.
     pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.integrate(stepper, t);
         let (of_definitions, of_integrals) = out.split_at_mut(self.of.definitions());
@@ -217,20 +219,21 @@ impl<'a> Observed<'a> {
         of_integrals.copy_from_slice(&self.integrals.values);
     }
 
-    /// Writes the definitions at a time; `outputs` are the outputs of the problem at this time.
+    /// Writes the user's definitions at the time `t`; `outputs` are the outputs of the problem at this time.
     pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.place.take(t, outputs);
         out.copy_from_slice(&self.place.values[..out.len()]);
     }
 
-    /// Stores the impulses at the end of the last step, which are added to the integrals when these reach their time.
+    /// Stores the impulses of jumps at the end of the last step, which are added to the integrals when these reach
+    /// their time.
     pub fn expect(&mut self, impulses: &[Impulse]) {
         if self.of.integrals > 0 {
             self.impulses.extend(impulses.iter().cloned());
         }
     }
 
-    /// Continues the integrals up to a time within the last step.
+    /// Continues the user's integrals up to a time within the last step.
     pub fn integrate(&mut self, stepper: &mut impl Stepper, t: f64) {
         if self.of.integrals == 0 {
             return;
@@ -263,8 +266,8 @@ impl<'a> Observed<'a> {
         Some((self.of.names.get(self.of.definitions() + integral)?, t))
     }
 
-    /// Returns the label of the first monitor that touches zero within the tolerances, and the time at which it
-    /// leaves zero.
+    /// Returns the label of the first monitor that touches zero within the tolerances, and the time at which it leaves
+    /// the band around zero.
     pub fn touched(&self) -> Option<(&str, f64)> {
         let (monitor, t) = self.touches.found?;
         Some((&self.of.monitors[monitor].label, t))

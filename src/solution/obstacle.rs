@@ -22,7 +22,8 @@ pub fn integrate_obstacle(
     })
 }
 
-/// Returns the diagnostics known before the run: components built, and components left out with reasons.
+/// Returns the diagnostics of an obstacle problem known before the run: components built, and components left out with
+/// reasons.
 pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "tr_bdf2",
@@ -52,9 +53,9 @@ struct ObstacleRun<'a> {
     told: [Vec<f64>; 2],
     contact: Contact,
     events: Vec<Event>,
-    /// For each probe, the nodes of its interpolation with their weights.
+    /// For each probe (a point at which `u` is reported), the nodes of its interpolation with their weights.
     probes: Vec<Vec<(usize, f64)>>,
-    /// The largest `|u|` at the current time, which failures report as the state.
+    /// The largest `|u|` of the obstacle problem at the current time, which failures report as the state.
     states: Vec<f64>,
     vi_tolerance: f64,
 }
@@ -83,7 +84,7 @@ impl<'a> ObstacleRun<'a> {
         Ok(course)
     }
 
-    /// Updates the outputs to those at the current time.
+    /// Updates the outputs of the obstacle problem to those at the current time.
     fn tell(&mut self) {
         let Self { stepper: TrBdf2 { system, u, force, .. }, told, probes, .. } = self;
         self.contact = Contact::of(system, u, force);
@@ -133,8 +134,8 @@ impl Stepper for ObstacleRun<'_> {
         Ok(())
     }
 
-    /// Writes the outputs within a step: values of `u` by the interpolant of the method, and linearly interpolated
-    /// values of the contact set, whose rates jump.
+    /// Writes the outputs of the obstacle problem within a step: values of `u` by the interpolant of the method, and
+    /// linearly interpolated values of the contact set, whose rates jump.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let Self { stepper, told: [before, now], probes, .. } = self;
         let (start, end) = (stepper.begin(), stepper.t);

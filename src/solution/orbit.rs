@@ -27,11 +27,11 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Largest number of runs over one period. Newton's method needs a few; repeated periods of the system itself
-/// approach a stable orbit by the modulus of its largest multiplier per period.
+/// Largest number of runs over one period in the search for an orbit. Newton's method needs a few; repeated periods of
+/// the system itself approach a stable orbit by the modulus of its largest multiplier per period.
 const MOST_SHOTS: u64 = 100;
-/// Largest number of halvings of a Newton step that does not reduce the residual: another period of the system
-/// itself, which also reduces the residual, costs as much as one halving.
+/// Largest number of halvings of a Newton step that does not reduce the distance of the end of the run from its start:
+/// another period of the system itself, which also reduces this distance, costs as much as one halving.
 const HALVINGS: i32 = 1;
 /// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
 /// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
@@ -57,8 +57,8 @@ const TOLD: usize = 3;
 /// These times, and their distances, are not simple fractions of the period, so that they meet edges of pulses by
 /// chance only; they exclude the beginning of the period, where pulses often have an edge.
 const COMPARED: u32 = 16;
-/// Number of periods that are compared with the next one: a function that repeats once may still change later, for
-/// example by a pulse.
+/// Number of periods whose right-hand sides are compared with those of the next period: a function that repeats once
+/// may still change later, for example by a pulse.
 const PERIODS: u32 = 64;
 /// Relative tolerance for right-hand sides that count as equal: rounding errors of the time, amplified by their
 /// slopes.
@@ -157,7 +157,7 @@ pub(super) fn search_from_start(
     (found, search.shots)
 }
 
-/// Integrates once along an orbit, or from the state in which a failed search ended.
+/// Integrates once along a periodic orbit, or from the state in which a failed search ended.
 pub(super) fn run_along(
     subject: Subject<'_>,
     plan: &Plan,
@@ -230,8 +230,8 @@ pub(super) fn run_along(
     solution
 }
 
-/// Returns a message if the start of an orbit is uncertain: runs from a neighbourhood of the start return to their
-/// own start within the tolerance.
+/// Returns a message if the start of an orbit is uncertain: runs from all points of a neighbourhood return to their own
+/// start within the tolerance.
 fn uncertain_start(subject: Subject<'_>, shot: &Shot, phase: Option<usize>) -> Option<String> {
     let error = shot.uncertainty(phase, subject.settings().rtol)?;
     let parts = error.iter().zip(&shot.scale).map(|(error, scale)| error.abs() / scale);
@@ -257,7 +257,8 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
     if here.abs() > rtol.sqrt() {
         return true;
     }
-    // Multipliers are only as accurate as the relative tolerance of the runs.
+    // Multipliers are only as accurate as the relative tolerance of the runs: a largest modulus within it of 1 counts
+    // as 1.
     if here.abs() <= rtol {
         return false;
     }
@@ -270,15 +271,15 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
     })
 }
 
-/// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if a
-/// multiplier is on the circle, or no multipliers are known.
+/// Whether all Floquet multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None`
+/// if a multiplier is on the circle, or no multipliers are known.
 pub(super) fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
     let largest = largest_modulus(multipliers, is_free)?;
     ((largest - 1.0).abs() > ON_CIRCLE).then_some(largest < 1.0)
 }
 
-/// Returns the largest modulus of the multipliers, except the one nearest to 1 if the phase is free; `None` without
-/// multipliers.
+/// Returns the largest modulus of the Floquet multipliers, except the one nearest to 1 if the phase is free; `None`
+/// without multipliers.
 fn largest_modulus(multipliers: &[[f64; 2]], is_free: bool) -> Option<f64> {
     let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
     let nearest =
@@ -287,11 +288,11 @@ fn largest_modulus(multipliers: &[[f64; 2]], is_free: bool) -> Option<f64> {
     Some(others.fold(0.0, f64::max))
 }
 
-/// The best run of a search, if there was one, and the reason why it is not an orbit.
+/// The best run of a failed search for an orbit, if there was one, and the reason why it is not an orbit.
 pub(super) type Missed = Box<(Option<Shot>, Failure)>;
 
-/// Rejects a period after which the problem itself does not repeat, and a free period of a problem that depends on
-/// time.
+/// Rejects a period after which the right-hand sides of the problem do not repeat, and a free period of a problem that
+/// depends on time.
 pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_free: bool) -> Result<(), Failure> {
     let mut rows_at = rows_at(subject, plan);
     let mut largest: Vec<f64> = Vec::new();
@@ -373,7 +374,7 @@ impl Search<'_> {
         let initial = self.plan.initial.clone();
         let rtol = self.subject.settings().rtol;
         let mut shot = self.shoot(&initial, period).map_err(|failure| Box::new((None, failure)))?;
-        // The largest number of directions in which a Newton step has moved the start.
+        // The largest number of directions (singular vectors) in which a Newton step has moved the start of the run.
         let mut directions = 0;
         loop {
             let distance = shot.distance();
@@ -459,7 +460,8 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the failure of a search whose run returns to its start within the tolerance, but is not near an orbit.
+    /// Returns the failure of a search for an orbit whose run returns to its start within the tolerance, but is not
+    /// near an orbit.
     fn drifts(&self, shot: Shot, moved: f64) -> Result<Shot, Missed> {
         let shot = self.moves(shot)?;
         let names = self.subject.state_names().iter().zip(&shot.from).take(TOLD);
@@ -474,8 +476,8 @@ impl Search<'_> {
         Err(Box::new((Some(shot), failure)))
     }
 
-    /// Makes the next run by Newton's method, with the largest fraction of the step that reduces the residual;
-    /// returns `None` if no fraction does.
+    /// Makes the next run over one period by Newton's method, with the largest fraction of the Newton step that reduces
+    /// the residual; returns `None` if no fraction does.
     fn damped(&mut self, shot: &Shot, correction: &Correction) -> Result<Option<Shot>, Failure> {
         let (change, of_period) = correction;
         let whole = (MOST_OF_PERIOD * shot.period / of_period.abs()).min(1.0);
@@ -496,8 +498,8 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// Makes a run from the end of another run; with a free period, from where the state that fixes the phase has its
-    /// initial value again.
+    /// Makes a run over one period from the end of another run; with a free period, from where the state that fixes the
+    /// phase has its initial value again.
     fn returned(&mut self, shot: &Shot) -> Result<Shot, Failure> {
         let Some(phase) = self.phase else { return self.shoot(&shot.to, shot.period) };
         let (mut run, anchor) = (shot.clone(), shot.from[phase]);
@@ -518,14 +520,14 @@ impl Search<'_> {
         self.shoot(&shot.to, shot.period)
     }
 
-    /// Whether a run is nearer to the orbit than the previous run, by its residual or by the size of its Newton
-    /// correction.
+    /// Whether a run over one period is nearer to the orbit than the previous run, by its residual or by the size of
+    /// its Newton correction.
     fn falls(&self, (shot, correction): (&Shot, &Correction), next: &Shot, to: f64) -> bool {
         let by_correction = || shot.contraction(correction, next, self.phase, self.subject.settings().rtol);
         next.distance() <= to * shot.distance() || by_correction().is_some_and(|part| part <= to)
     }
 
-    /// Rejects an orbit with a free period that is a single point, which is a steady state.
+    /// Rejects a result of the search for an orbit with a free period that is a single point: a steady state.
     fn moves(&self, shot: Shot) -> Result<Shot, Missed> {
         let moved = shot.slope.iter().zip(&shot.scale).map(|(slope, scale)| (slope * shot.period).abs() / scale);
         if self.phase.is_none() || moved.fold(0.0, f64::max) > SEEN {

@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 #[derive(Debug)]
 pub(super) struct OrderOfImpacts {
     bodies: Vec<Sequences>,
-    /// Impacts of both runs before this time are ignored.
+    /// Impacts of both runs before this time are not compared.
     since: f64,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct OrderOfImpacts {
 struct Sequences {
     open: [VecDeque<Impact>; 2],
     last: Option<Met>,
-    /// The difference of the velocity changes by all impacts so far, between the two runs.
+    /// The difference of the changes of the body's velocities by all impacts so far, between the two runs.
     apart: [Vector3<f64>; 2],
 }
 
@@ -45,20 +45,20 @@ pub(super) struct Mistake {
 }
 
 impl OrderOfImpacts {
-    /// Creates a comparison for the given number of bodies.
+    /// Creates a comparison of the order of impacts for the given number of bodies.
     pub fn new(bodies: usize) -> Self {
         Self { bodies: (0..bodies).map(|_| Sequences::default()).collect(), since: f64::NEG_INFINITY }
     }
 
-    /// Adds impacts of the run, or of the run with longer steps if `is_longer` is set.
+    /// Adds impacts of the compared run, or of the run with longer steps if `is_longer` is set.
     pub fn take(&mut self, is_longer: bool, impacts: impl Iterator<Item = Impact>) {
         for impact in impacts.filter(|impact| impact.t >= self.since) {
             self.bodies[impact.body].open[usize::from(is_longer)].push_back(impact);
         }
     }
 
-    /// Discards the impacts before a time: a part of the step was made by time stepping, which does not locate
-    /// impacts.
+    /// Discards the impacts before a time: a part of the step was made by time stepping, which does not locate impacts
+    /// in time.
     pub fn forget(&mut self, before: f64) {
         self.since = self.since.max(before);
         for of in &mut self.bodies {
@@ -79,8 +79,8 @@ impl OrderOfImpacts {
 }
 
 impl Sequences {
-    /// Compares the next impacts of both runs as long as both have one, or one run has an impact before the time
-    /// `due` that the other run lacks.
+    /// Compares the next impacts of a body in both runs as long as both have one, or one run has an impact before the
+    /// time `due` that the other run lacks.
     fn compare(&mut self, due: f64, h: f64, mistakes: &mut Vec<Mistake>) {
         loop {
             let is_extra = |impact: &Impact| impact.t < due;
@@ -138,8 +138,8 @@ impl Sequences {
         best
     }
 
-    /// Removes the next impact of each run, which both have in common, and compares its distance in time from the
-    /// last common impact between the runs.
+    /// Removes the next impact of the body from each run, which both have in common, and compares its distance in time
+    /// from the last common impact between the runs.
     fn meet(&mut self, mistakes: &mut Vec<Mistake>) {
         let [Some(of), Some(other)] = self.open.each_mut().map(VecDeque::pop_front) else { return };
         self.apart = [0, 1].map(|k| self.apart[k] + of.change[k] - other.change[k]);

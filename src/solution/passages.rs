@@ -22,7 +22,7 @@ pub(super) struct Passages {
 }
 
 impl Passages {
-    /// Adds an event at the time `phase`, given as a fraction of the period.
+    /// Adds a switch or contact event at the time `phase`, given as a fraction of the period.
     pub fn push(&mut self, event: Passed, phase: f64) {
         self.events.push(event);
         self.phases.push(phase);
@@ -50,14 +50,15 @@ impl Passages {
         (nearest < 0.25 * (end - begin)).then(|| (0.5 * (begin + end)).fract())
     }
 
-    /// Returns the index of the first event that differs from the event with the same index in `other`.
+    /// Returns the index of the first switch or contact event that differs from the event with the same index in
+    /// `other`.
     pub fn first_difference(&self, other: &Self) -> usize {
         let shorter = self.len().min(other.len());
         self.events.iter().zip(&other.events).position(|(a, b)| a != b).unwrap_or(shorter)
     }
 
-    /// Whether the events of `other` are the events of this run from the event `first` on, if each event moves the
-    /// shorter way around the period and none overtakes another.
+    /// Whether the events of `other` are the events of this run in cyclic order from the event `first` on, if each
+    /// event moves the shorter way around the period and none overtakes another.
     fn are_turned(&self, other: &Self, first: usize) -> bool {
         let n = self.len();
         let pairs = (0..n).map(|k| (k, (first + k) % n));
@@ -76,7 +77,7 @@ impl Passages {
 }
 
 impl PartialEq for Passages {
-    /// Whether the cyclic sequences of events are equal, wherever the period begins.
+    /// Whether the cyclic sequences of events of two runs are equal, wherever the period begins.
     fn eq(&self, other: &Self) -> bool {
         self.events == other.events
             || (self.len() == other.len() && (1..self.len()).any(|first| self.are_turned(other, first)))

@@ -15,12 +15,12 @@ use std::collections::BinaryHeap;
 /// Difference of two quadrature rules over a part of a step at which they count as equal, relative to the integral of
 /// the absolute value up to the end of the step.
 const AGREE: f64 = 1e-13;
-/// Largest number of parts of a step: about the number of periods of an integrand that are resolved within one step.
-/// A kink needs some twenty parts.
+/// Largest number of parts of a step over which functions are integrated: about the number of periods of an integrand
+/// that are resolved within one step. A kink needs some twenty parts.
 const MOST_PARTS: usize = 2048;
 /// Largest number of integrals that are stored for the parts of one step, if many functions are integrated.
 const MOST_SUMS: usize = 200_000;
-/// Least limit on the number of parts of a step, however many functions are integrated.
+/// Least limit on the number of parts of a step over which functions are integrated, however many the functions are.
 const LEAST_PARTS: usize = 64;
 /// The largest relative uncertainty of an integral that is not reported: half the digits of a double.
 pub(super) const NEGLIGIBLE: f64 = 1.5e-8;
@@ -30,10 +30,10 @@ pub(super) trait Integrand {
     /// Writes the values of the functions at a time within the step.
     fn at(&mut self, t: f64, out: &mut [f64]);
 
-    /// Discards the samples of the functions, and begins those of another part of the step.
+    /// Discards the samples of the functions to integrate, and begins those of another part of the step.
     fn begin(&mut self) {}
 
-    /// Writes bounds on the variation of the functions between two times that the samples do not show.
+    /// Writes bounds on the variation of the functions to integrate between two times that the samples do not show.
     fn hidden(&mut self, _from: f64, _to: f64, out: &mut [f64]) {
         out.fill(0.0);
     }
@@ -49,8 +49,8 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions; and
-    /// whether to square them.
+    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions, each with
+    /// a flag whether it is squared.
     pub integrands: &'a [(usize, bool)],
 }
 
@@ -92,7 +92,7 @@ pub(super) struct Integrals {
     /// For each function, the sum of the differences of the two quadrature rules over those parts of steps at which
     /// bisection ended before the rules agreed.
     uncertain: Vec<f64>,
-    /// The integrals of the absolute values of the functions over the run so far.
+    /// The integrals of the absolute values of the functions over the run so far, to which uncertainties are related.
     sizes: Vec<f64>,
     /// The functions whose integrals over an impulse are undefined, each with the time of the impulse.
     undefined: Vec<(usize, f64)>,
@@ -105,7 +105,7 @@ impl Integrals {
         Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: Vec::new() }
     }
 
-    /// Adds the integrals of the functions over an impulse.
+    /// Adds the integrals of the functions over the impulse at a jump of the states.
     pub fn pass(&mut self, impulse: &Impulse, place: &mut EvaluationBuffer, integrands: &[(usize, bool)]) {
         let evaluate = |t: f64, outputs: &[f64], out: &mut [f64]| {
             place.take(t, outputs);
@@ -131,7 +131,7 @@ impl Integrals {
         self.undefined.iter().all(|(undefined, _)| *undefined != k).then(|| self.values[k])
     }
 
-    /// Returns the integrals of the absolute values of the functions.
+    /// Returns the integrals of the absolute values of the functions over the run so far.
     pub fn sizes(&self) -> &[f64] {
         &self.sizes
     }
@@ -149,10 +149,10 @@ impl Integrals {
 struct Part {
     from: f64,
     to: f64,
-    /// For each function: the integral, the difference of the two rules and of the values at the ends, the integral
-    /// of the absolute value, and the bound on the variation that the samples do not show.
+    /// For each function: the integral, the difference of the two quadrature rules and of the values at the ends, the
+    /// integral of the absolute value, and the bound on the variation that the samples do not show.
     sums: Vec<[f64; 4]>,
-    /// The largest error of a function over this part, in units of the permitted error.
+    /// The largest error of the integral of a function over this part of the step, in units of the permitted error.
     excess: f64,
 }
 
@@ -172,7 +172,8 @@ impl Part {
         }
         sums.iter_mut().for_each(|[_, difference, ..]| *difference = difference.abs());
         for (end, t) in [from, to].into_iter().enumerate() {
-            // The values at the ends of the whole step are not compared, since outputs may jump there.
+            // The values at the ends of the whole step are not compared with those inside, since outputs may jump
+            // there.
             if t == step.0 || t == step.1 {
                 continue;
             }
@@ -188,8 +189,8 @@ impl Part {
         Self { from, to, sums, excess: 0.0 }
     }
 
-    /// Sets the largest error relative to the permitted one, which is a fraction `agree` of the integrals of the
-    /// absolute values, `totals`.
+    /// Sets the largest error of the integrals relative to the permitted one, which is a fraction `agree` of the
+    /// integrals of the absolute values, `totals`.
     fn weigh(&mut self, totals: &[f64], agree: f64) {
         let shares = [agree, agree.max(NEGLIGIBLE / MOST_PARTS as f64)];
         let excess = self
@@ -298,7 +299,8 @@ mod tests {
     #[test]
     fn kinks_are_resolved_and_what_is_not_is_counted() {
         let (found, uncertain) = integral(10.0, |t| (30.0 * t).sin().abs());
-        // The integral of `|sin 30 t|` up to 10: 95 half periods with 2/30 each, and a part of another half period.
+        // The exact integral of `|sin 30 t|` up to 10: 95 half periods with 2/30 each, and a part of another half
+        // period.
         let exact = (95.0 * 2.0 + 1.0 - (300.0 - 95.0 * std::f64::consts::PI).cos()) / 30.0;
         assert!((found - exact).abs() < 1e-9 * exact && uncertain < 1e-6, "{found:?} for {exact}, {uncertain:e}");
         let (_, uncertain) = integral(1.0, |t| (1e6 * t).sin());

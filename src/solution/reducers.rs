@@ -13,16 +13,16 @@ use expression::Tape;
 /// Length in bytes above which a mode word, the text of successive modes, is cut.
 const LONGEST_WORD: usize = 4 << 10;
 
-/// The numbers and texts to collect from a run.
+/// The numbers and texts to collect from a run in place of its trajectory.
 #[derive(Clone, Debug, Default)]
 pub struct Reducers {
     /// The names of the collected columns.
     pub names: Vec<String>,
-    /// The reductions, one per collected column.
+    /// The reductions of the run to a number or text, one per collected column.
     pub reductions: Vec<Reduction>,
-    /// For each expression, the outputs of the problem that it depends on.
+    /// For each expression that is reduced, the outputs of the problem that it depends on.
     pub inputs: Vec<Vec<usize>>,
-    /// The expressions, compiled as functions of `t` and all outputs of the problem.
+    /// The expressions that are reduced, compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
 }
 
@@ -83,16 +83,16 @@ pub struct Selected {
 /// The number or text that a reduction has collected from a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Collected {
-    /// A number; `None` if it is not finite, or the run ended too early.
+    /// A collected number; `None` if it is not finite, or the run ended too early.
     Number(Option<f64>),
-    /// A count; `None` if the run did not reach its end.
+    /// A collected count of events; `None` if the run did not reach its end.
     Count(Option<u32>),
-    /// A text; `None` if the run did not reach its end.
+    /// A collected text, the mode word; `None` if the run did not reach its end.
     Word(Option<String>),
 }
 
 impl Reducers {
-    /// Whether values within steps are needed, beside those at the ends of the run.
+    /// Whether values within steps of the run are needed, beside those at the ends of the run.
     pub fn is_dense(&self) -> bool {
         self.reductions.iter().any(|reduction| match reduction {
             Reduction::Value { over, .. } => !matches!(over, Over::Final | Over::Initial),
@@ -100,8 +100,8 @@ impl Reducers {
         })
     }
 
-    /// Returns the first column whose expression has no finite value, for a complete run. If an event of the user
-    /// ended the run early (`is_early`), values at given times may lie after the end and do not count.
+    /// Returns the first collected column whose expression has no finite value, for a complete run. If an event of the
+    /// user ended the run early (`is_early`), values at given times may lie after the end and do not count.
     pub(super) fn lost(&self, collected: &[Collected], is_early: bool) -> Option<&str> {
         let is_lost = |(reduction, found): (&Reduction, &Collected)| match reduction {
             Reduction::Value { over: Over::At(_), .. } if is_early => false,
@@ -112,7 +112,7 @@ impl Reducers {
         self.names.get(lost).map(String::as_str)
     }
 
-    /// Returns the results of a run that never began, all of them missing.
+    /// Returns the collected numbers and texts of a run that never began, all of them missing.
     pub fn nothing(&self) -> Vec<Collected> {
         self.reductions.iter().map(Reduction::nothing).collect()
     }
@@ -144,8 +144,8 @@ pub(super) struct Reducing<'a> {
     at_end: Vec<f64>,
     /// For each reduction to the value at a given time, this value, if the run has reached that time.
     at_times: Vec<Option<f64>>,
-    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions; and
-    /// whether to square them.
+    /// The integrands, as indices into the outputs of the problem followed by the values of the expressions, each with
+    /// a flag whether it is squared.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
     /// The functions whose extremes are needed, as indices into the outputs of the problem followed by the values of
@@ -157,7 +157,7 @@ pub(super) struct Reducing<'a> {
 }
 
 impl<'a> Reducing<'a> {
-    /// Creates the reductions at the start of a run; `outputs` is the number of outputs of the problem.
+    /// Creates the state of all reductions at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Reducers, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let mut integrands = Vec::new();
         let mut extremes = Vec::new();
@@ -209,13 +209,13 @@ impl<'a> Reducing<'a> {
         reducing
     }
 
-    /// Returns the largest relative uncertainty of an integral or a mean.
+    /// Returns the largest relative uncertainty of a collected integral or mean.
     pub fn uncertainty(&self) -> Option<f64> {
         self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
     }
 
-    /// Returns the first column whose integral or mean is undefined because of an impulse, and the time of the
-    /// impulse.
+    /// Returns the first collected column whose integral or mean is undefined because of an impulse, and the time of
+    /// the impulse.
     pub fn undefined(&self) -> Option<(&str, f64)> {
         let (integral, t) = self.integrals.undefined()?;
         let (place, squared) = self.integrands[integral];
@@ -223,8 +223,8 @@ impl<'a> Reducing<'a> {
         Some((self.column(place, is_one)?, t))
     }
 
-    /// Returns the column whose extreme is least certain: by how much the extreme may be exceeded, relative to its
-    /// size, and at what time.
+    /// Returns the collected column whose minimum or maximum is least certain: by how much the extreme may be exceeded,
+    /// relative to its size, and at what time.
     pub fn open(&self) -> Option<(&str, f64, f64)> {
         let (extreme, by, t) = self.found.open()?;
         let is_one = |over| matches!(over, Over::Min | Over::Max | Over::Ripple);
@@ -240,7 +240,7 @@ impl<'a> Reducing<'a> {
         self.of.names.get(column).map(String::as_str)
     }
 
-    /// Adds the last step, from `begin` to `end`, with its events and impulses.
+    /// Adds the last step of the run, from `begin` to `end`, with its events and impulses, to the reductions.
     pub fn step(
         &mut self,
         stepper: &mut impl Stepper,
@@ -266,7 +266,7 @@ impl<'a> Reducing<'a> {
         self.look_at(stepper, begin, end);
     }
 
-    /// Evaluates the expressions at the requested times within a step.
+    /// Evaluates the reduced expressions at the requested times within a step.
     fn look_at(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64) {
         if !self.has_times {
             return;
@@ -282,7 +282,7 @@ impl<'a> Reducing<'a> {
         }
     }
 
-    /// Evaluates the expressions at the end of the run.
+    /// Evaluates the reduced expressions at the end of the run.
     pub fn end(&mut self, stepper: &mut impl Stepper) {
         if !self.at_end.is_empty() && self.end > self.start {
             self.at_end.copy_from_slice(self.place.at(stepper, self.end));
@@ -360,7 +360,8 @@ struct Word {
 }
 
 impl Word {
-    /// Appends a letter. Repetitions of an event are counted; a mode repeated from step to step is a single letter.
+    /// Appends a letter to the mode word. Repetitions of an event are counted; a mode repeated from step to step is a
+    /// single letter.
     fn push(&mut self, letter: &str) {
         let is_mode = !letter.contains(':');
         if letter == self.last {

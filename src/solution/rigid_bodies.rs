@@ -30,7 +30,7 @@ const TWO_DIGITS: f64 = 1e-2;
 /// its speed.
 const ROUNDING_OF_BODIES: f64 = 1e-12;
 
-/// How the steps of rigid bodies treat impacts: located in time, or passed over.
+/// How the steps of rigid bodies treat impacts: located in time, or passed over by time stepping.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Impacts {
     /// Whether impacts are located in time; otherwise steps pass over them (time stepping).
@@ -55,7 +55,8 @@ pub fn step_rigid_bodies(
     run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, (settings, impacts), control))
 }
 
-/// Returns the diagnostics known before the run: components built, and components left out with reasons.
+/// Returns the diagnostics of rigid bodies known before the run: components built, and components left out with
+/// reasons.
 pub fn describe_rigid_bodies(
     scene: &MultibodySystem,
     (settings, impacts): (&Settings, Impacts),
@@ -103,8 +104,8 @@ struct RigidBodyRun<'a> {
     /// The current time, and the time at the beginning of the last step.
     t: f64,
     before: f64,
-    /// The motions at the beginning of the last step, and whether contact forces acted on each body in the step
-    /// before.
+    /// The motions of moving bodies when the last step began, and whether contact forces acted on each body in
+    /// the step before.
     starts: Vec<Motion>,
     pushed: Vec<bool>,
     states: Vec<f64>,
@@ -117,13 +118,13 @@ struct RigidBodyRun<'a> {
     work: ViCounts,
     /// Number of steps in which a coefficient of restitution was reduced.
     limited: u64,
-    /// Number of steps that were subdivided since they were too long for the joints.
+    /// Number of steps that were subdivided because they were too long for the joints.
     halved: u64,
     /// Number of Newton iterations in implicit steps, such as those of bodies with joints.
     newton: u64,
-    /// Number of steps with located impacts whose remainder was made by time stepping.
+    /// Number of steps with located impacts in time of which the last part was made by time stepping, without location.
     passed: u64,
-    /// Number of contact events so far.
+    /// Number of contact events of the run so far.
     events: usize,
     checks: Checks,
     longer: Option<Box<LongerRun<Self>>>,
@@ -146,7 +147,7 @@ struct RigidBodyRun<'a> {
     arcs: Vec<[f64; 2]>,
 }
 
-/// Returns the time after a number of steps of size `h`, avoiding a last step that would be zero up to rounding.
+/// Returns the user's time after a number of steps of size `h`, avoiding a last step that would be zero up to rounding.
 fn end_of_step(plan: &Plan, h: f64, steps: u64) -> f64 {
     let end = plan.start + steps as f64 * h;
     if end >= plan.end - 1e-9 * h { plan.end } else { end }
@@ -204,7 +205,7 @@ impl<'a> RigidBodyRun<'a> {
         Ok(course)
     }
 
-    /// Creates a run from a prepared simulation, without a comparison with longer steps.
+    /// Creates a run of rigid bodies from a prepared simulation, without a comparison with longer steps.
     fn of(
         scene: &'a MultibodySystem,
         plan: &'a Plan,
@@ -257,7 +258,7 @@ impl<'a> RigidBodyRun<'a> {
         course
     }
 
-    /// Adds the last step to the energy balance and the counters.
+    /// Adds the last step of the run to the energy balance and the counters.
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
@@ -368,8 +369,8 @@ impl<'a> RigidBodyRun<'a> {
         moving.zip(motions).map(kink).collect()
     }
 
-    /// Writes the changes of the outputs by small displacements of the bodies, given as translations and rotations of
-    /// the centres.
+    /// Writes the changes of the outputs by small displacements of the moving bodies, given as translations and
+    /// rotations of their centres.
     fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
         let (of_bodies, others) = out.split_at_mut(self.states.len());
@@ -409,7 +410,7 @@ impl<'a> RigidBodyRun<'a> {
         arc.times.map(|passed| self.before + passed)
     }
 
-    /// Writes the states of all bodies at a time within the last step.
+    /// Writes the states of all moving bodies at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
         let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
@@ -456,7 +457,7 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn known_within(&self) -> usize {
-        // The leading outputs, accurate within a step, are the states and four energies.
+        // The leading outputs, which are accurate within a step with located impacts, are the states and four energies.
         if self.simulation.arcs().is_empty() || self.simulation.is_passed() { 0 } else { self.states.len() + 4 }
     }
 
@@ -737,7 +738,7 @@ impl Stepper for RigidBodyRun<'_> {
     }
 }
 
-/// Converts a failure of a step at time `t` to a message with the user's names.
+/// Converts a failure of a step of rigid bodies at time `t` to a message with the user's names.
 fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, state: &[f64]) -> Failure {
     let (code, message) = match *cause {
         StepFailure::NotFinite { body } => {
@@ -785,7 +786,7 @@ fn blocked(scene: &MultibodySystem, t: f64) -> String {
     )
 }
 
-/// Returns the message that contacts need too much memory; contacts were counted up to `contacts`.
+/// Returns the message that contacts of bodies need too much memory; contacts were counted up to `contacts`.
 fn too_much_memory(
     scene: &MultibodySystem,
     plan: &Plan,

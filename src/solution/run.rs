@@ -31,9 +31,10 @@ pub struct Plan {
     pub times: Option<Vec<f64>>,
     /// The requested sensitivities; their columns follow the observables.
     pub sensitivities: Option<Sensitivities>,
-    /// The fields to keep, as indices into `names` followed by the names of observables and sensitivities.
+    /// The fields to keep in the trajectory, as indices into `names` followed by the names of observables and
+    /// sensitivities.
     pub fields: Vec<usize>,
-    /// Whether to estimate the global error at the end.
+    /// Whether to estimate the global error of the states at the end.
     pub global_error: bool,
     /// Whether to compute statistics of the fields over time: means, extremes and others.
     pub statistics: bool,
@@ -52,16 +53,16 @@ pub struct Plan {
 
 /// A method that integrates a problem step by step.
 pub trait Stepper {
-    /// Returns the current time.
+    /// Returns the time that the method has reached.
     fn t(&self) -> f64;
 
-    /// Whether the end time is reached.
+    /// Whether the method has reached the end time.
     fn is_done(&self) -> bool;
 
     /// Returns the number of accepted steps so far.
     fn accepted(&self) -> u64;
 
-    /// Returns the states at the current time.
+    /// Returns the states of the problem at the current time.
     fn states(&self) -> &[f64];
 
     /// Makes one accepted step.
@@ -78,8 +79,8 @@ pub trait Stepper {
         self.values(t, out);
     }
 
-    /// Writes enclosures of the outputs between two times within the last step, as far as they are known. Returns
-    /// false if no enclosure is known.
+    /// Writes enclosures of the outputs between two times within the last step, for those outputs whose enclosures are
+    /// known. Returns false if no enclosure is known.
     fn enclose(&mut self, _from: f64, _to: f64, _out: &mut [Interval]) -> bool {
         false
     }
@@ -98,12 +99,12 @@ pub trait Stepper {
         None
     }
 
-    /// Returns the impulses at the end of the last step.
+    /// Returns the impulses at jumps of the states at the end of the last step.
     fn impulses(&mut self) -> Vec<Impulse> {
         Vec::new()
     }
 
-    /// Returns the name of the current mode; `None` for methods that report events only.
+    /// Returns the name of the current mode of the system; `None` for methods that report events only.
     fn mode(&mut self) -> Option<String> {
         None
     }
@@ -118,7 +119,7 @@ pub trait Stepper {
     /// Adds the evidence of the last step to the diagnostics; `switched` is true if the step has events.
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
 
-    /// Copies the counters of the whole run to the diagnostics.
+    /// Copies the counters of the method for the whole run to the diagnostics.
     fn finish(&mut self, diagnostics: &mut Diagnostics);
 }
 
@@ -231,8 +232,8 @@ impl<'a> Run<'a> {
         driven
     }
 
-    /// Computes the gradient of the objective, if one is requested; if the computation fails, sets the failure as the
-    /// end of the run.
+    /// Computes the gradient of the objective after the last step, if one is requested; if the computation fails, sets
+    /// the failure as the end of the run.
     pub fn gradient(&self, ended: &mut Result<(), (Status, Failure)>, stepper: &mut impl Stepper) -> Option<Gradient> {
         if ended.is_err() {
             return None;
@@ -348,7 +349,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Returns the status after a failed step: stopped if `control` asks for it, otherwise failed.
+/// Returns the status after a failed step of a run: stopped if `control` asks for it, otherwise failed.
 pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     match stopped(control, failure.time) {
         Some((code, message)) => (Status::Stopped, Failure { code: code.into(), message, ..failure }),
@@ -356,7 +357,7 @@ pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     }
 }
 
-/// Returns the code and message of a request to stop, if there is one.
+/// Returns the code and message of a request of `control` to stop the run, if there is one.
 fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
     Some(match control.poll()? {
         Stop::Cancelled => ("cancelled", format!("cancelled at t = {t:?}")),
@@ -414,7 +415,7 @@ struct Recorder<'a> {
     broken: Option<(usize, f64)>,
 }
 
-/// The events of one step that have been recorded in the answer.
+/// The events of one step of the run that have been recorded in the answer.
 struct Recorded<'r> {
     events: &'r [Event],
     /// Whether the method itself has reported an event in the step.
@@ -524,7 +525,7 @@ impl<'a> Recorder<'a> {
         Recorded { events: &self.trajectory.events[before..], switched }
     }
 
-    /// Writes the fields at a time within the last step; no field may be an integral or a derivative.
+    /// Writes the fields of the trajectory at a time within the last step; no field may be an integral or a derivative.
     fn row(&mut self, stepper: &mut impl Stepper, t: f64, out: &mut [f64]) {
         let count = self.plan.names.len();
         let (outputs, own) = self.y.split_at_mut(count);
@@ -535,8 +536,8 @@ impl<'a> Recorder<'a> {
         out.iter_mut().zip(&self.plan.fields).for_each(|(out, &place)| *out = self.y[place]);
     }
 
-    /// Records the last events, and the derivatives at the end, which need not be an output time; returns the last
-    /// events.
+    /// Records the last events of the run, and the derivatives at its end, which need not be an output time; returns
+    /// the last events.
     fn end(&mut self, stepper: &mut impl Stepper) -> &[Event] {
         let before = self.trajectory.events.len();
         stepper.last_events(&mut self.trajectory.events);
@@ -566,8 +567,8 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Returns the failure if an observable has no finite value, and removes its rows from the trajectory; otherwise
-    /// `None`.
+    /// Returns the failure if a user's definition, integral or monitor has no finite value, and removes the rows from
+    /// that time on from the trajectory; otherwise `None`.
     fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
         let (name, t) = match (self.broken, self.observed.as_ref().and_then(Observed::lost)) {
             (Some((place, t)), _) => (self.plan.observables.names[place].as_str(), t),

@@ -14,7 +14,7 @@ use super::{CheckCode, Checks, Plan};
 use hybrid::OneStep;
 use radau::Radau;
 
-/// Relative error at which no digit of a state is known.
+/// Relative error of a state at which no digit of it is known.
 const NO_DIGIT: f64 = 0.1;
 
 /// Largest angle, in radians, of an oscillation per step: a state that changes faster than this angle times the

@@ -40,8 +40,8 @@ pub(super) const MOST_MOVED: f64 = 1e-2;
 /// Permitted distance of a derivative from a finite difference of runs, in units of the accuracy of the runs, beside
 /// the difference of two finite differences.
 pub(super) const SLACK: f64 = 20.0;
-/// Factor of the tolerances for the runs with which derivatives are compared, and the least relative tolerance of
-/// these runs, below which rounding errors dominate.
+/// Factor of the tolerances for the runs whose finite differences are compared with derivatives, and the least relative
+/// tolerance of these runs, below which rounding errors dominate.
 const TIGHTER: f64 = 1e-2;
 const TIGHTEST: f64 = 1e-11;
 /// Permitted error of a derivative, in units of the relative tolerance times its largest value: the errors of its
@@ -66,10 +66,10 @@ pub struct Sensitivities {
     /// The outputs to differentiate: states by their indices, and definitions and integrals by their indices after
     /// all outputs of the problem.
     pub of: Vec<usize>,
-    /// The names of the columns of derivatives, all derivatives of one output after those of another; empty in
-    /// adjoint mode.
+    /// The names of the columns of derivatives, in which all derivatives of one output precede those of the next; empty
+    /// in adjoint mode.
     pub names: Vec<String>,
-    /// The number whose gradient is requested, in adjoint mode; it is then the only entry of `of`, with an index
+    /// The quantity whose gradient is requested, in adjoint mode; it is then the only entry of `of`, with an index
     /// after all outputs of the problem.
     pub objective: Option<Arc<Objective>>,
 }
@@ -132,7 +132,7 @@ pub enum SlopedEvent {
     Accumulation,
 }
 
-/// Derivatives that are propagated along a run of a differential variational inequality.
+/// Derivatives of the states that are propagated along a run of a differential variational inequality.
 pub(super) struct Followed {
     tangents: Tangents,
     observed: Option<ObservedSlopes>,
@@ -141,13 +141,13 @@ pub(super) struct Followed {
     outputs: usize,
     of: Vec<usize>,
     by: usize,
-    /// The stored steps and the objective, in adjoint mode; derivatives are then propagated in a single direction, in
-    /// which all parameters and initial values move together.
+    /// The stored steps and the objective (the quantity whose gradient is requested), in adjoint mode; derivatives are
+    /// then propagated in a single direction, in which all parameters and initial values move together.
     swept: Option<(Adjoint, SweptBack)>,
 }
 
 impl Followed {
-    /// Prepares the propagation of derivatives at the start of a run.
+    /// Prepares the propagation of derivatives of the states at the start of a run.
     pub fn new(model: &DviModel, plan: &Plan, of: &Sensitivities, tolerances: (f64, &[f64])) -> Result<Self, String> {
         let (outputs, states) = (plan.names.len(), model.structure().states);
         if let Some(objective) = &of.objective {
@@ -176,7 +176,7 @@ impl Followed {
         Ok(Self { tangents, observed, states, outputs, of: of.of.clone(), by, swept: None })
     }
 
-    /// Makes a step of the run, and propagates the derivatives over it.
+    /// Makes a step of the run, and propagates the derivatives of the states over it.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<Result<(), NoDerivative>, StepError> {
         if let Some((adjoint, _)) = &mut self.swept {
             adjoint.prepare(radau, &self.tangents);
@@ -185,7 +185,7 @@ impl Followed {
         Ok(followed.and_then(|()| self.observe(radau)))
     }
 
-    /// Stores the last step, in adjoint mode, and updates the derivatives of the user's integrals over it.
+    /// Stores the last step of the run, in adjoint mode, and updates the derivatives of the user's integrals over it.
     fn observe(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         if let Some((adjoint, swept)) = &mut self.swept {
             adjoint.store(radau, &self.tangents)?;
@@ -197,7 +197,7 @@ impl Followed {
         Ok(())
     }
 
-    /// Returns the gradient of the objective after the last step, in adjoint mode.
+    /// Returns the gradient of the objective (the quantity to differentiate) after the last step, in adjoint mode.
     pub fn gradient(&mut self, radau: &mut Radau<'_>) -> Option<Result<Gradient, String>> {
         let Self { tangents, observed: Some(observed), swept: Some((adjoint, swept)), states, .. } = self else {
             return None;
@@ -302,18 +302,19 @@ fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     Ok(Directions { initial, rows, mass, bounds, shifted })
 }
 
-/// Returns the size of a parameter with this value, by which its change in a finite difference is scaled.
+/// Returns the size of a parameter with the value `value`, by which its change in a finite difference is scaled.
 fn size_of(value: f64) -> f64 {
     if value == 0.0 { MOVED_ALONE } else { value.abs() }
 }
 
-/// Returns two problems, with one parameter slightly above and slightly below its value, for central differences.
+/// Returns two problems for central differences, with one parameter slightly above and slightly below its value.
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     shifted_by(model, CENTRAL_DIFFERENCE * size_of(values[parameter]), |k| if k == parameter { 1.0 } else { 0.0 })
 }
 
-/// Returns two problems, in which each parameter `k` is increased and decreased by `by * speed(k)`.
+/// Returns two problems for central differences, in which each parameter `k` is increased and decreased by `by *
+/// speed(k)`.
 fn shifted_by(model: &DviModel, by: f64, speed: impl Fn(usize) -> f64) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let at = |by: f64| {
@@ -365,8 +366,8 @@ pub(super) fn check_motion(
     compare(plan, values, (settings.rtol, &tighter), run, ended);
 }
 
-/// Returns the settings of the runs with which derivatives are compared. Their tolerances are tighter than those of
-/// the run, so that their differences have more digits than the derivatives need.
+/// Returns the settings of the runs whose finite differences are compared with derivatives. Their tolerances are
+/// tighter than those of the run, so that their differences have more digits than the derivatives need.
 fn tighter(settings: &Settings) -> Settings {
     let part = TIGHTER.max((TIGHTEST / settings.rtol).min(1.0));
     let atol = settings.atol.iter().map(|atol| part * atol).collect();
@@ -383,7 +384,8 @@ struct Moved<'m> {
 }
 
 impl Moved<'_> {
-    /// Returns the initial values of the run; `follow` are those that the model computes from the parameters.
+    /// Returns the initial values of this run; `follow` are the initial values that the model computes from the
+    /// parameters.
     fn initial(&self, follow: &[f64]) -> Vec<f64> {
         let mut initial = follow.to_vec();
         self.states.iter().for_each(|&(state, value)| initial[state] = value);
@@ -391,8 +393,8 @@ impl Moved<'_> {
     }
 }
 
-/// Returns distinct numbers between a half and one, with alternating signs. When several quantities are moved by
-/// different fractions of their sizes, their effects cannot be mistaken for each other.
+/// Returns distinct numbers between a half and one, with alternating signs: if several parameters and initial values
+/// are moved by different fractions of their sizes, their effects cannot be mistaken for each other.
 pub(super) fn generic_parts() -> impl Iterator<Item = f64> {
     (1_u32..).map(|k| {
         let part = 0.5 + 0.5 * (f64::from(k) * GOLDEN).fract();
@@ -400,13 +402,13 @@ pub(super) fn generic_parts() -> impl Iterator<Item = f64> {
     })
 }
 
-/// The derivatives at one time, all derivatives of one output after those of another.
+/// The derivatives of the outputs at one time, in which all derivatives of one output precede those of the next.
 struct At {
     t: f64,
     rows: Vec<f64>,
 }
 
-/// Returns the derivatives at the end, and before the end at output times that are spread over the run.
+/// Returns the derivatives at the end of a run, and before the end at output times that are spread over the run.
 fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
     let trajectory = &ended.solution.trajectory;
     let columns: Option<Vec<&[f64]>> = asked.names.iter().map(|name| trajectory.field(name)).collect();
@@ -560,8 +562,8 @@ fn compare(
             if !is_end && is_between[i] {
                 continue;
             }
-            // At the end of the run the errors are relative to the value there, before it to the largest value at all
-            // compared times.
+            // At the end of the run the errors of an output are relative to its value there, before the end to its
+            // largest value at all compared times.
             let size = if is_end { here.abs() } else { largest };
             let atol = tighter.atol.get(of).copied().unwrap_or(0.0);
             let known = tighter.rtol * size + atol + resolution + f64::EPSILON * largest;

@@ -36,10 +36,10 @@ pub(super) struct Shot {
     pub from: Vec<f64>,
     pub period: f64,
     pub to: Vec<f64>,
-    /// The rates of the states at the end of the run.
+    /// The rates of the states at the end of the run over one period.
     pub slope: Vec<f64>,
-    /// The monodromy matrix: the derivative of the end state with respect to the start, or the reason why it does not
-    /// exist.
+    /// The monodromy matrix: the derivative of the end state of the run with respect to its start, or the reason why it
+    /// does not exist.
     pub monodromy: Result<DMatrix<f64>, String>,
     /// The derivative of the end state with respect to each requested parameter; meaningless if there is no monodromy
     /// matrix.
@@ -51,14 +51,14 @@ pub(super) struct Shot {
 }
 
 impl Shot {
-    /// Returns the distance of the end from the start, in units of the tolerances.
+    /// Returns the distance of the end of the run from its start, in units of the tolerances of the states.
     pub fn distance(&self) -> f64 {
         let parts = self.to.iter().zip(&self.from).zip(&self.scale);
         parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
     }
 
-    /// Returns the Newton correction of the initial state and of the period, and the number of singular directions
-    /// that it uses.
+    /// Returns the Newton correction of the initial state and of the period, and the number of singular vectors of the
+    /// equations that it uses.
     pub fn correction(&self, phase: Option<usize>, rtol: f64, directions: usize) -> Option<(Correction, usize)> {
         self.correction_for(self, phase, rtol, directions)
     }
@@ -94,8 +94,8 @@ impl Shot {
         is_finite.then_some(((change, of_period), used))
     }
 
-    /// Returns the uncertainty of the start in the direction to which the end of the run is least sensitive: the
-    /// displacement of the start that changes the residual by one tolerance.
+    /// Returns the uncertainty of the start of an orbit in the direction to which the end of the run is least
+    /// sensitive: the displacement of the start that changes the distance of the end from the start by one tolerance.
     pub fn uncertainty(&self, phase: Option<usize>, rtol: f64) -> Option<Vec<f64>> {
         let (matrix, unit) = self.equations(phase, rtol)?;
         let Singular { values, v_t: transposed, .. } = Singular::of(&matrix)?;
@@ -109,8 +109,8 @@ impl Shot {
         Some(change)
     }
 
-    /// Returns the matrix of Newton's method in units of the tolerances, and these units. The column of a free period
-    /// replaces that of the state that fixes the phase.
+    /// Returns the matrix of Newton's method for a periodic orbit in units of the tolerances, and these units. The
+    /// column of a free period replaces that of the state that fixes the phase.
     fn equations(&self, phase: Option<usize>, rtol: f64) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
@@ -125,7 +125,7 @@ impl Shot {
         Some((matrix, unit))
     }
 
-    /// Returns the size of a correction, in units of the tolerances of this run.
+    /// Returns the size of a Newton correction of the orbit, in units of the tolerances of this run.
     pub fn size(&self, (change, of_period): &Correction, rtol: f64) -> f64 {
         let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
         parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
@@ -172,7 +172,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Returns the names of the states.
+    /// Returns the names of the states of the system.
     pub fn state_names(self) -> &'a [String] {
         match self {
             Self::Dvi(model, _) => &model.state_names,
@@ -180,8 +180,8 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Makes a run over one period from a start, and differentiates the end state with respect to the start and to
-    /// `parameters`.
+    /// Makes a run over one period from a start, and differentiates the end state with respect to the start and to the
+    /// parameters `parameters`.
     pub fn shoot(
         self,
         plan: &Plan,

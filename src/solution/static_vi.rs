@@ -19,16 +19,17 @@ use vi::{
 /// solutions (`MOST_SEARCHED`), and the number of these starting points (`SEARCHES`).
 const MOST_SEARCHED: usize = 60;
 const SEARCHES: usize = 8;
-/// Distance, relative to the size of the variables, above which two solutions count as different.
+/// Distance between two solutions of a static problem, relative to the size of the variables, above which they count as
+/// different.
 const APART: f64 = 1e-4;
-/// Distance along a direction at which another solution is searched for, relative to the size of the solution: well
-/// above the distance of solutions that count as equal, and near enough for Newton's method to converge.
+/// Distance from a solution along a direction at which another solution is searched for, relative to the size of the
+/// solution: well above the distance of solutions that count as equal, and near enough for Newton's method to converge.
 const ASIDE: f64 = 1e-2;
 /// Displacement of a point, relative to the size of the variables, above which its equations do not determine it
 /// (`FAR`); and the growth of a residual over this displacement if the equation does determine it (`GROWN`).
 const FAR: f64 = 1e-2;
 const GROWN: f64 = 2.0;
-/// Largest number of variables named in a message.
+/// Largest number of variables that a message names.
 const NAMED: usize = 6;
 /// Relative rounding error of the eigenvalues of the symmetric part of a positive semidefinite matrix.
 const ROUNDING: f64 = 1e-11;
@@ -56,7 +57,7 @@ pub struct StaticSolution {
     pub certificate: String,
 }
 
-/// The solution of a static problem as a run that is complete from the beginning.
+/// The solution of a static problem in the form of a run that is complete from the beginning.
 struct Point<'a> {
     z: &'a [f64],
 }
@@ -143,7 +144,7 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
     solution
 }
 
-/// `G` and its Jacobian at a point, with the residual of the natural map.
+/// The values of `G` and its Jacobian at a point, with the residual of the natural map.
 struct At {
     g: Vec<f64>,
     derivatives: Vec<f64>,
@@ -151,7 +152,7 @@ struct At {
     worst: Worst,
 }
 
-/// Adds the evidence for a solution to the diagnostics.
+/// Adds the evidence for a solution of the static problem to the diagnostics.
 fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Found, diagnostics: &mut Diagnostics) {
     let set = &model.equations.structure().set;
     let solver = found.method;
@@ -172,7 +173,7 @@ fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Fou
     });
 }
 
-/// A static variational inequality with its solvers.
+/// The search for a solution of a static variational inequality, with its solvers.
 struct Search<'a> {
     model: &'a StaticModel,
     problem: Inequality,
@@ -236,14 +237,15 @@ impl Search<'_> {
                 let mut moved = z.to_vec();
                 moved[j] += by;
                 self.problem.evaluate(&moved, &mut g);
-                // If the residual at the displaced point is not finite, nothing is known about its size there.
+                // If the residual of the equation at the displaced point is not finite, nothing is known about its size
+                // there.
                 !(g[row].abs() <= GROWN * off(row) && g[row] * at.g[row] >= 0.0)
             };
             !beside.into_iter().any(&mut grows)
         })
     }
 
-    /// Returns the certificate of a solution, in words. If other solutions exist, also adds a caveat.
+    /// Returns in words the certificate of whether a solution is unique. If other solutions exist, also adds a caveat.
     fn certify(&mut self, z: &[f64], at: &At, diagnostics: &mut Diagnostics) -> String {
         let structure = self.model.equations.structure();
         let is_affine = structure.constant_jacobian;
@@ -312,8 +314,8 @@ impl Search<'_> {
         }
     }
 
-    /// Returns the names of the variables that change most along a direction, with their changes relative to the
-    /// largest.
+    /// Returns, for messages, the names of the variables that change most along a direction of other solutions, with
+    /// their changes relative to the largest.
     fn listed(&self, direction: &[f64]) -> String {
         let largest = direction.iter().fold(0.0_f64, |most, v| if v.abs() > most.abs() { *v } else { most });
         let mut moved: Vec<usize> =
@@ -344,8 +346,8 @@ impl Search<'_> {
         if size > 0.0 && size.is_finite() { size } else { 1.0 }
     }
 
-    /// Searches for another solution, on both sides along the direction `along` if it is not empty, and from other
-    /// starting points.
+    /// Searches for another solution of the static problem, on both sides along the direction `along` if it is not
+    /// empty, and from other starting points.
     fn another(&mut self, z: &[f64], at: &At, along: &[f64]) -> Option<Vec<f64>> {
         let size = self.size(z, at);
         let length = along.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -381,7 +383,7 @@ impl Search<'_> {
         None
     }
 
-    /// Returns the reason why no solution was found; a proof of infeasibility, if there is one.
+    /// Returns the reason why the static problem was not solved, with a proof of infeasibility if there is one.
     fn why_not(&mut self, at: &At, found: Found) -> (Status, &'static str, String) {
         if let Some(stop) = self.control.poll() {
             let (code, message) = match stop {

@@ -27,11 +27,11 @@ pub struct OverTime {
 
 /// Statistics of outputs of the problem and of definitions during a run.
 pub(super) struct Statistics {
-    /// The fields, as indices into the outputs of the problem followed by the definitions.
+    /// The fields with statistics, as indices into the outputs of the problem followed by the user's definitions.
     places: Vec<usize>,
     place: EvaluationBuffer,
     time: f64,
-    /// The integrands: all fields, then their squares.
+    /// The integrands of the means: all fields, then their squares.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
     extremes: Extremes,
@@ -78,8 +78,8 @@ impl Statistics {
         Some((self.integrands[integral].0, t))
     }
 
-    /// Returns the field whose extremes are least certain: by how much they may be exceeded, relative to their size,
-    /// and at what time.
+    /// Returns the field whose minimum or maximum is least certain: by how much the extreme may be exceeded, relative
+    /// to its size, and at what time.
     pub fn open(&self) -> Option<(usize, f64, f64)> {
         let (field, by, t) = self.extremes.open()?;
         Some((self.places[field], by, t))

@@ -25,35 +25,38 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Factors by which the step size grows after a successful step and shrinks after a failed one.
+/// Factors by which the step size of the search for a steady state grows after a successful step and shrinks after a
+/// failed one.
 const GROWTH: f64 = 8.0;
 const SHRINKS: f64 = 0.125;
-/// Largest step size while rates grow, relative to the time in which they grow by the factor e: longer implicit steps
-/// lead back to the state that the solution leaves.
+/// Largest step size of the search for a steady state while rates grow, relative to the time in which they grow by the
+/// factor e: longer implicit steps lead back to the state that the solution leaves.
 const OF_GROWTH: f64 = 0.5;
-/// Duration of a run that leaves an unstable steady state, in units of the time in which its distance grows by the
-/// factor e: long enough to grow from rounding errors to the size of the states.
+/// Duration of a run that leaves an unstable steady state, in units of the time in which its distance from that state
+/// grows by the factor e: long enough to grow from rounding errors to the size of the states.
 const OF_DEPARTURE: f64 = 40.0;
 /// Largest number of steps of a run that leaves an unstable steady state.
 const MOST_FOLLOWED: u64 = 10_000;
-/// A step size larger than the first one by this factor counts as infinite: the difference of the step from a Newton
-/// step is of the order of the inverse factor, which is the order of rounding errors.
+/// A step size of the search larger than the first one by this factor counts as infinite: the difference of the step
+/// from a Newton step is of the order of the inverse factor, which is the order of rounding errors.
 const INFINITE: f64 = 1e16;
-/// Largest number of steps: those that take the step size from the first to the last, and as many again for
-/// nonlinearity.
+/// Largest number of steps of the search for a steady state: those that take the step size from the first to the last,
+/// and as many again for nonlinearity.
 const MOST_STEPS: u64 = 400;
-/// Eigenvalues of the inverse matrix below this fraction of the largest belong to infinite eigenvalues of the pencil.
-/// The square root of the rounding error is needed since each hidden constraint makes such eigenvalues double.
+/// Eigenvalues of the shifted and inverted pencil of the linearised equations below this fraction of the largest belong
+/// to infinite eigenvalues of the pencil. The square root of the rounding error is needed since each hidden constraint
+/// makes such eigenvalues double.
 const INFINITE_EIGENVALUE: f64 = 1e-7;
-/// Factors of the shift relative to the rates of the states. They avoid simple numbers, which are often eigenvalues
-/// of small problems.
+/// Factors of the shift of the pencil of the linearised equations, relative to the rates of the states. They avoid
+/// simple numbers, which are often eigenvalues of small problems.
 const SHIFTS: [f64; 3] = [1.272_019_649_514, 1.839_286_755_214, 2.506_628_274_631];
-/// Relative tolerance below which a real part counts as zero: the accuracy of eigenvalues of an unsymmetric matrix.
+/// Relative tolerance below which the real part of an eigenvalue counts as zero: the accuracy of eigenvalues of an
+/// unsymmetric matrix.
 const ON_AXIS: f64 = 1e-9;
 /// Times at which the right-hand sides of a problem are compared to detect a dependence on time, in units of the
 /// first step size.
 const COMPARED: [f64; 4] = [1.0, 3.7, 1e2, 1e5];
-/// Relative tolerance for right-hand sides that count as equal.
+/// Relative difference at two times below which right-hand sides count as equal.
 const SAME: f64 = 1e-9;
 
 /// A steady state and its stability.
@@ -82,7 +85,7 @@ pub(super) struct Rest {
     pub residual: f64,
 }
 
-/// Returns the steady state that the search reaches from the initial values.
+/// Returns the steady state that the search reaches from the initial values of the plan.
 pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, control: &Control) -> Result<Rest, Failure> {
     let search = Search { model, plan, settings, control };
     let found = match search.find(true) {
@@ -92,20 +95,20 @@ pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, contro
     Ok(search.stable_instead(&found).unwrap_or(found))
 }
 
-/// Returns the largest modulus of the eigenvalues.
+/// Returns the largest modulus of the eigenvalues of a steady state.
 fn fastest(eigenvalues: &[[f64; 2]]) -> f64 {
     eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max)
 }
 
-/// Whether the real parts of all eigenvalues are negative; `None` if the largest is zero, or no eigenvalues are
-/// given. Eigenvalues are in the order of decreasing real part.
+/// Whether the real parts of all eigenvalues of a steady state are negative; `None` if the largest is zero, or no
+/// eigenvalues are given. Eigenvalues are in the order of decreasing real part.
 pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
     let fastest = fastest(eigenvalues);
     let largest = eigenvalues.first().map(|[re, _]| *re);
     largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
-/// Whether an eigenvalue is zero, within the accuracy of the eigenvalues.
+/// Whether an eigenvalue of a steady state is zero, within the accuracy of the eigenvalues.
 pub(super) fn has_zero(eigenvalues: &[[f64; 2]]) -> bool {
     let fastest = fastest(eigenvalues);
     eigenvalues.iter().any(|[re, im]| re.hypot(*im) <= ON_AXIS * fastest)
@@ -195,7 +198,7 @@ pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[
         ratio.iter().all(|value| value.is_finite()).then_some((shift, ratio))
     });
     let Some((shift, ratio)) = solved else { return Err("its equations are singular".to_owned()) };
-    // Algebraic variables would only add zero eigenvalues of the inverse.
+    // Algebraic variables would only add zero eigenvalues of the shifted and inverted pencil.
     let ratio = ratio.view((0, 0), (n, n)).into_owned();
     let values = ratio.complex_eigenvalues();
     let largest = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
@@ -314,19 +317,19 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
     })
 }
 
-/// The direction in which the equations determine a steady state least: the singular vector of the smallest singular
-/// value.
+/// The direction in the space of states and variables in which the equations determine a steady state least: the
+/// singular vector of the smallest singular value.
 struct Weakest {
     /// The singular vector of the smallest singular value, of length 1, in units of the tolerances.
     direction: Vec<f64>,
-    /// The Newton correction in the least determined direction, in units of the tolerances; `None` if the equations
-    /// are singular in this direction.
+    /// The Newton correction of the steady state in the least determined direction, in units of the tolerances; `None`
+    /// if the equations are singular in this direction.
     corrected: Option<f64>,
 }
 
 impl Weakest {
-    /// Returns the uncertainty of the states and variables in this least determined direction: the Newton correction
-    /// plus the tolerance.
+    /// Returns the uncertainty of the states and variables of the steady state in the least determined direction: the
+    /// Newton correction plus the tolerance.
     fn uncertainty(&self, units: &[f64]) -> Option<Vec<f64>> {
         let largest = self.direction.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         let size = self.corrected.unwrap_or(0.0) + largest.recip();
@@ -394,8 +397,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Finds a steady state. If `follows` is set, steps stay shorter than the time in which rates grow, so that the
-    /// search follows the solution.
+    /// Finds a steady state. If `follows` is set, steps of the search stay shorter than the time in which rates grow,
+    /// so that the search follows the solution.
     fn find(&self, follows: bool) -> Result<Rest, Failure> {
         let n = self.plan.initial.len();
         let mut x = self.plan.initial.clone();
@@ -477,7 +480,7 @@ impl Search<'_> {
         (is_stable(&values) == Some(true)).then_some(rest)
     }
 
-    /// Returns the size of a step in which no state changes significantly.
+    /// Returns the size of a first step of the search in which no state changes significantly.
     fn first_step(&self) -> Result<f64, Failure> {
         let mut problem = self.model.problem();
         let failed = |error| failure(self.plan, &self.model.kinks, &error, self.plan.start, &self.plan.initial);
@@ -492,7 +495,7 @@ impl Search<'_> {
         Ok(radau.next_step().min(end - start).min(of_rates))
     }
 
-    /// Rejects a problem that depends on time.
+    /// Rejects a problem whose right-hand sides depend on time, and which thus has no steady state.
     fn check_time(&self, first: f64) -> Result<(), Failure> {
         let mut problem = self.model.problem();
         let mut y = self.plan.initial.clone();

@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 /// The probabilities of the quantiles in a summary, with their names.
 const QUANTILES: [(&str, f64); 5] = [("0.05", 0.05), ("0.25", 0.25), ("0.5", 0.5), ("0.75", 0.75), ("0.95", 0.95)];
 
-/// The distribution of each number that a sweep collects, by name.
+/// The distribution over the members of a sweep of each number that the sweep collects, by name.
 pub type Summary = BTreeMap<String, OfNumber>;
 
 /// The distribution of a collected number over the members of a sweep that have a value.
@@ -57,7 +57,8 @@ impl OfNumber {
         }
         let count = numbers.len() as f64;
         let size = numbers.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // Values are divided by the largest one, so that neither their sum nor a square overflows.
+        // Values of the collected number are divided by the largest one, so that neither their sum nor a square
+        // overflows.
         let unit = if size > 0.0 { size } else { 1.0 };
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();

@@ -86,7 +86,7 @@ pub enum Values {
     Lists(Lists),
 }
 
-/// A column of texts, each distinct text stored once.
+/// A column of texts in the table of a sweep, each distinct text stored once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
     /// For each row, the index of its text in `words`.
@@ -106,7 +106,7 @@ impl fmt::Display for Unmergeable {
 }
 
 impl Words {
-    /// Appends a text, or a missing value.
+    /// Appends a text to the column, or a missing value.
     pub fn push(&mut self, word: Option<&str>) {
         let place = word.map_or(MISSING, |word| self.place(word));
         self.places.push(place);
@@ -122,7 +122,7 @@ impl Words {
         place
     }
 
-    /// Returns the text in a row; `None` if it is missing.
+    /// Returns the text in a row of the column; `None` if it is missing.
     pub fn get(&self, row: usize) -> Option<&str> {
         self.words.get(self.places.get(row)? as usize).map(String::as_str)
     }
@@ -159,7 +159,7 @@ impl PartialEq for Values {
 }
 
 impl Values {
-    /// Returns the number of rows.
+    /// Returns the number of rows of the column.
     pub fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
@@ -186,7 +186,7 @@ impl Values {
         }
     }
 
-    /// Returns the number or count in a row; `None` if it is missing.
+    /// Returns the number or count in a row of the column; `None` if it is missing.
     pub fn number(&self, row: usize) -> Option<f64> {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
@@ -195,7 +195,7 @@ impl Values {
         }
     }
 
-    /// Returns the text in a row; `None` if it is missing.
+    /// Returns the text in a row of the column; `None` if it is missing.
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
@@ -203,7 +203,7 @@ impl Values {
         }
     }
 
-    /// Reserves space for additional rows.
+    /// Reserves space for additional rows of the column.
     pub fn reserve(&mut self, rows: usize) {
         match self {
             Self::Numbers(values) => values.reserve_exact(rows),
@@ -214,7 +214,7 @@ impl Values {
         }
     }
 
-    /// Appends a number, or a missing value.
+    /// Appends a number to the column, or a missing value.
     pub fn push_number(&mut self, value: Option<f64>) {
         match self {
             Self::Numbers(values) => values.push(value.unwrap_or(f64::NAN)),
@@ -225,7 +225,7 @@ impl Values {
         }
     }
 
-    /// Appends a list of numbers, or a part of a list.
+    /// Appends a list of numbers to the column, or a part of a list.
     pub fn push_list(&mut self, list: &[f64]) {
         match self {
             Self::Lists(lists) => lists.push(list),
@@ -233,7 +233,7 @@ impl Values {
         }
     }
 
-    /// Appends a text, or a missing value.
+    /// Appends a text to the column, or a missing value.
     pub fn push_word(&mut self, word: Option<&str>) {
         match self {
             Self::Words(words) => words.push(word),
@@ -323,27 +323,27 @@ impl Values {
 }
 
 impl Table {
-    /// Returns the number of rows.
+    /// Returns the number of rows of the table.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
-    /// Reserves space for additional rows.
+    /// Reserves space for additional rows of the table.
     pub fn reserve(&mut self, rows: usize) {
         self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
     }
 
-    /// Returns the column of the given name.
+    /// Returns the column of the table with the given name.
     pub fn column(&self, name: &str) -> Option<&Values> {
         self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
     }
 
-    /// Returns the number of columns after the swept and collected ones.
+    /// Returns the number of columns of the table after the swept and collected ones.
     pub fn own(&self) -> usize {
         self.columns.len().saturating_sub(1 + self.swept.len() + self.collected.len())
     }
 
-    /// Whether there is a column of the given name after the swept and collected ones.
+    /// Whether the table has a column of the given name after the swept and collected ones.
     pub fn has(&self, name: &str) -> bool {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
     }

@@ -10,18 +10,19 @@ use super::evaluation::{Along, EvaluationBuffer};
 use super::run::Stepper;
 use hybrid::{Crossing, Monitors};
 
-/// The search for touches of monitors during a run.
+/// The search during a run for touches: monitors (event functions) that reach zero within their uncertainty and turn
+/// back.
 pub(super) struct Touches {
     monitors: Monitors,
     /// The largest absolute value of each state so far.
     largest: Vec<f64>,
     /// The uncertainty of each state that the tolerances leave.
     uncertain: Vec<f64>,
-    /// For each monitor, the time at which it last crossed zero (`crossed`), and the interval of time in which it
-    /// last rested at zero (`rested`).
+    /// For each monitor, the time at which it last crossed zero (`crossed`), and the interval of time in which it was
+    /// last exactly zero (`rested`).
     crossed: Vec<f64>,
     rested: Vec<[f64; 2]>,
-    /// The time at which each monitor last entered the band around zero.
+    /// The time at which each monitor last entered the band around zero that the uncertainty of the states leaves.
     came: Vec<f64>,
     /// The first monitor that touches zero, and the time at which it leaves the band around zero.
     pub found: Option<(usize, f64)>,
@@ -45,7 +46,7 @@ impl Touches {
         }
     }
 
-    /// Records a crossing of a monitor in the computed solution.
+    /// Records a sign change of a monitor in the computed solution.
     pub fn note(&mut self, crossing: &Crossing) {
         let last = std::mem::replace(&mut self.crossed[crossing.monitor], crossing.t);
         if crossing.returns {

@@ -1,4 +1,4 @@
-//! The trajectory of a run, in columns.
+//! The trajectory of a run: output times, values of the outputs in columns, and events.
 
 use problem::Event;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -30,7 +30,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Returns the column of the given name.
+    /// Returns the values of the output with the given name.
     pub fn field(&self, name: &str) -> Option<&[f64]> {
         self.fields.iter().find(|field| field.name == name).map(|field| field.values.as_slice())
     }
@@ -46,7 +46,7 @@ impl Serialize for Trajectory {
     }
 }
 
-/// Serialises fields as a JSON object from names to values, in order.
+/// The fields of a trajectory, serialised as a JSON object from names to values, in order.
 struct Columns<'a>(&'a [Field]);
 
 impl Serialize for Columns<'_> {
@@ -59,7 +59,7 @@ impl Serialize for Columns<'_> {
     }
 }
 
-/// Reads the fields of a JSON object, keeping their order.
+/// Reads the fields of a trajectory from a JSON object, keeping their order.
 fn columns<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Field>, D::Error> {
     struct Visit;
 

@@ -25,16 +25,16 @@ pub(super) struct LipschitzWatch<'p> {
     irregularities: Irregularities,
     rtol: f64,
     atol: &'p [f64],
-    /// Time, and states and variables, at the end of the last step.
+    /// Time, and states and variables, at the end of the last step of the run.
     last: (f64, Vec<f64>),
-    /// The ranges of the unknowns over a step, widened by the tolerance.
+    /// The ranges of states and variables over a step, widened by the tolerance.
     ranges: Vec<Interval>,
     met: Option<(f64, Irregularity)>,
 }
 
 impl<'p> LipschitzWatch<'p> {
-    /// Begins the detection at the time `t` and the unknowns `y`; returns `None` if the certificate of uniqueness
-    /// does not depend on Lipschitz continuity.
+    /// Begins the detection of points without Lipschitz continuity at the time `t` and the unknowns `y`; returns `None`
+    /// if the certificate of uniqueness does not depend on Lipschitz continuity.
     pub(super) fn new(
         model: &'p DviModel,
         analysis: &Analysis,
@@ -91,7 +91,8 @@ impl FaceWatch {
         may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
     }
 
-    /// Examines the active face at the end of a step; `known` is the analysis of the face, if it already exists.
+    /// Examines the active face at the end of a step for uniqueness; `known` is the analysis of the face, if it already
+    /// exists.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
         if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
@@ -103,7 +104,7 @@ impl FaceWatch {
         }
     }
 
-    /// Withdraws the certificate of uniqueness if it was lost on a face.
+    /// Withdraws the certificate of uniqueness if it was lost on an active face.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
             let because = format!("on the face that became active at t = {t}: {because}");

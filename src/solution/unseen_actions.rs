@@ -28,7 +28,8 @@ pub(super) struct UnseenAction {
     unknown: [[f64; 2]; 2],
 }
 
-/// The force and the torque of an action on a body, as functions of the states of the bodies on which they depend.
+/// The force and the torque of an action (applied load) on a body, as functions of the states of the bodies on which
+/// they depend.
 struct ActionOfStates<'s> {
     program: &'s mut Tape,
     boxes: &'s mut IntervalWorkspace,
@@ -76,8 +77,8 @@ impl UnseenAction {
         scene.actions.iter().filter_map(new).collect()
     }
 
-    /// Adds a step, at whose end the body has the given motion. The changes by missed forces of velocity components
-    /// that contacts hold fixed (`held`) are set to zero.
+    /// Adds a step of the run, at whose end the body has the given motion. The changes by missed forces of velocity
+    /// components that contacts hold fixed (`held`) are set to zero.
     pub fn step(
         &mut self,
         [from, to]: [f64; 2],
@@ -120,8 +121,8 @@ impl UnseenAction {
         }
     }
 
-    /// Reads the states of the bodies on which the force depends at the end of a step; `states` are those of all
-    /// moving bodies.
+    /// Reads from `states`, the states of all moving bodies, those of the bodies on which the force depends at the end
+    /// of a step.
     pub fn read(&mut self, action: &Action, scene: &MultibodySystem, states: &[f64]) {
         for ((body, _), inputs) in action.bodies.iter().zip(self.inputs.chunks_exact_mut(OF_BODY.len())) {
             let place = scene.bodies[..*body].iter().filter(|body| !body.fixed).count();
@@ -131,7 +132,8 @@ impl UnseenAction {
         }
     }
 
-    /// Adds the displacement of the body, and bounds on the error of the displacement, to the outputs of the body.
+    /// Adds the displacement of the body by missed forces, and bounds on the error of the displacement, to the outputs
+    /// of the body.
     pub fn displace(&self, motion: &Motion, out: &mut [f64]) {
         for i in 0..3 {
             out[i] += self.displaced[0][0][i] + self.unknown[0][0];

@@ -6,19 +6,20 @@
 
 use numerics::Interval;
 
-/// Largest number of parts into which a step is bisected. A jump is then located to a sixty-fourth of a step; the
-/// remaining width of the enclosures counts as unknown.
+/// Largest number of parts into which a step is bisected to integrate data such as forces. A jump is then located to a
+/// sixty-fourth of a step; the remaining width of the enclosures counts as unknown.
 const MOST_PARTS: usize = 64;
 
-/// Largest number of parts of a step along its path through the states, if no missed value can exceed all values seen
-/// so far.
+/// Largest number of parts of a step along its path through the states over which data such as forces are integrated,
+/// if no missed value can exceed all values seen so far.
 const PARTS_OF_WAY: usize = 8;
 
 /// Difference of two quadrature rules at which they count as equal, relative to the largest value of the function so
 /// far: a tenth of the smallest error that the verdict permits.
 const AGREE: f64 = 1e-4;
 
-/// Functions of time alone, with all other arguments fixed at one end of a step, or along the path of a step.
+/// Functions of time alone (such as forces), with all other arguments fixed at one end of a step, or along the path of
+/// a step.
 pub(super) trait InTime {
     /// Writes the values of the functions at the time `t`.
     fn at(&mut self, t: f64, out: &mut [f64]);
@@ -29,10 +30,10 @@ pub(super) trait InTime {
 
 /// Functions of time and of several states, such as forces.
 pub(super) trait OfStates {
-    /// Writes the values at the time `t` and the given states.
+    /// Writes the values of the functions at the time `t` and the given states.
     fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]);
 
-    /// Writes enclosures of the values over the time interval `t` and a box of states.
+    /// Writes enclosures of the values of the functions over the time interval `t` and a box of states.
     fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]);
 }
 
@@ -65,8 +66,8 @@ impl StraightWay<'_> {
     }
 }
 
-/// Functions along the straight path of a step through the states; the states are fixed if they are equal at both
-/// ends.
+/// Functions (such as forces) along the straight path of a step through the states; the states are fixed if they are
+/// equal at both ends.
 pub(super) struct OnWay<'s, F> {
     of: &'s mut F,
     way: StraightWay<'s>,
@@ -74,7 +75,7 @@ pub(super) struct OnWay<'s, F> {
 }
 
 impl<'s, F> OnWay<'s, F> {
-    /// Creates the path over a step, from the states at its beginning to those at its end.
+    /// Creates the functions along the straight path of a step, from the states at its beginning to those at its end.
     pub fn new(of: &'s mut F, step: [f64; 2], states: [&'s [f64]; 2]) -> Self {
         let between = (states[0].to_vec(), states[0].iter().map(|state| Interval::point(*state)).collect());
         Self { of, way: StraightWay { step, states }, between }
@@ -97,12 +98,12 @@ impl<F: OfStates> InTime for OnWay<'_, F> {
     }
 }
 
-/// Integrals of functions over steps, with bounds on what samples may have missed.
+/// Integrals over steps of functions such as forces, with bounds on the variation that samples may have missed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnseenData {
     /// The largest absolute value of each function so far.
     largest: Vec<f64>,
-    /// The integral of each function over the last step, and a bound on its error.
+    /// The integral of each function over the last step, and a bound on the error of the integral.
     pub integrals: Vec<[f64; 2]>,
     left: Vec<[f64; 2]>,
     ranges: Vec<Interval>,
@@ -112,7 +113,7 @@ pub(super) struct UnseenData {
 }
 
 impl UnseenData {
-    /// Creates integrals of functions along the path of a step through the states.
+    /// Creates integrals of functions (such as forces) along the path of a step through the states.
     pub fn of_way() -> Self {
         Self { is_of_way: true, ..Self::default() }
     }
@@ -129,7 +130,8 @@ impl UnseenData {
         [mean, if is_struck { left + (value(of, part[0]) - mean).abs() } else { left }]
     }
 
-    /// Integrates `count` functions over a step; returns false if no function varies significantly in the step.
+    /// Integrates `count` functions (such as forces) over a step; returns false if no function varies significantly in
+    /// the step.
     pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
         let Self { largest, integrals, left, ranges, samples, is_of_way } = self;
         largest.resize(count, 0.0);
@@ -194,7 +196,7 @@ impl UnseenData {
 mod tests {
     use super::*;
 
-    /// A triangular pulse of height one, with the given centre and half-width.
+    /// A test function of time: a triangular pulse of height one, with the given centre and half-width.
     struct Tent(f64, f64);
 
     impl InTime for Tent {

@@ -13,15 +13,15 @@ use problem::{Constraints, Mechanical};
 pub(super) struct UnseenForces {
     in_time: UnseenData,
     on_way: Option<UnseenData>,
-    /// For each contact, the integrals of its friction coefficient.
+    /// For each contact, the integrals over steps of its friction coefficient.
     friction: Vec<UnseenData>,
-    /// The displacements of coordinates and velocities (`displaced`), and bounds on the errors of the displacements
-    /// (`unknown`).
+    /// The displacements of coordinates and velocities by missed variations (`displaced`), and bounds on the errors of
+    /// the displacements (`unknown`).
     displaced: [Vec<f64>; 2],
     unknown: [Vec<f64>; 2],
 }
 
-/// The forces as functions of time and coordinates, with the velocities at the end of a step.
+/// The forces of a mechanical system as functions of time and coordinates, with the velocities at the end of a step.
 struct ForcesOfPlace<'s> {
     problem: &'s mut dyn Mechanical,
     v: &'s [f64],
@@ -70,8 +70,9 @@ struct Impulses {
 }
 
 impl UnseenForces {
-    /// Adds the impulses that the last step misses, and returns the largest possible displacements of coordinates and
-    /// velocities at its end by those of all steps so far; `None` if there are none.
+    /// Adds the impulses that the last step misses because forces and friction vary between the times at which it
+    /// evaluates them, and returns the largest possible displacements of coordinates and velocities at its end by the
+    /// impulses missed in all steps so far; `None` if there are none.
     pub fn step(&mut self, stepper: &mut TimeStepping<'_>, problem: &mut dyn Mechanical) -> Option<[Vec<f64>; 2]> {
         let structure = problem.structure();
         let n = structure.coordinates;
@@ -209,7 +210,7 @@ impl UnseenForces {
     }
 }
 
-/// Returns the integrals over a step minus those of the trapezoidal rule.
+/// Returns the integrals over a step of the given functions minus those of the trapezoidal rule.
 fn beyond_ends(data: &UnseenData, [from, to]: [f64; 2], of: &mut impl InTime) -> DVector<f64> {
     let count = data.integrals.len();
     let [mut at_start, mut at_end] = [vec![0.0; count], vec![0.0; count]];
@@ -218,8 +219,8 @@ fn beyond_ends(data: &UnseenData, [from, to]: [f64; 2], of: &mut impl InTime) ->
     DVector::from_fn(count, |i, _| data.integrals[i][0] - 0.5 * (to - from) * (at_start[i] + at_end[i]))
 }
 
-/// Removes from bounds on a change the components that contacts and joints do not allow, separately for each
-/// component since it may have either sign. Bounds that would grow are kept.
+/// Removes from bounds on a change of coordinates or velocities the components that contacts and joints do not allow,
+/// separately for each component since it may have either sign. Bounds that would grow are kept.
 fn hold_back_bounds(bounds: &mut [f64], mut hold_back: impl FnMut(&mut [f64])) {
     let mut held = vec![0.0; bounds.len()];
     for k in (0..bounds.len()).filter(|&k| bounds[k] != 0.0) {

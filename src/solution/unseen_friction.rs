@@ -14,8 +14,9 @@ type Change = (Vector3<f64>, Vector3<f64>);
 /// them.
 pub(super) struct UnseenFriction {
     coefficients: Vec<(Coefficient, IntervalWorkspace, UnseenData)>,
-    /// The displacements of each moving body (index 0), and bounds on their errors in the direction of the friction
-    /// (index 1); for each the changes of position and orientation, then those of the velocities.
+    /// The displacements of each moving body by missed variations of friction (index 0), and bounds on their errors in
+    /// the direction of the friction (index 1); for each the changes of position and orientation, then those of the
+    /// velocities.
     displaced: [[Vec<Change>; 2]; 2],
 }
 
@@ -41,7 +42,8 @@ impl OfStates for FrictionOfPlace<'_> {
 }
 
 impl UnseenFriction {
-    /// Prepares the estimate for the bodies of a scene; returns `None` if no coefficient varies.
+    /// Prepares the estimate of missed variations of friction for the bodies of a scene; returns `None` if no friction
+    /// coefficient varies.
     pub fn of(scene: &MultibodySystem) -> Option<Self> {
         let new = |coefficient: &Coefficient| {
             (coefficient.clone(), IntervalWorkspace::new(&coefficient.program), UnseenData::default())
@@ -79,8 +81,8 @@ impl UnseenFriction {
         }
     }
 
-    /// Returns the mean coefficient of a contact over a step minus the coefficient that the step used, and a bound on
-    /// the error of this difference.
+    /// Returns the mean friction coefficient of a contact over a step minus the coefficient that the step used, and a
+    /// bound on the error of this difference.
     fn missed(&mut self, [from, to]: [f64; 2], rubbing: &Rubbing) -> [f64; 2] {
         let Rubbing { places, slip_speed, used, .. } = rubbing;
         let (coefficient, boxes, data) = &mut self.coefficients[rubbing.coefficient];
@@ -98,14 +100,15 @@ impl UnseenFriction {
         [mean - seen, left]
     }
 
-    /// Adds the displacement of a body, and bounds on the error of the displacement, to the outputs of the body.
+    /// Adds the displacement of a body by missed variations of friction, and bounds on the error of the displacement,
+    /// to the outputs of the body.
     pub fn displace(&self, body: usize, motion: &Motion, out: &mut [f64]) {
         for [places, velocities] in &self.displaced {
             let ((place, turn), (velocity, omega)) = (places[body], velocities[body]);
             let turned = Quaternion::from_parts(0.0, 0.5 * turn) * motion.pose.rotation.into_inner();
             let all = place.iter().copied().chain([turned.w, turned.i, turned.j, turned.k]);
             let all = all.chain(velocity.iter().copied()).chain(omega.iter().copied());
-            // A bound on an error may have either sign: it is added in the direction that enlarges the output.
+            // A bound on an error may have either sign: it is added with the sign that enlarges the output.
             out.iter_mut().zip(all).for_each(|(out, by)| *out += if *out * by < 0.0 { -by } else { by });
         }
     }

@@ -8,17 +8,17 @@ use contact::TimeStepping;
 use numerics::Interval;
 use problem::{Constraints, Mechanical};
 
-/// Largest number of parts into which a step is bisected.
+/// Largest number of parts into which a step is bisected to prove that gaps stay open.
 const MOST_PARTS: usize = 64;
 
-/// Relative rounding error of gaps after position corrections.
+/// Relative rounding error of the gaps of contacts after position corrections.
 const ROUNDING: f64 = 1e-9;
 
-/// Counts the steps of a run in which a gap may close without being noticed.
+/// Counts the steps of a run in which the gap of a contact may close without being noticed.
 #[derive(Default)]
 pub(super) struct UnseenGaps {
-    /// For each contact: the number of steps in which its gap closes or may close, the beginning of the first such
-    /// step, and whether a negative gap was found in one of them.
+    /// For each contact: the number of steps in which its gap closes or may close unnoticed, the beginning of the first
+    /// such step, and whether a negative gap was found in one of them.
     pub closing: Vec<(u32, f64, bool)>,
     ends: [Vec<f64>; 2],
     rows: Option<Constraints>,
@@ -34,14 +34,16 @@ struct GapsOnWay<'s> {
 }
 
 impl GapsOnWay<'_> {
-    /// Returns the value of constraint `row` at the time `t`.
+    /// Returns the value of the constraint with the index `row` (such as a gap) on the path of the step at the time
+    /// `t`.
     fn at(&mut self, row: usize, t: f64) -> f64 {
         let q: Vec<f64> = (0..self.rate.len()).map(|k| self.way.at(k, t)).collect();
         self.problem.positions(t, &q, &mut self.values);
         self.values[row]
     }
 
-    /// Encloses all constraint rows over a part of the step, and also their rates if `with_rates` is set.
+    /// Encloses the values of all constraints (such as gaps) over a part of the step, and also their rates if
+    /// `with_rates` is set.
     fn enclose(&mut self, [from, to]: [f64; 2], with_rates: bool) {
         let q: Vec<Interval> = (0..self.rate.len()).map(|k| self.way.within(k, [from, to])).collect();
         let t = Interval::new(from, to);
@@ -51,8 +53,8 @@ impl GapsOnWay<'_> {
         }
     }
 
-    /// Whether the value of a constraint row, at least `least` at both ends of the step, stays at least `least`
-    /// throughout; `None` if undecided.
+    /// Whether the value of the constraint with the index `row`, at least `least` at both ends of the step, stays at
+    /// least `least` throughout; `None` if undecided.
     fn stays(&mut self, row: usize, ends: [f64; 2], least: f64) -> Option<bool> {
         let mut left = vec![(self.way.step, ends)];
         let mut parts = 1;
@@ -90,7 +92,7 @@ fn lowest([first, last]: [f64; 2], length: f64, rate: Interval) -> f64 {
     if falls == 0.0 || rises == 0.0 {
         return first.min(last);
     }
-    // The steepest possible lines from both ends meet at the lowest value.
+    // The steepest lines from both end values that the enclosure of the rate permits meet at the lowest value.
     let until = (first - last + rises * length) / (rises - falls);
     (first + falls * until.clamp(0.0, length)).min(last - rises * (length - until).clamp(0.0, length))
 }
@@ -145,7 +147,8 @@ impl UnseenGaps {
         }
     }
 
-    /// Records the check of the steps in which gaps close unnoticed, or may do so; `names` are those of the contacts.
+    /// Records the check of the steps in which gaps close unnoticed, or may do so; `names` are the names of the
+    /// contacts.
     pub fn judge(&self, names: &[String], checks: &mut Checks) {
         for ((steps, first, is_seen), name) in self.closing.iter().zip(names) {
             checks.record(CheckCode::EventsUnproven, f64::from(*steps), 0.0, || {
@@ -168,7 +171,8 @@ mod tests {
 
     #[test]
     fn the_lowest_value_is_where_the_steepest_lines_meet() {
-        // Down from 1 with slope -2 for a third of the time, then up to 1 with slope 1.
+        // The lowest admissible function falls from 1 with slope -2 for a third of the time, then rises to 1 with slope
+        // 1.
         assert!((lowest([1.0, 1.0], 3.0, Interval::new(-2.0, 1.0)) + 1.0).abs() < 1e-15);
         assert_eq!(lowest([1.0, 3.0], 1.0, Interval::new(0.5, 4.0)), 1.0);
         assert_eq!(lowest([1.0, 1.0], 1.0, Interval::LINE), f64::NEG_INFINITY);

@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 /// the comparison with steps twice as long shows.
 const MOST_UNSEEN: f64 = 0.25;
 
-/// Largest velocity that an impact transfers from a surface to a body, relative to the speed of the surface: twice
+/// Largest velocity that an impact transfers from a moving surface to a body, relative to the speed of the surface: 2
 /// for an elastic impact.
 const OF_SURFACE: f64 = 2.0;
 
@@ -24,11 +24,12 @@ pub(super) struct UnseenMotion {
     program: Tape,
     boxes: IntervalWorkspace,
     data: UnseenData,
-    /// The values and rates of all prescribed signals, and enclosures of both.
+    /// The values and rates of all signals that prescribe motions, and enclosures of both.
     values: Vec<f64>,
     ranges: Vec<Interval>,
     given: Vec<Given>,
-    /// For each moving body, its possible displacement and the possible error of its velocity.
+    /// For each moving body, its possible displacement and the possible error of its velocity by prescribed motion
+    /// between the ends of steps.
     pub displaced: Vec<[f64; 2]>,
 }
 
@@ -36,7 +37,7 @@ pub(super) struct UnseenMotion {
 struct Given {
     body: usize,
     motion: Prescription,
-    /// The largest mean speed of the body over a step so far.
+    /// The largest mean speed over a step that the body with the prescribed motion has had so far.
     fastest: f64,
 }
 
@@ -109,7 +110,7 @@ impl UnseenMotion {
         })
     }
 
-    /// Adds a step from `from` to `to` to the displacements of bodies near those with a prescribed motion.
+    /// Adds a step from `from` to `to` to the possible displacements of bodies near those with a prescribed motion.
     pub fn step(&mut self, [from, to]: [f64; 2], scene: &MultibodySystem, simulation: &MoreauStepping<'_>) {
         let h = to - from;
         let Self { program, boxes, data, values, ranges, given, displaced } = self;

@@ -85,7 +85,8 @@ impl CheckCode {
         }
     }
 
-    /// Returns the meaning of the measured value, and the permitted value with which it is compared.
+    /// Returns in words the meaning of the value measured for a check code, and of the permitted value with which it is
+    /// compared.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::LawResidual => {
@@ -176,12 +177,12 @@ impl ToSchema for CheckCode {}
 struct Check {
     value: f64,
     allowed: f64,
-    /// The meaning of the measurement and what to change, in words.
+    /// The meaning of the measured value and what to change, in words.
     message: String,
 }
 
 impl Check {
-    /// Returns the ratio of the measured to the permitted value; the check fails above one, and for NaN.
+    /// Returns the ratio of the measured to the permitted value of a check; the check fails above one, and for NaN.
     fn excess(&self) -> f64 {
         let ratio = if self.value == 0.0 { 0.0 } else { self.value / self.allowed };
         if ratio.is_nan() { f64::INFINITY } else { ratio }
@@ -225,14 +226,14 @@ impl Checks {
         }
     }
 
-    /// Returns the measured and the permitted value of a check code.
+    /// Returns the worst measured and the permitted value of a check code.
     pub fn get(&self, code: CheckCode) -> Option<(f64, f64)> {
         self.worst.get(&code).map(|check| (check.value, check.allowed))
     }
 }
 
 impl Serialize for Checks {
-    /// Serialises the checks as an object that maps codes to measured and permitted values.
+    /// Serialises the checks as an object that maps check codes to measured and permitted values.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let measured = |check: &Check| Measured { value: finite(check.value), allowed: finite(check.allowed) };
         serializer.collect_map(self.worst.iter().map(|(code, check)| (code, measured(check))))
@@ -280,7 +281,7 @@ pub struct Reason {
 }
 
 impl fmt::Display for Reason {
-    /// Writes `joint drift 3e-2, allowed 1e-3: the message`.
+    /// Writes the reason as text, such as `joint drift 3e-2, allowed 1e-3: the message`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { code, value, allowed, message } = self;
         write!(f, "{code} {}, allowed {}: {message}", Figure(*value), Figure(*allowed))
@@ -327,8 +328,8 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Compares the measurements with the permitted values. `end` is the requested end time of a run, and `None` for
-    /// a search.
+    /// Compares the measurements of a run with the permitted values. `end` is the requested end time of a run, and
+    /// `None` for a search.
     pub fn of(status: Status, error: Option<&Failure>, end: Option<f64>, checks: &Checks) -> Self {
         let mut because: Vec<Reason> = checks
             .worst

@@ -15,7 +15,8 @@ use super::expression::Expression;
 use super::set::{Block, BoxBlock};
 use std::collections::HashSet;
 
-/// Largest number of calls that are rewritten in one problem: the result is meant to be read by a person.
+/// Largest number of calls of functions with a kink that are rewritten in one problem: the result is meant to be read
+/// by a person.
 const MOST: usize = 64;
 
 /// Names of the functions with a kink or a jump that can be rewritten as a set.
@@ -24,7 +25,7 @@ const FUNCTIONS: [&str; 5] = ["abs", "sign", "heaviside", "min", "max"];
 /// A call of a function with a kink that has been replaced by a variable.
 struct Replaced {
     call: String,
-    /// Name of the variable introduced for the call.
+    /// Name of the variable introduced for the call of the function with a kink.
     name: String,
     value: String,
     inequality: String,
@@ -78,7 +79,7 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     })
 }
 
-/// The names in use in a problem, and the calls replaced so far.
+/// State of the rewriting of a problem: the names in use, and the calls of functions with a kink replaced so far.
 struct Rewriting {
     unknowns: HashSet<String>,
     parameters: HashSet<String>,
@@ -110,7 +111,8 @@ impl Rewriting {
         })
     }
 
-    /// Returns the expression that replaces a call, introducing a variable for it if the call is new.
+    /// Returns the expression that replaces a call of a function with a kink, introducing a variable for it if the call
+    /// is new.
     fn value_of(&mut self, call: &str, function: &str, arguments: &[String]) -> Option<String> {
         let call: String = call.split_whitespace().collect();
         if let Some(known) = self.replaced.iter().find(|replaced| replaced.call == call) {
@@ -126,7 +128,8 @@ impl Rewriting {
             ("abs", [a]) => (format!("(({a})*{name})"), negated(a), Some((-1.0, 1.0))),
             ("min", [a, b]) => (format!("({a} - {name})"), format!("{name} - (({a}) - ({b}))"), None),
             ("max", [a, b]) => (format!("({a} + {name})"), format!("{name} - (({b}) - ({a}))"), None),
-            // A call with three or more arguments is nested: its first two arguments form a call of their own.
+            // A call of `min` or `max` with three or more arguments is nested: its first two arguments form a call of
+            // their own.
             ("min" | "max", [a, b, rest @ ..]) => {
                 return Some(format!("{function}({function}({a}, {b}), {})", rest.join(", ")));
             }
@@ -144,11 +147,11 @@ impl Rewriting {
     }
 }
 
-/// A function call within a text.
+/// A call of a function with a kink, within the text of an expression.
 struct Call {
     function: &'static str,
     start: usize,
-    /// Byte index after the closing parenthesis of the call.
+    /// Byte index in the text after the closing parenthesis of the call.
     end: usize,
     arguments: Vec<String>,
 }
@@ -182,7 +185,7 @@ fn negated(a: &str) -> String {
     if is_word { format!("-{a}") } else { format!("-({a})") }
 }
 
-/// Splits a text into names with their byte offsets; the exponent `e` of a number is not a name.
+/// Splits the text of an expression into names with their byte offsets; the exponent `e` of a number is not a name.
 fn words(text: &str) -> Vec<(usize, &str)> {
     let mut words = Vec::new();
     let mut start = None;

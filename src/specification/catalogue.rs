@@ -12,18 +12,18 @@ use serde::Serialize;
 use serde_json::Value;
 use std::sync::LazyLock;
 
-/// Everything that a specification may choose among.
+/// Everything that a specification may choose among: problem types, sets, methods, solvers and limits.
 #[derive(Debug, Serialize)]
 pub struct Catalogue {
-    /// The problem types.
+    /// The problem types, such as `dvi` and `circuit`.
     pub problems: Vec<Choice>,
     /// The types of blocks: the sets whose Cartesian product is the set `K` of the variables.
     pub sets: Vec<Choice>,
-    /// The families of methods.
+    /// The families of numerical methods.
     pub methods: Vec<Choice>,
-    /// The treatments of a change of the active set.
+    /// The treatments of a change of the active set: location as an event, or steps across it.
     pub switches: Vec<Choice>,
-    /// The treatments of impacts.
+    /// The treatments of impacts of mechanical systems.
     pub impacts: Vec<Choice>,
     /// The laws for impacts at several contacts at once.
     pub impact_laws: Vec<Choice>,
@@ -31,29 +31,29 @@ pub struct Catalogue {
     pub vi_solvers: Vec<Choice>,
     /// The coefficients of Radau IIA, for 1 stage up to the largest number.
     pub tableaux: Vec<Coefficients>,
-    /// The limits of every solve.
+    /// The limits on the size of every solve.
     pub limits: Vec<Limit>,
 }
 
-/// A keyword of the specification.
+/// A keyword that a specification may choose, with its meaning.
 #[derive(Debug, Serialize)]
 pub struct Choice {
-    /// The keyword of the choice.
+    /// The keyword, as a specification writes it.
     pub name: String,
-    /// The meaning of the choice, in one sentence.
+    /// The meaning of the keyword, in one sentence.
     pub meaning: String,
 }
 
-/// A Runge-Kutta method, and its verified properties.
+/// The coefficients of a Runge-Kutta method, and its verified properties.
 #[derive(Debug, Serialize)]
 pub struct Coefficients {
-    /// Number of stages `s`.
+    /// Number of stages `s` of the Runge-Kutta method.
     pub stages: usize,
     /// Whether the method has an embedded error estimate, so that the step size can be adapted.
     pub adaptive: bool,
-    /// The nodes `c` of the method.
+    /// The nodes `c` of the Runge-Kutta method.
     pub c: &'static [f64],
-    /// The weights `b` of the method.
+    /// The weights `b` of the Runge-Kutta method.
     pub b: &'static [f64],
     /// The Runge-Kutta matrix `A`, by rows.
     #[serde(rename = "A")]
@@ -65,15 +65,15 @@ pub struct Coefficients {
 /// A limit on the size of every solve.
 #[derive(Debug, Serialize)]
 pub struct Limit {
-    /// The name of the limit.
+    /// The name of the limit on a solve.
     pub name: &'static str,
-    /// The largest value that the limit allows.
+    /// The largest value of the quantity that the limit allows.
     pub value: u64,
     /// The quantity that the limit bounds, in one sentence.
     pub meaning: &'static str,
 }
 
-/// Returns the catalogue, which is computed on first use.
+/// Returns the catalogue of all choices of a specification, which is computed on first use.
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         let schema = json_schema();

@@ -46,14 +46,14 @@ pub struct Specification {
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     sweep: Option<SweepPlan>,
-    /// Whether the solution keeps interpolants of its fields, as functions of time.
+    /// Whether the solution keeps interpolants of its output fields, as functions of time.
     pub(super) keeps_interpolants: bool,
     limits: Limits,
     /// Estimate of the memory for the contacts of rigid bodies at the start.
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
-    /// Warnings about parts of a robot description that were left out.
+    /// Warnings about a robot description: parts left out, and names changed.
     remarks: Vec<Warning>,
     /// Digest of the text of the document; `None` once other parameter values have been bound.
     digest: Option<Digest>,
@@ -309,7 +309,7 @@ impl Specification {
         bound
     }
 
-    /// Limits the number of accepted steps to at most `most`.
+    /// Limits the number of accepted steps of a run to at most `most`.
     #[must_use]
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
@@ -373,19 +373,19 @@ impl Specification {
         units.chain([("t", of_time)]).map(|(name, unit)| (name.to_owned(), unit.to_owned())).collect()
     }
 
-    /// Returns a control that stops a solve at the user's wall-clock limit, counted from now.
+    /// Returns a control that stops a solve at the wall-clock limit of the specification, counted from now.
     pub fn control(&self) -> Control {
         let allowed = self.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
         deadline.map_or_else(Control::new, Control::with_deadline)
     }
 
-    /// The user's label, at most 200 characters.
+    /// The user's label of the specification, at most 200 characters.
     pub fn label(&self) -> Option<&str> {
         self.label.as_deref()
     }
 
-    /// The key of the problem type, such as `dvi`.
+    /// The key of the problem type in the specification, such as `dvi`.
     pub fn problem(&self) -> &'static str {
         self.problem
     }
@@ -395,7 +395,7 @@ impl Specification {
         &*self.model
     }
 
-    /// Warnings about the reading of the specification.
+    /// Warnings from the reading of the specification and its translation to a model.
     pub fn warnings(&self) -> impl Iterator<Item = &Warning> {
         self.model.warnings().iter().chain(&self.remarks)
     }
@@ -405,12 +405,12 @@ impl Specification {
         &self.analysis
     }
 
-    /// The time horizon; the end is after the start.
+    /// The time horizon of the run; the end is after the start.
     pub fn time(&self) -> Time {
         self.time
     }
 
-    /// The numerical method and its settings; every number is in its range.
+    /// The numerical method and its settings; every setting is in its admissible range.
     pub fn method(&self) -> &Method {
         &self.method
     }
@@ -425,7 +425,8 @@ impl Specification {
         self.output_times.as_deref()
     }
 
-    /// The columns to keep, as indices into the outputs of the problem followed by definitions and integrals.
+    /// The columns of the trajectory to keep, as indices into the outputs of the problem followed by definitions and
+    /// integrals.
     pub fn output_fields(&self) -> &[usize] {
         &self.output_fields
     }
@@ -435,7 +436,7 @@ impl Specification {
         &self.observables
     }
 
-    /// The requested sensitivities.
+    /// The requested sensitivities: derivatives of outputs with respect to parameters and initial values.
     pub fn sensitivities(&self) -> Option<&Sensitivities> {
         self.sensitivities.as_ref()
     }
@@ -445,12 +446,12 @@ impl Specification {
         self.search.as_ref()
     }
 
-    /// Whether to estimate the global error at the end.
+    /// Whether to estimate the global error at the end time.
     pub fn estimates_global_error(&self) -> bool {
         self.global_error
     }
 
-    /// The requested study of error against run time.
+    /// The requested study of error against run time (work-precision study).
     pub fn study(&self) -> Option<&StudyPlan> {
         self.study.as_ref()
     }
@@ -464,12 +465,12 @@ impl Specification {
         self.sweep.as_mut()
     }
 
-    /// The wall-clock time the user allows, in seconds.
+    /// The wall-clock time that the user allows for a solve, in seconds.
     pub fn wall_seconds(&self) -> Option<f64> {
         self.limits.wall_seconds
     }
 
-    /// The user's limit on steps, accepted and rejected together.
+    /// The user's limit on the steps of a run, accepted and rejected together.
     pub fn step_limit(&self) -> Option<u64> {
         self.limits.steps
     }
@@ -495,7 +496,7 @@ fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc
     model
 }
 
-/// Checks that the end is after the start and the horizon finite.
+/// Checks that the time horizon is finite and its end after its start.
 fn check_time(time: Time, place: &Pointer<'_>, errors: &mut Errors) -> Option<Time> {
     if time.end > time.start && (time.end - time.start).is_finite() {
         return Some(time);

@@ -1,6 +1,6 @@
 //! Keywords that a specification chooses among: the enum, the keywords and their meanings, declared in one place.
 
-/// Declares an enumeration whose first variant is the default.
+/// Declares an enumeration of keywords of a specification; its first variant is the default.
 macro_rules! choices {
     ($(#[doc = $about:literal])* $name:ident { $($word:tt $variant:ident: $meaning:tt)* }) => {
         $(#[doc = $about])*
@@ -8,15 +8,15 @@ macro_rules! choices {
         pub enum $name { $(#[doc = $meaning] #[serde(rename = $word)] $variant,)* }
 
         impl $name {
-            /// All choices, the default first.
+            /// All keywords of the enumeration, the default first.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-            /// The keyword of the choice in a specification.
+            /// The keyword, as a specification writes it.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$variant => $word,)* }
             }
 
-            /// The meaning of the choice, in one sentence.
+            /// The meaning of the keyword, in one sentence.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$variant => $meaning,)* }
             }

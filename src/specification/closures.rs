@@ -8,7 +8,7 @@ use models::{Closures, DerivativeFunction, DviModel, Equations, KinkAdvice, RowF
 use problem::Workspace;
 use std::sync::Arc;
 
-/// Tolerance for rounding in the test that rates are affine in the variables, relative to the largest rate.
+/// Tolerance for rounding in the test whether rates are affine in the variables, relative to the largest rate.
 const ROUNDING: f64 = 1e-9;
 
 impl Specification {
@@ -54,7 +54,7 @@ impl Specification {
     }
 }
 
-/// Returns the JSON pointer at which a row of the equations would be written.
+/// Returns the JSON pointer at which row `row` of the equations would be written in a specification.
 fn pointer(model: &DviModel, row: usize) -> String {
     match row.checked_sub(model.state_names.len()) {
         None => format!("/problem/dvi/states/{}/rate", model.state_names[row]),

@@ -14,14 +14,15 @@ use serde::{Serialize, Serializer};
 use serde_json::Number;
 use std::fmt;
 
-/// Reason why a run cannot be continued.
+/// Reason why a run cannot be continued beyond its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NotContinuable {
-    /// The specification cannot be parsed.
+    /// The specification of the run cannot be parsed.
     Unreadable,
-    /// The states of the problem do not determine the further motion, or its specification has no way to state them.
+    /// The states of the problem do not determine its further motion, or a specification has no way to give all of them
+    /// as initial values.
     Problem(&'static str),
-    /// The trajectory has no column of the given name.
+    /// The trajectory of the run has no column of the given name.
     Column(String),
 }
 
@@ -37,7 +38,7 @@ impl fmt::Display for NotContinuable {
     }
 }
 
-/// Keys of requests whose answer is not determined by the states at the end of the run, each with the reason.
+/// Keys of requests for which the states at the end of the run do not suffice to continue it, each with the reason.
 const NO_END: [(&str, &str); 5] = [
     ("sweep", "a sweep has many runs, each with its own end"),
     ("fit", "a fit is of all its data at once: solve on with its estimates as parameters"),
@@ -149,8 +150,8 @@ fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinua
     Ok(())
 }
 
-/// Whether a joint, spring or motion depends on the initial configuration of the bodies, and not only on points and
-/// axes given in the world.
+/// Whether a joint, spring or motion of a rigid-body problem depends on the initial configuration of the bodies, and
+/// not only on points and axes given in the world.
 fn is_placed_at_its_start(problem: &mut Json) -> bool {
     let has_springs = matches!(problem.member("springs"), Some(Json::List(springs)) if !springs.is_empty());
     let mut moves_by_itself = false;
@@ -178,7 +179,7 @@ fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinu
         match kind {
             "capacitor" => values.set("volts", last("v")?),
             "inductor" => values.set("amperes", last("i")?),
-            // The memory of a hysteresis is part of the initial state.
+            // The state of a switch with hysteresis is part of the initial state.
             "switch" if values.member("hysteresis").is_some() => {
                 let closed = last("closed")?.value().is_some_and(|closed| closed > 0.5);
                 values.set("initially", Json::Bool(closed));
@@ -223,7 +224,8 @@ impl Json {
         member.map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Wraps the values of the members `keys` in lists of one element, where the user has written a single value.
+    /// Wraps the values of the members `keys` of a JSON object in lists of one element, where the user has written a
+    /// single value.
     fn write_lists(&mut self, keys: &[&str]) {
         let Self::Object(members) = self else { return };
         for (_, value) in members.iter_mut().filter(|(name, _)| keys.contains(&name.as_str())) {
@@ -259,7 +261,7 @@ impl Json {
         if let Self::Text(text) = self { text } else { "" }
     }
 
-    /// Keeps the listed output times within the horizon; if none remains, output is at the steps.
+    /// Keeps those of the listed output times that lie within the new horizon; if none remains, output is at the steps.
     fn keep_times_within(&mut self, start: f64, end: f64) {
         let Some(Self::List(times)) = self.member("times") else { return };
         times.retain(|time| {

@@ -11,7 +11,7 @@ use serde::de::{Deserializer, Error, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use std::iter::once;
 
-/// The key of comments, which is ignored.
+/// The key of the user's comments in a document, which is ignored.
 pub(super) const COMMENT: &str = "comment";
 
 impl Json {
@@ -31,7 +31,7 @@ impl Json {
     }
 }
 
-/// Returns the members of an object; of an object with fixed keys, all members but comments.
+/// Returns the members of a JSON object; if the keys of the object are fixed, all members but the user's comments.
 fn members<'a>(
     members: &'a [(String, Json)],
     fixed: Option<&'static [&'static str]>,
@@ -104,7 +104,7 @@ impl<'de> Deserializer<'de> for &'de Json {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
         match self {
-            // A list that the user has put in quotes is a mistake, and not a list of one string.
+            // A list that the user has put in quotes is a mistake, and not a list of one element.
             Json::Text(text) if text.trim_start().starts_with('[') => self.deserialize_any(visitor),
             Json::Number(_) | Json::Text(_) | Json::Object(_) => visitor.visit_seq(SeqDeserializer::new(once(self))),
             _ => self.deserialize_any(visitor),

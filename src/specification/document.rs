@@ -1,4 +1,4 @@
-//! The document that a user posts, before it is checked.
+//! The document of a specification as a user posts it, before it is checked.
 
 use super::circuit::CircuitProblem;
 use super::convolution::ConvolutionProblem;
@@ -106,7 +106,7 @@ pub enum Problem {
 }
 
 impl Problem {
-    /// Returns the key of the problem type, such as `dvi`.
+    /// Returns the key of the problem type in the document, such as `dvi`.
     pub fn name(&self) -> &'static str {
         self.written().key()
     }

@@ -11,7 +11,7 @@ use super::times::Times;
 use problem::Control;
 use std::time::Duration;
 
-/// A document whose structure is known and whose meaning has not been checked.
+/// A specification whose structure is known and whose meaning has not been checked.
 #[derive(Debug)]
 pub struct Draft(Reading);
 
@@ -19,7 +19,7 @@ pub struct Draft(Reading);
 /// document needs few or none.
 const OF_TREE: usize = 1 << 20;
 
-/// Measured time to generate one output time, in nanoseconds.
+/// Measured time to generate one output time of a trajectory, in nanoseconds.
 const A_TIME: usize = 5;
 
 impl Draft {
@@ -38,7 +38,7 @@ impl Draft {
         read_tree(tree, values, OF_TREE).map(Self)
     }
 
-    /// Estimates the time of the check, beyond what the length of the text accounts for.
+    /// Estimates the time to check the document, beyond what the length of the text accounts for.
     pub fn check_time(&self) -> Duration {
         let document = &self.0.document;
         let of_problem = document.problem.written().time_to_check();
@@ -69,7 +69,8 @@ impl Draft {
     }
 }
 
-/// Number of output times that a rule generates; 0 if there are too many, since those are refused.
+/// Number of output times that a rule such as `count` or `every` generates; 0 if there are too many, since those are
+/// refused.
 fn declared_times(document: &Document) -> usize {
     let times = match &document.output.times {
         Times::Steps | Times::List(_) => 0.0,
@@ -113,7 +114,7 @@ mod tests {
         assert_time(&decay(r#"{"count": 2000000}"#), moment, second);
         assert_time(&decay(r#"{"every": 1e-6}"#), moment, second);
         assert_time(&decay(r#"{"every": -1}"#), Duration::ZERO, moment);
-        // Too many output times are refused immediately.
+        // Too many output times are refused immediately, so they take no time to check.
         assert_time(&decay(r#"{"count": 18446744073709551615}"#), Duration::ZERO, moment);
     }
 

@@ -156,7 +156,8 @@ impl Written for DviProblem {
 }
 
 impl DviProblem {
-    /// Rewrites the problem with its kinks as a set, as JSON, if possible.
+    /// Returns the problem as JSON with its kinks (functions such as `abs`) rewritten by variables in a set, if
+    /// possible.
     fn as_set(&self, start: Start<'_>) -> Option<String> {
         let problem = as_set::rewritten(self)?;
         let (lowering, model) = problem.lower(&Pointer::Root, start);

@@ -12,12 +12,12 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Numbers of finite elements of a body or domain.
+/// Numbers of finite elements of a body or domain, in each direction.
 #[derive(Clone, Copy, Debug)]
 pub enum Elements {
-    /// One number of elements for every direction.
+    /// One number of finite elements for every direction.
     Same(u64),
-    /// A number of elements for each direction.
+    /// A number of finite elements for each direction.
     Each(ElementsOf),
 }
 
@@ -37,7 +37,7 @@ pub struct ElementsOf {
 }
 
 impl Elements {
-    /// Returns the number of elements in each of the first `dimension` directions, if it is given.
+    /// Returns the number of elements in each of the first `dimension` directions; `None` where it is not given.
     fn of(&self, dimension: usize) -> Vec<Option<u64>> {
         let all = match self {
             Self::Same(n) => [Some(*n); 3],
@@ -55,7 +55,7 @@ impl Elements {
         })
     }
 
-    /// Returns the JSON pointer to the number of elements in a direction.
+    /// Returns the JSON pointer to the number of finite elements in a direction.
     pub(super) fn pointer(&self, direction: usize, place: &Pointer<'_>) -> String {
         match self {
             Self::Same(_) => place.to_string(),

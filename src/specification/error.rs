@@ -34,12 +34,13 @@ impl SpecificationError {
         Self::new("", INTERRUPTED, "reading and checking the specification was stopped before it was done")
     }
 
-    /// Whether the check was stopped, so that nothing is known about the document.
+    /// Whether the error reports that the check of the document was stopped, so that nothing is known about the
+    /// document.
     pub fn is_interruption(&self) -> bool {
         self.code == INTERRUPTED
     }
 
-    /// Sets what to write instead of the erroneous part.
+    /// Sets the text that says what to write instead of the erroneous part of the specification.
     #[must_use]
     pub fn expected(mut self, expected: impl Into<String>) -> Self {
         self.expected = Some(expected.into());
@@ -63,7 +64,8 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Adds an error, which is constructed only if there is room: a search for the nearest of many names takes time.
+    /// Adds an error, which is constructed only if there is room in the list: a search for the nearest of many names
+    /// takes time.
     pub(super) fn push_with(&mut self, error: impl FnOnce() -> SpecificationError) {
         if self.has_room() {
             self.listed.push(error());
@@ -74,19 +76,19 @@ impl Errors {
         self.push_with(|| error);
     }
 
-    /// Adds an error at the JSON pointer `place`.
+    /// Adds an error at the JSON pointer `place` of the specification.
     pub(super) fn report(&mut self, place: &Pointer<'_>, code: &'static str, detail: impl Into<String>) {
         self.push_with(|| SpecificationError::new(place.to_string(), code, detail));
     }
 
-    /// Whether there is room for another error. A caller that gets `false` need not look for one: the list will be
-    /// marked as cut.
+    /// Whether there is room in the list for another error. A caller that gets `false` need not look for one: the list
+    /// will be marked as cut.
     pub(super) fn has_room(&mut self) -> bool {
         self.cut |= self.listed.len() >= MOST;
         !self.cut
     }
 
-    /// The number of errors found so far.
+    /// The number of errors found so far in the specification.
     pub(super) fn count(&self) -> usize {
         self.listed.len()
     }
@@ -98,7 +100,7 @@ impl Errors {
         }
     }
 
-    /// Appends the errors of another list.
+    /// Appends the errors of another list, as long as there is room.
     pub(super) fn append(&mut self, other: Self) {
         for error in other.listed {
             self.push(error);
@@ -110,7 +112,7 @@ impl Errors {
         self.listed.is_empty()
     }
 
-    /// Keeps only the errors whose pointer satisfies `keep`.
+    /// Keeps only the errors whose JSON pointer satisfies `keep`.
     pub(super) fn retain(&mut self, mut keep: impl FnMut(&str) -> bool) {
         self.listed.retain(|error| keep(&error.pointer));
     }

@@ -9,7 +9,7 @@ macro_rules! examples {
     };
 }
 
-/// A specification from `api/examples`.
+/// An example specification from `api/examples`.
 #[derive(Debug)]
 pub struct Example {
     /// Name of the file without the extension.

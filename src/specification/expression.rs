@@ -7,13 +7,13 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A number, or a string in infix notation.
+/// An expression of a specification: a number, or a string in infix notation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Expression {
-    /// A constant number.
+    /// An expression that is a constant number.
     Number(f64),
-    /// Text in infix notation, not parsed yet.
+    /// The text of an expression in infix notation, not parsed yet.
     Text(String),
 }
 

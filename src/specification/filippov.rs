@@ -165,7 +165,7 @@ impl Written for FilippovProblem {
 }
 
 impl FilippovProblem {
-    /// Returns the two regions of a surface, the region of `plus` first.
+    /// Returns the two regions on either side of a switching surface, the region of `plus` first.
     fn sides(&self, surface: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Region> {
         let zero = lowering.graph.constant(0.0);
         let below = lowering.node(surface, &place.key("surface")).unwrap_or(zero);
@@ -235,7 +235,7 @@ impl FilippovProblem {
         Region { indicator, rates: rates.into_iter().map(|rate| rate.unwrap_or(zero)).collect() }
     }
 
-    /// Names of the regions' weights, with underscores appended until no state has the same name.
+    /// Names of the variables that weight the regions, with underscores appended until no state has the same name.
     fn shares(&self) -> Vec<String> {
         let mut names: Vec<String> = match &self.regions {
             Some(regions) => (1..=regions.len()).map(|i| format!("z{i}")).collect(),

@@ -20,10 +20,10 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Largest numbers of data values and of fitted parameters.
+/// Largest number of data values of a fit, and of fitted parameters.
 const MOST_VALUES: usize = 100_000;
 const MOST_PARAMETERS: usize = 50;
-/// Largest number of starting points of the search.
+/// Largest number of starting points from which the parameters of a fit are searched.
 const MOST_STARTS: u64 = 1000;
 
 /// Parameters and initial values to fit to data. The answer has `fit`, with estimates, 95 % intervals and the parameter
@@ -75,7 +75,7 @@ choices! {
 /// 0.01}`.
 #[derive(Clone, Debug)]
 pub struct FitData {
-    /// Sampling times, increasing, within the horizon.
+    /// Times of the measurements, increasing, within the time horizon.
     pub t: Vec<f64>,
     /// Standard deviations of the data; if absent, all data have equal weight.
     pub sd: Option<Spread>,
@@ -86,18 +86,18 @@ pub struct FitData {
 /// Standard deviations of the data of a fit.
 #[derive(Clone, Debug)]
 pub enum Spread {
-    /// One standard deviation for all data.
+    /// One standard deviation for all data of the fit.
     Uniform(f64),
-    /// Standard deviations by column of the data.
+    /// Standard deviations of the data of a fit, by column of the data.
     PerState(Ordered<SpreadOfState>),
 }
 
-/// Standard deviations of one column of the data.
+/// Standard deviations of one column of the data of a fit.
 #[derive(Clone, Debug)]
 pub enum SpreadOfState {
-    /// One standard deviation for all values of the column.
+    /// One standard deviation for all values of the column of data.
     Uniform(f64),
-    /// One standard deviation per value of the column.
+    /// One standard deviation per value of the column of data.
     Each(Vec<f64>),
 }
 
@@ -234,7 +234,8 @@ impl FitData {
         found: &mut Errors,
     ) -> Vec<DataColumn> {
         let place = place.key("data");
-        // Definitions that depend on variables are not allowed, since sensitivities of variables are not computed.
+        // Definitions that depend on variables are not allowed as data of a fit, since sensitivities of variables are
+        // not computed.
         let defined = observables
             .names
             .iter()
@@ -303,7 +304,7 @@ impl FitData {
         }
     }
 
-    /// Returns the standard deviations of a column of the data, one per time.
+    /// Returns the standard deviations of a column of the data of a fit, one per sampling time.
     fn spread(&self, name: &str, place: &Pointer<'_>, found: &mut Errors) -> Vec<f64> {
         let of_sd = place.key("sd");
         let count = self.t.len();

@@ -3,7 +3,7 @@
 /// Keys and choices of specifications, each with the names that users of other programs write for it, in lower case
 /// without `_` and `-`. Several may match; the first one that is valid in its place is suggested.
 const SYNONYMS: [(&str, &[&str]); 86] = [
-    // Names for keys of the document.
+    // Names that other programs use for keys of the document.
     ("time", &["tspan", "timespan", "horizon", "simulation", "interval"]),
     ("method", &["solver", "options", "settings", "opts", "integrator", "numerics", "algorithm"]),
     ("output", &["outputs", "results", "report", "save", "saveat"]),
@@ -11,7 +11,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("sensitivities", &["sensitivity", "gradients", "derivatives"]),
     ("label", &["title", "description", "comment", "note", "remark"]),
     ("problem", &["model", "system"]),
-    // Names for keys of `time`.
+    // Names that other programs use for keys of `time`.
     (
         "end",
         &[
@@ -36,7 +36,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
         ],
     ),
     ("start", &["t0", "tstart", "tinitial", "starttime", "begin", "from", "tmin"]),
-    // Names for keys of unknowns.
+    // Names that other programs use for keys of states and variables.
     ("velocity", &["v0", "speed", "xdot", "v", "vel", "initialvelocity", "qdot", "linearvelocity", "rate"]),
     (
         "initial",
@@ -125,7 +125,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("integrals", &["integral", "accumulate", "integrate"]),
     ("tables", &["lookup", "lookups", "interpolants", "data", "table"]),
     ("coordinates", &["q", "dofs", "dof", "states", "generalizedcoordinates", "generalisedcoordinates", "positions"]),
-    // Names for sets and their keys.
+    // Names that other programs use for sets and their keys.
     ("set", &["k", "sets", "constraints", "bounds", "cone", "domain", "blocks"]),
     ("box", &["interval", "bounds", "bounded", "limits", "range", "cube", "cuboid", "brick", "block"]),
     ("nonnegative", &["positive", "r+", "orthant", "geq", "nonneg", ">=", "complementarity", "lcp"]),
@@ -136,7 +136,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("of", &["variables", "names", "name", "variable", "z", "x"]),
     ("lower", &["lb", "lowerbound", "min", "low", "minimum", "from", "l"]),
     ("upper", &["ub", "upperbound", "max", "high", "maximum", "to", "u"]),
-    // Names for keys of fits.
+    // Names that other programs use for keys of fits.
     (
         "fit",
         &[
@@ -154,7 +154,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("sd", &["sigma", "std", "stddev", "stdev", "error", "errors", "uncertainty", "noise", "standarddeviation"]),
     ("starts", &["multistart", "restarts", "nstarts"]),
     ("loss", &["objective", "cost", "robust", "norm"]),
-    // Names for keys of `method`, `output` and `limits`.
+    // Names that other programs use for keys of `method`, `output` and `limits`.
     ("rtol", &["reltol", "tol", "tolerance", "eps", "accuracy", "precision", "epsrel", "relativetolerance"]),
     ("atol", &["abstol", "epsabs", "absolutetolerance"]),
     ("step", &["dt", "h", "stepsize", "timestep", "deltat", "fixedstep", "tau"]),
@@ -204,7 +204,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("record", &["only", "tell", "log", "continue", "nonterminal"]),
     ("to", &["parameters", "by", "wrt", "params", "over"]),
     ("of", &["outputs", "states", "fields"]),
-    // Names for types of problems and their keys.
+    // Names that other programs use for problem types and their keys.
     ("dvi", &["ode", "dae", "ivp", "generic", "odes", "general"]),
     ("vi", &["ncp", "mcp", "variationalinequality", "complementarity", "equilibrium", "nash", "static", "qp", "nlp"]),
     ("lcs", &["lcp", "mlcp", "linear", "statespace", "ss", "lti"]),
@@ -218,7 +218,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ("surface", &["switch", "h", "sigma", "switching", "switchingsurface", "indicator", "s"]),
     ("plus", &["positive", "above", "fplus", "f+", "f1"]),
     ("minus", &["negative", "below", "fminus", "f-", "f2"]),
-    // Names for keys of mechanics and of bodies.
+    // Names that other programs use for keys of mechanical systems and bodies.
     ("mass", &["m", "weight", "massmatrix", "inertia"]),
     ("potential", &["v", "energy", "potentialenergy", "u", "ep"]),
     ("forces", &["force", "f", "loads", "load"]),
@@ -325,7 +325,7 @@ const PLACES: [(&str, &[&str]); 8] = [
     ("a `material` of the problem, or in its `contacts`", &["friction", "restitution"]),
 ];
 
-/// Returns the valid key or choice that a name of another program stands for.
+/// Returns the valid key or choice that a name used by another program stands for.
 pub(super) fn synonym(name: &str, valid: &[&'static str]) -> Option<&'static str> {
     let folded: String = name.chars().filter(|c| !matches!(c, '_' | '-' | ' ')).flat_map(char::to_lowercase).collect();
     let spelt = valid.iter().copied().find(|key| key.replace('_', "") == folded);

@@ -6,7 +6,7 @@ use serde_json::Number;
 use std::collections::HashSet;
 use std::fmt;
 
-/// A JSON value.
+/// A JSON value of a document as written, with object members in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Json {
     Null,
@@ -18,7 +18,7 @@ pub(super) enum Json {
 }
 
 impl Json {
-    /// Returns the child of a value at a path step.
+    /// Returns the member or element of a JSON value at a step of a path.
     pub(super) fn child(&self, step: &Step) -> Option<&Json> {
         match (self, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -29,7 +29,7 @@ impl Json {
         }
     }
 
-    /// Returns the descendant of a value at a path.
+    /// Returns the part of a JSON value at a path.
     pub(super) fn at_mut(&mut self, path: &[Step]) -> Option<&mut Json> {
         path.iter().try_fold(self, |value, step| match (value, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -40,7 +40,8 @@ impl Json {
         })
     }
 
-    /// Removes members that repeat a name of the same object, and calls `found` with the path of each removed member.
+    /// Removes members of JSON objects that repeat a name of the same object, and calls `found` with the path of each
+    /// removed member.
     pub(super) fn remove_duplicates(&mut self, path: &mut Vec<Step>, found: &mut impl FnMut(&[Step])) {
         match self {
             Json::Object(members) => {
@@ -78,7 +79,7 @@ impl Json {
     }
 }
 
-/// Whether two members have the same name. A few names are compared pairwise, without allocating.
+/// Whether two members of a JSON object have the same name. A few names are compared pairwise, without allocating.
 fn repeat_a_name(members: &[(String, Json)]) -> bool {
     if members.len() <= FEW {
         return (1..members.len()).any(|k| members[..k].iter().any(|(name, _)| *name == members[k].0));

@@ -6,7 +6,7 @@ use expression::{Graph, Kink, Node};
 use models::{Equations, KinkAdvice};
 use solution::Warning;
 
-/// Largest number of names listed for one kink.
+/// Largest number of states listed in the warning about one kind of kink.
 const SHOWN: usize = 6;
 
 /// Returns one warning for each kind of kink in the rate of a state.
@@ -42,7 +42,8 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
         .collect()
 }
 
-/// Returns the texts to report if steps chatter across a kink; `as_set` writes the problem with its kinks as a set.
+/// Returns the texts to report if steps chatter across a kink of the equations; `as_set` returns the problem with its
+/// kinks rewritten as a set.
 pub(super) fn advice(
     equations: &Equations,
     states: &[String],

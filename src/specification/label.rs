@@ -4,10 +4,10 @@ use super::error::{Errors, SpecificationError};
 use super::pointer::Pointer;
 use super::wording::abridged;
 
-/// Maximum length of a label, in characters.
+/// Maximum length of a label of a run or an event, in characters.
 pub(super) const LONGEST: usize = 200;
 
-/// Reports a label that is too long.
+/// Reports a label of a run or an event that is too long.
 pub(super) fn check(label: Option<&str>, place: &Pointer<'_>, errors: &mut Errors) {
     let Some(length) = label.map(|label| label.chars().count()).filter(|length| *length > LONGEST) else {
         return;

@@ -165,7 +165,7 @@ impl Written for LcsProblem {
 }
 
 impl LcsProblem {
-    /// The block matrix `[A B; C D]`, as its nonzero entries.
+    /// The block matrix `[A B; C D]` of the linear complementarity system, as its nonzero entries.
     fn matrix(&self, n: usize, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let blocks = [
             ("A", &self.A, (0, 0), (n, n)),

@@ -26,7 +26,7 @@ pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
 /// Start time of a problem, parameters with a special role, and the control that may stop the check.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start<'c> {
-    /// The start time; `None` if initial values are not to be evaluated.
+    /// The start time of the problem; `None` if initial values are not to be evaluated.
     pub time: Option<f64>,
     pub control: &'c Control,
     /// Parameters used as sizes of vectors; they cannot be bound to other values.
@@ -53,25 +53,26 @@ pub(super) struct Lowering<'c> {
     /// The start time, if the initial values are valid and are to be evaluated.
     pub start: Option<f64>,
     pub control: &'c Control,
-    /// Parameters that are bindable inputs of the graph, with their values.
+    /// Parameters that are bindable inputs of the expression graph, with their values.
     inputs: Vec<(String, f64)>,
     constants: Scope,
     names: Scope,
     misnamed: bool,
-    /// Names of definitions that jump with a state or a variable: allowed as output columns, not in equations.
+    /// Names of definitions that jump (are discontinuous) in a state or a variable: allowed as output columns, not in
+    /// equations.
     jumping: Vec<String>,
     /// Names of parameters or definitions with circular references, direct or indirect.
     circular: Vec<String>,
 }
 
-/// A constant, with its graph node if it depends on parameters that are inputs.
+/// The value of a constant expression, with its graph node if it depends on parameters that are inputs of the graph.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Constant {
     pub value: f64,
     pub node: Option<Node>,
 }
 
-/// Error code of an expression that jumps with a state or a variable.
+/// Error code of an expression that jumps (is discontinuous) in a state or a variable.
 const JUMP: &str = "jump_of_unknown";
 
 /// Nodes or rows lowered between two polls of [`Control`]: less than a millisecond of work for short expressions.
@@ -129,7 +130,8 @@ impl<'c> Lowering<'c> {
                 value => lowering.graph.constant(value.map_or(1.0, |constant| constant.value)),
             };
             if lowering.bind(name, node, &place) {
-                // The name is valid and new in `names`, so binding it in the smaller scope `constants` cannot fail.
+                // The name of a parameter is valid and new in `names`, so binding it in the smaller scope `constants`
+                // cannot fail.
                 let _ = lowering.constants.bind(name, node);
             }
             if value.is_none() {
@@ -139,7 +141,8 @@ impl<'c> Lowering<'c> {
         lowering
     }
 
-    /// Sorts parameters or definitions by dependence; records those with circular references.
+    /// Sorts parameters or definitions so that each follows those that it depends on; records those with circular
+    /// references.
     fn in_order<'a>(&mut self, entries: &'a Ordered<Expression>, constant: bool) -> Vec<(&'a str, &'a Expression)> {
         let scope = if constant { &self.constants } else { &self.names };
         let (entries, ordered) = parameters::in_order(entries, scope, &self.graph);
@@ -156,7 +159,8 @@ impl<'c> Lowering<'c> {
                 continue;
             };
             match self.names.bind_table(name, table.clone()) {
-                // The name is valid and new in `names`, so binding it in the smaller scope `constants` cannot fail.
+                // The name of a table is valid and new in `names`, so binding it in the smaller scope `constants`
+                // cannot fail.
                 Ok(()) => drop(self.constants.bind_table(name, table)),
                 Err(error) => self.report_name(error, place.to_string()),
             }
@@ -184,7 +188,7 @@ impl<'c> Lowering<'c> {
         self.bind_coordinates(names, pointer);
     }
 
-    /// Binds the names of the coordinates in space, in order.
+    /// Binds the names of the coordinates in space of an obstacle or elastic problem, in order.
     pub(super) fn bind_coordinates<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
@@ -209,7 +213,7 @@ impl<'c> Lowering<'c> {
     pub(super) fn bind_quantities(&mut self, quantities: &[(String, Node)]) {
         self.names.solve_for(1);
         for (name, node) in quantities {
-            // A name that is bound already denotes the same quantity.
+            // A name that is bound already denotes this quantity.
             let _ = self.names.bind_output(name, *node);
         }
     }
@@ -256,7 +260,7 @@ impl<'c> Lowering<'c> {
         self.node(expression, place).unwrap_or_else(|| self.graph.constant(0.0))
     }
 
-    /// Reserves a name that expressions must not refer to.
+    /// Reserves a name, such as that of an integral, that expressions must not refer to.
     pub(super) fn keep_name(&mut self, name: &str, place: &Pointer<'_>) {
         let nothing = self.graph.constant(0.0);
         self.bind(name, nothing, place);
@@ -345,14 +349,14 @@ impl<'c> Lowering<'c> {
         finite.map(|value| Constant { value, node })
     }
 
-    /// Reads an initial value; returns the value (zero for a faulty expression) and its graph node.
+    /// Reads an initial value of a state; returns the value (zero for a faulty expression) and its graph node.
     pub(super) fn initial(&mut self, given: &Expression, place: &Pointer<'_>) -> (f64, Node) {
         let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
         let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
         (constant.value, node)
     }
 
-    /// Returns the sum of two constants, with a graph node if either depends on parameters.
+    /// Returns the sum of two constants of a problem, with a graph node if either depends on parameters.
     pub(super) fn sum(&mut self, a: Constant, b: Constant) -> Constant {
         let value = a.value + b.value;
         if a.node.or(b.node).is_none() {
@@ -370,7 +374,7 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Number of parameters that are bindable inputs of the graph.
+    /// Number of parameters that are bindable inputs of the expression graph.
     pub(super) fn inputs(&self) -> usize {
         self.inputs.len()
     }
@@ -386,7 +390,7 @@ impl<'c> Lowering<'c> {
     }
 
     fn parse(&mut self, text: &str, place: &Pointer<'_>, constant: bool) -> Option<Node> {
-        // After a faulty name or a full list of errors, parsing would only add misleading errors.
+        // After a faulty name or a full list of errors, parsing expressions would only add misleading errors.
         if self.misnamed || !self.errors.has_room() {
             return None;
         }

@@ -16,8 +16,8 @@ pub(super) fn lower(
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };
     let Entries { mut values, mut terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
-    // Drop zero entries, even those that depend on parameters: the zero rows of the matrix decide which equations are
-    // algebraic.
+    // Drop zero entries of the mass matrix, even those that depend on parameters: its zero rows decide which equations
+    // are algebraic.
     values.retain(|entry| entry.2 != 0.0);
     terms.retain(|&(.., node)| !lowering.graph.vanishes(node));
     let is_identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
 
-/// A matrix of constant expressions, dense or sparse.
+/// A matrix of constant expressions in a specification, dense or sparse.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Matrix {
@@ -34,17 +34,17 @@ pub struct SparseMatrix {
     pub entries: Vec<(usize, usize, Expression)>,
 }
 
-/// The nonzero entries of a matrix, sorted, without repetition.
+/// The nonzero entries of a matrix of constants, sorted, without repetition.
 #[derive(Debug, Default)]
 pub(super) struct Entries {
-    /// The entries as `(row, column, value)`.
+    /// The nonzero entries as `(row, column, value)`.
     pub values: Vec<(usize, usize, f64)>,
-    /// The graph nodes of the entries that depend on parameters.
+    /// The graph nodes of those matrix entries that depend on parameters.
     pub terms: Vec<(usize, usize, Node)>,
 }
 
 impl Matrix {
-    /// The number of rows of the matrix, as written.
+    /// The number of rows of the matrix, as the user has written it.
     pub(super) fn rows(&self) -> usize {
         match self {
             Matrix::Dense(rows) => rows.len(),
@@ -60,8 +60,8 @@ impl Matrix {
         }
     }
 
-    /// Returns the nonzero entries as `(row, column, value)`, sorted, without repetition; parameters in the entries
-    /// keep their values.
+    /// Returns the nonzero entries of the matrix as `(row, column, value)`, sorted, without repetition; parameters in
+    /// the entries keep their values.
     pub(super) fn entries(
         &self,
         shape: (usize, usize),
@@ -73,8 +73,8 @@ impl Matrix {
         values
     }
 
-    /// Returns the entries that are not [absent](expression::Graph::is_absent), with the graph nodes of those that
-    /// depend on parameters.
+    /// Returns the entries of the matrix that are not [absent](expression::Graph::is_absent), with the graph nodes of
+    /// those that depend on parameters.
     pub(super) fn parametric(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
@@ -98,7 +98,7 @@ impl Matrix {
         Entries { values, terms }
     }
 
-    /// Returns all entries row by row, as expressions that may vary in time.
+    /// Returns all entries of the matrix row by row, as expressions that may vary in time.
     pub(super) fn nodes(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let (rows, columns) = shape;
         let mut nodes = vec![lowering.graph.constant(0.0); rows * columns];
@@ -113,7 +113,7 @@ impl Matrix {
         nodes
     }
 
-    /// Checks the shape of the matrix, and calls `visit` for each entry.
+    /// Checks the shape of the matrix, and calls `visit` for each of its entries.
     fn for_each(
         &self,
         (rows, columns): (usize, usize),
@@ -205,10 +205,10 @@ impl<'de> Deserialize<'de> for Matrix {
 
 struct MatrixVisitor;
 
-/// Largest number of rows and columns shown in an example.
+/// Largest number of rows and columns of the example of a matrix that an error message shows.
 const SHOWN: usize = 4;
 
-/// Reads a scalar as a matrix of one entry.
+/// Reads a scalar in place of a matrix as a matrix of one entry.
 fn alone<'de, E: Error>(entry: impl Deserializer<'de, Error = E>) -> Result<Matrix, E> {
     Expression::deserialize(entry).map(|entry| Matrix::Dense(vec![vec![entry]]))
 }

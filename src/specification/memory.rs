@@ -13,7 +13,7 @@ const OF_A_RUN: usize = 6 << 10;
 /// equations; the number of steps of a long run is only known during the run.
 const FEW_STEPS: usize = 100;
 
-/// Number of columns in the table of a sweep other than swept and collected values.
+/// Number of columns in the table of a sweep besides swept and collected values.
 const OWN_COLUMNS: usize = 8;
 /// Bytes per value in the table of a sweep; the summary of the table is computed from these values.
 const OF_A_VALUE: usize = 8;
@@ -40,12 +40,12 @@ impl Specification {
         sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
-    /// Number of runs in memory at once; the sensitivity equations count as one more run.
+    /// Number of runs in memory at once; the sensitivity equations of a run count as one more run.
     fn parts(&self) -> usize {
         self.model().runs(self) + usize::from(self.directions() > 0)
     }
 
-    /// Number of directions in which a run is differentiated.
+    /// Number of directions (parameters or initial values) in which a run is differentiated.
     pub(super) fn directions(&self) -> usize {
         let of_search = self.search().map_or(0, |search| match search {
             Search::Fit(fit) => fit.parameters.len(),

@@ -137,7 +137,7 @@ choices! {
 }
 
 impl ViSolverName {
-    /// Whether the solver also handles balls, cones, simplices and polyhedra.
+    /// Whether the solver of variational inequalities also handles balls, cones, simplices and polyhedra.
     pub(super) fn takes_blocks(self) -> bool {
         !matches!(self, Self::Lemke | Self::ActiveSet)
     }
@@ -193,8 +193,8 @@ impl Method {
         self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
     }
 
-    /// Returns the keys given by the user that control the error of a step. A tolerance equal to its default counts
-    /// as not given.
+    /// Returns the keys given by the user that control the error of a step. A tolerance equal to its default counts as
+    /// not given.
     pub(super) fn error_controls(&self) -> impl Iterator<Item = &'static str> {
         let given = [
             ("rtol", self.rtol != default_rtol()),
@@ -207,7 +207,7 @@ impl Method {
     }
 }
 
-/// Checks a number of stages, with or without a fixed step.
+/// Checks a number of Radau IIA stages, with or without a fixed step.
 pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Pointer<'_>, errors: &mut Errors) {
     let Stages::Fixed(stages) = stages else { return };
     if !(1..=MOST_STAGES as u64).contains(&stages) {
@@ -224,7 +224,7 @@ pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Pointer<'_>, err
     }
 }
 
-/// Checks a relative tolerance.
+/// Checks a relative tolerance of the local error.
 pub(super) fn check_rtol(rtol: f64, place: &Pointer<'_>, errors: &mut Errors) {
     if !(1e-14..=0.1).contains(&rtol) {
         out_of_range(place, rtol, "from 1e-14 to 0.1", errors);
@@ -242,7 +242,7 @@ pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Pointer<'_>, e
     }
 }
 
-/// Reports a number outside its range.
+/// Reports a number in `method` that is outside its admissible range.
 pub(super) fn out_of_range(place: &Pointer<'_>, value: f64, range: &str, errors: &mut Errors) {
     let error = SpecificationError::new(place.to_string(), "out_of_range", format!("{value} is out of range"));
     errors.push(error.expected(range));

@@ -4,7 +4,7 @@ use super::wording::abridged;
 use serde::de::{self, Expected, Unexpected};
 use std::fmt::{self, Display, Formatter};
 
-/// One structural error of a document.
+/// A structural error of a document: a value that does not fit the type expected at its place.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(super) enum Mismatch {
     #[error("unknown key `{key}`")]

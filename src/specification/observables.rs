@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use solution::{Argument, Direction, Monitored, ObservableSlopes, Observables};
 use utoipa::ToSchema;
 
-/// Largest number of definitions, integrals and monitors together.
+/// Largest number of definitions, integrals and event functions together.
 const MOST: usize = 10_000;
 
 /// A monitor (event function): where it changes sign, the run ends, or an event is recorded and the run continues.
@@ -51,12 +51,12 @@ pub(super) struct Request<'a> {
     pub differentiated: Option<usize>,
 }
 
-/// Names of the functions that jump.
+/// Names of the functions with jumps (discontinuities).
 const JUMPS: [&str; 6] = ["sign", "heaviside", "floor", "round", "mod", "previous"];
 
 impl Request<'_> {
-    /// Compiles the expressions, which refer to the given outputs by name; `are_inputs` says whether the parameters
-    /// are inputs of the graph, so that they can be bound to other values.
+    /// Compiles the expressions of definitions, integrals and events, which refer to the given outputs by name;
+    /// `are_inputs` says whether the parameters are inputs of the graph, so that they can be bound to other values.
     pub fn lower(
         &self,
         outputs: &[&str],
@@ -96,8 +96,8 @@ impl Request<'_> {
             nodes.push(lowering.node_or_zero(&stop.when, &place.key("when")));
             monitors.push(stop.monitored(&place, &mut lowering.errors));
         }
-        // Reserve the names of integrals only now: integrands and monitors cannot refer to integrals, which have no
-        // value yet when integrands and monitors are evaluated.
+        // Reserve the names of integrals only now: integrands and event functions cannot refer to integrals, which have
+        // no value yet when these are evaluated.
         integrals.iter().for_each(|(name, _)| lowering.keep_name(name, &of_integrals.key(name)));
         if let Some(view) = self.view {
             view.check(&mut lowering);
@@ -160,7 +160,7 @@ impl Request<'_> {
         })
     }
 
-    /// Refuses events that end the run early where the whole run is needed.
+    /// Refuses events that end the run early where the problem or another request needs the whole run.
     pub fn check(&self, model: &dyn Model, (global_error, study, adjoint): (bool, bool, bool), errors: &mut Errors) {
         let Some(i) = self.stop.iter().position(|stop| !stop.record) else { return };
         let why = match model.no_stop() {
@@ -177,8 +177,8 @@ impl Request<'_> {
     }
 }
 
-/// Returns the outputs of the problem that a node depends on. Input 0 of the graph is the time, input `k + 1` is
-/// output `k`.
+/// Returns the outputs of the problem that a node depends on. Input 0 of the expression graph is the time, input
+/// `k + 1` is output `k`.
 pub(super) fn outputs_in(lowering: &Lowering<'_>, node: Node) -> Vec<usize> {
     lowering.graph.inputs(node).into_iter().filter_map(|input| input.checked_sub(1)).collect()
 }
@@ -207,7 +207,7 @@ fn slopes(
             refused.push(Some("its derivative is too long"));
             continue;
         };
-        // Input 0 of the graph is the time.
+        // Input 0 of the expression graph is the time, and input `i + 1` is state `i`.
         let by_states = by_inputs.into_iter().filter(|(input, _)| *input > 0);
         let by_states = by_states.map(|(input, node)| (Argument::State(input - 1), node));
         let by_parameters = by_parameters.into_iter().map(|(parameter, node)| (Argument::Parameter(parameter), node));

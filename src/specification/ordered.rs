@@ -5,7 +5,7 @@ use serde::{Serialize, Serializer};
 use std::fmt;
 use std::marker::PhantomData;
 
-/// The members of an object, in document order.
+/// The members of a JSON object, in document order.
 #[derive(Clone, Debug)]
 pub struct Ordered<T>(Vec<(String, T)>);
 
@@ -16,27 +16,27 @@ impl<T> Default for Ordered<T> {
 }
 
 impl<T> Ordered<T> {
-    /// The number of members of the object.
+    /// The number of members of the JSON object.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether the object has no members.
+    /// Whether the JSON object has no members.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The members of the object, in document order.
+    /// The members of the JSON object, in document order.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &T)> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// The name of the member at a position, or an empty string beyond the last.
+    /// The name of the member at a position in the object, or an empty string beyond the last.
     pub fn name(&self, position: usize) -> &str {
         self.0.get(position).map_or("", |(name, _)| name)
     }
 
-    /// The names of the members, in document order.
+    /// The names of the members of the object, in document order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.iter().map(|(name, _)| name.as_str())
     }

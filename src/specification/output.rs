@@ -29,10 +29,10 @@ pub struct Output {
     pub global_error: bool,
 }
 
-/// The name that stands for the default fields.
+/// The name in the list of output fields that stands for the fields that are kept by default.
 const ALL: &str = "*";
 
-/// Largest number of output times.
+/// Largest number of output times of a trajectory.
 pub(super) const MOST_TIMES: usize = 2_000_000;
 
 impl Output {
@@ -66,7 +66,7 @@ impl Output {
                     too_many(&place, intervals, errors);
                     return None;
                 }
-                // Drop a last interval that is zero up to rounding.
+                // Drop a last interval between output times that is zero up to rounding.
                 let whole = (intervals * (1.0 - 4.0 * f64::EPSILON)).floor() as usize;
                 Some((0..=whole).map(|k| start + k as f64 * dt).chain([end]).collect())
             }
@@ -77,13 +77,14 @@ impl Output {
         }
     }
 
-    /// Returns the indices of the columns to keep.
+    /// Returns the indices of the columns of the trajectory to keep.
     pub(super) fn fields(&self, columns: &Columns<'_>, place: &Pointer<'_>, errors: &mut Errors) -> Vec<usize> {
         let Some(fields) = &self.fields else { return columns.kept() };
         let place = place.key("fields");
         let names = || columns.names();
         let positions: HashMap<&str, usize> = names().zip(0..).collect();
-        // Names that occur twice among the columns are reported elsewhere, and each still has a column.
+        // Names that occur twice among the columns of the trajectory are reported elsewhere, and each still has a
+        // column.
         let mut taken = vec![false; names().count()];
         let mut kept = Vec::with_capacity(fields.len());
         for (i, field) in fields.iter().enumerate() {
@@ -118,11 +119,11 @@ impl Output {
 pub(super) struct Columns<'a> {
     /// Names of the outputs of the problem.
     pub outputs: &'a [&'a str],
-    /// Range of the outputs that are kept by default.
+    /// Range of the outputs of the problem that are kept by default.
     pub default: Range<usize>,
     /// User-defined columns (definitions and integrals), of which integrals are kept by default.
     pub observables: &'a Observables,
-    /// Names of the sensitivities, which are kept by default.
+    /// Names of the sensitivity columns, which are kept by default.
     pub derivatives: &'a [String],
 }
 
@@ -132,12 +133,12 @@ impl Columns<'_> {
         self.outputs.iter().copied().chain(further.map(String::as_str))
     }
 
-    /// Returns the names of the columns `fields`.
+    /// Returns the names of the columns of the trajectory with the indices `fields`.
     pub fn named(&self, fields: &[usize]) -> Vec<String> {
         fields.iter().filter_map(|field| self.names().nth(*field)).map(str::to_owned).collect()
     }
 
-    /// Returns the indices of the columns that are kept by default.
+    /// Returns the indices of the columns of the trajectory that are kept by default.
     fn kept(&self) -> Vec<usize> {
         let observables = self.outputs.len() + self.observables.names.len();
         let further = observables - self.observables.integrals..observables + self.derivatives.len();

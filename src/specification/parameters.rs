@@ -17,10 +17,10 @@ pub(super) fn in_order<'a>(
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
     for (i, (name, expression)) in entries.iter().enumerate() {
-        // An entry that is an expression has no value yet: its value is known only once the entries have been
+        // A parameter or definition that is an expression has no value yet: its value is known only once all are
         // ordered.
         let node = graph.parameter(i, if let Expression::Number(value) = expression { *value } else { f64::NAN });
-        // A name that cannot be bound is reported later, when the value of the entry is read.
+        // A faulty name of a parameter or definition is reported later, when its value is read.
         let _ = scope.bind(name, node);
     }
     for (i, name) in known.names().enumerate() {

@@ -16,11 +16,12 @@ pub(super) const MOST_VALUES: usize = 1 << 25;
 pub(super) const VI_TOLERANCE: f64 = 1e-10;
 /// Admissible deviation of an interpolant from the run, as a fraction of the relative tolerance.
 const INTERPOLANT: f64 = 1e-2;
-/// Default number of time-stepping steps over the horizon.
+/// Default number of fixed steps of time stepping over the horizon.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
-    /// Returns the plan of the run: what to integrate and what to keep.
+    /// Returns the plan of the run: its initial values, time horizon, output times and columns, sensitivities and
+    /// limits.
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
@@ -42,14 +43,15 @@ impl Specification {
         }
     }
 
-    /// Returns the admissible deviation of interpolants from the run, if interpolants are requested and possible.
+    /// Returns the admissible deviation of interpolants of the output fields from the run, if interpolants are
+    /// requested and possible.
     fn interpolants(&self) -> Option<f64> {
         let is_run = self.search().is_none() && self.sweep().is_none() && self.sensitivities().is_none();
         let is_asked = self.keeps_interpolants && is_run && self.observables().integrals == 0;
         is_asked.then(|| if self.method().step.is_some() { 0.0 } else { INTERPOLANT * self.method().rtol })
     }
 
-    /// Returns the settings of Radau IIA.
+    /// Returns the settings of a Radau IIA run.
     pub fn settings(&self) -> Settings {
         let method = self.method();
         let is_inside = |t: f64| t > self.time().start && t < self.time().end;
@@ -87,7 +89,7 @@ impl Specification {
         objective.is_some_and(|objective| objective.observables.integrals > 0)
     }
 
-    /// Returns the settings for obstacle problems.
+    /// Returns the settings of the solver of obstacle problems.
     pub fn obstacle_settings(&self) -> obstacle::Settings {
         let method = self.method();
         obstacle::Settings {
@@ -116,7 +118,7 @@ impl Specification {
     }
 }
 
-/// Returns the solver of the given name.
+/// Returns the solver of variational inequalities with the given name.
 pub(super) fn solver(name: ViSolverName) -> SolverKind {
     match name {
         ViSolverName::Auto => SolverKind::Auto,

@@ -2,10 +2,10 @@
 
 use std::fmt::{self, Display, Formatter, Write};
 
-/// A path from the root that borrows its steps, so that it costs nothing until it is formatted.
+/// A path from the root of a JSON document that borrows its steps, so that it costs nothing until it is formatted.
 #[derive(Clone, Copy, Debug)]
 pub enum Pointer<'a> {
-    /// The root, that is the document itself.
+    /// The root of the path, the document itself.
     Root,
     /// The member with the given name, in the object at the parent pointer.
     Key(&'a Pointer<'a>, &'a str),
@@ -39,12 +39,12 @@ impl Display for Pointer<'_> {
     }
 }
 
-/// One owned step of a path in a document.
+/// One step of a path in a document, which owns its key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Descend to the member with the given name.
+    /// Step to the member of an object with the given name.
     Key(String),
-    /// Descend to the element at the given index.
+    /// Step to the element of a list at the given index.
     Index(usize),
 }
 

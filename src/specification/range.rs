@@ -5,12 +5,12 @@ use super::expression::Expression;
 use super::lowering::Lowering;
 use super::pointer::Pointer;
 
-/// Reads a positive number; reports any other number and returns 1.
+/// Evaluates a constant expression that must be a positive number; reports any other number and returns 1.
 pub(super) fn positive(value: &Expression, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     in_range(value, what, (|x| x > 0.0, "above 0"), place, lowering).unwrap_or(1.0)
 }
 
-/// Reads a number in a range; reports any other number.
+/// Evaluates a constant expression that must be in a range; reports a number outside the range.
 pub(super) fn in_range(
     value: &Expression,
     what: &str,

@@ -17,13 +17,14 @@ use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
 use std::sync::Arc;
 
-/// Largest number of bytes deserialised in all during repairs, which bounds the time for a large faulty document.
+/// Largest number of bytes deserialised in all while a document is repaired, which bounds the time for a large faulty
+/// document.
 const WORK: usize = 64 << 20;
 
 /// The byte order mark that some editors write before UTF-8 text.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A deserialised document, possibly repaired.
+/// A specification document after deserialisation, possibly repaired.
 #[derive(Debug)]
 pub(super) struct Reading {
     pub document: Document,
@@ -84,7 +85,7 @@ pub(super) fn read_tree(
     let prepared = Prepared { targets, source };
     let mut repairs = Repairs::default();
     for _ in 0..(WORK / bytes.max(1)).clamp(4, 256) {
-        // Tracking the path of an error costs time, so it is done only after an error.
+        // Tracking the path of an error in the document costs time, so it is done only after an error.
         if let Ok(document) = Document::deserialize(&json) {
             return Ok(Reading { document, repairs, errors, vectors, prepared, digest: None });
         }
@@ -113,7 +114,7 @@ fn rename_until(json: &mut Json, errors: &mut Errors) {
     }
 }
 
-/// Parses JSON text; an error names line and column, and the path reached.
+/// Parses the JSON text of a document; an error names line and column, and the path reached.
 fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
     serde_json::from_slice(text).map_err(|error| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
@@ -125,13 +126,14 @@ fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
     })
 }
 
-/// Converts serde's path to steps. Serde enters an externally tagged choice by variant, the document by key.
+/// Converts serde's path in a document to steps. Serde enters an externally tagged choice by variant, the document by
+/// key.
 fn steps(path: &Path, json: &Json) -> Vec<Step> {
     let mut at = Some(json);
     let mut steps = Vec::new();
     for segment in path.iter() {
         let step = match segment {
-            // A single value in place of a list of one element has no index in the document.
+            // A single value that stands for a list of one element has no index in the document.
             Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => {
                 continue;
             }

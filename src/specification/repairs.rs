@@ -10,38 +10,39 @@ use super::shapes;
 use super::wording::{abridged, listed};
 use expression::nearest;
 
-/// A place in the document whose content has been replaced.
+/// A place in the document whose content has been replaced to continue the check after an error.
 #[derive(Debug)]
 struct Repair {
     path: Vec<Step>,
     pointer: String,
-    /// Number of replacement values tried; the last one is in place.
+    /// Number of replacement values tried at the place; the last one is in the document.
     tried: usize,
-    /// Whether the replacement is zero or null, so that the repair changes one value, and no list or object.
+    /// Whether the replacement value is zero or null, so that the repair changes one value, and no list or object.
     plain: bool,
 }
 
-/// The repaired places of a document.
+/// The places of a document whose content has been replaced after structural errors.
 #[derive(Debug, Default)]
 pub(super) struct Repairs(Vec<Repair>);
 
 impl Repairs {
-    /// Whether an error at `pointer` may be the consequence of a repair.
+    /// Whether an error at the JSON pointer `pointer` may be the consequence of a repair.
     pub(super) fn explain(&self, pointer: &str) -> bool {
         self.0.iter().any(|repair| within(pointer, &repair.pointer) || within(&repair.pointer, pointer))
     }
 
-    /// Whether anything at or below `pointer` has been repaired.
+    /// Whether anything at or below the JSON pointer `pointer` has been repaired.
     pub(super) fn touch(&self, pointer: &str) -> bool {
         self.0.iter().any(|repair| within(&repair.pointer, pointer))
     }
 
-    /// Whether a repair at or below `pointer` changed more than one value.
+    /// Whether a repair at or below the JSON pointer `pointer` changed more than one value.
     pub(super) fn reshape(&self, pointer: &str) -> bool {
         self.0.iter().any(|repair| !repair.plain && within(&repair.pointer, pointer))
     }
 
-    /// Reports a mismatch at `path` and repairs it. Returns false if no replacement fits.
+    /// Reports a structural error (`mismatch`) of the document at `path` and repairs it. Returns false if no
+    /// replacement fits.
     pub(super) fn mend(&mut self, json: &mut Json, path: Vec<Step>, mismatch: Mismatch, errors: &mut Errors) -> bool {
         match mismatch {
             Mismatch::UnknownKey { key, valid } => self.unknown_key(json, path, &key, valid, errors),
@@ -96,7 +97,7 @@ impl Repairs {
             );
         }
         match free {
-            // Continue with the corrected spelling: the contents are the user's, and so are errors in them.
+            // Continue with the corrected spelling of the key: its contents are the user's, and so are errors in them.
             Some(name) => members[position].0 = name.into(),
             None => {
                 members.remove(position);
@@ -180,7 +181,7 @@ impl Repairs {
         let Some(value) = json.at_mut(&path) else { return false };
         let repair = self.record(path, true);
         // Do not replace a list by a number or a text, which would count as a list of one element: later checks would
-        // report that length, which is not the user's.
+        // report its length, which is not that of the user's list.
         let stand_ins: Vec<&Json> = match is_list {
             true => stand_ins.iter().filter(|stand_in| !matches!(stand_in, Json::Number(_) | Json::Text(_))).collect(),
             false => stand_ins.iter().collect(),
@@ -192,7 +193,7 @@ impl Repairs {
         true
     }
 
-    /// Whether `path` lies within a replaced part of the document.
+    /// Whether `path` lies within a part of the document that a repair has replaced.
     fn covers(&self, path: &[Step]) -> bool {
         self.0.iter().any(|repair| path.starts_with(&repair.path))
     }
@@ -206,7 +207,7 @@ impl Repairs {
     }
 }
 
-/// Whether `pointer` is `ancestor` or lies below it.
+/// Whether the JSON pointer `pointer` equals `ancestor` or lies below it.
 fn within(pointer: &str, ancestor: &str) -> bool {
     pointer.strip_prefix(ancestor).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
@@ -215,7 +216,7 @@ fn is_tagged(json: &mut Json) -> bool {
     matches!(json, Json::Object(_))
 }
 
-/// Replacement values, one of each type that a document may require, simplest first.
+/// Returns replacement values for a faulty value, one of each type that a document may require, simplest first.
 fn stand_ins() -> Vec<Json> {
     let zero = || Json::Number(0.into());
     vec![
@@ -229,7 +230,8 @@ fn stand_ins() -> Vec<Json> {
     ]
 }
 
-/// Returns a replacement for a choice among `valid`. With null as its contents it also fits a plain keyword.
+/// Returns a replacement for a faulty choice among the keywords `valid`. With null as its contents it also fits a plain
+/// keyword.
 fn choice(valid: &[&str]) -> Vec<Json> {
     valid.first().map(|name| Json::Object(vec![((*name).into(), Json::Null)])).into_iter().collect()
 }

@@ -33,8 +33,8 @@ fn allow_until(schema: &mut Value) {
     time.insert("oneOf".into(), json!([{"required": ["end"]}, {"required": ["until"]}]));
 }
 
-/// Rewrites references, which point into the service's `OpenAPI` document, to the definitions of the schema itself.
-/// Closes every object with a list of keys, externally tagged choices included, to keys other than a comment.
+/// Rewrites references, which point into the service's `OpenAPI` document, to the definitions of the JSON Schema
+/// itself. Closes every object with a list of keys, externally tagged choices included, to keys other than a comment.
 fn finish(schema: &mut Value) {
     match schema {
         Value::Object(members) => {

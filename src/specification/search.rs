@@ -55,9 +55,9 @@ pub struct ContinueRequest {
 /// The period of an orbit: given by the forcing of the problem, or unknown.
 #[derive(Clone, Debug)]
 pub enum Period {
-    /// A given period: a number, or an expression in parameters.
+    /// A given period of the orbit: a number, or an expression in parameters.
     Given(Expression),
-    /// The unknown period of an autonomous problem.
+    /// The unknown period of an orbit of an autonomous problem.
     Free(FreePeriod),
 }
 
@@ -81,16 +81,16 @@ pub struct SteadyStateRequest {
     pub branch: Option<ContinueRequest>,
 }
 
-/// What is computed in place of a run over the horizon.
+/// A search that is computed in place of a run over the time horizon.
 #[derive(Clone, Debug)]
 pub enum Search {
     /// A periodic orbit, with the compiled expression of the period if the period depends on parameters.
     Periodic(Periodic, Option<Tape>),
-    /// A steady state in place of a run.
+    /// A steady state of the problem.
     SteadyState,
-    /// A branch of periodic orbits or steady states.
+    /// A branch of periodic orbits or steady states, continued in a parameter.
     Branch(Arc<BranchPlan>),
-    /// Parameters that are fitted to data.
+    /// Parameters of the problem that are fitted to data.
     Fit(Arc<Fit>),
 }
 
@@ -105,13 +105,13 @@ impl Search {
     }
 }
 
-/// The keys `periodic` and `steady_state` of the document, before they are checked.
+/// The requests for a search in the document (`periodic` and `steady_state`), before they are checked.
 pub(super) struct Request<'a> {
     pub periodic: Option<&'a PeriodicRequest>,
     pub steady_state: Option<&'a SteadyStateRequest>,
 }
 
-/// Default (`POINTS`) and largest (`MOST_POINTS`) number of points of a branch.
+/// Default (`POINTS`) and largest (`MOST_POINTS`) number of points of a branch of orbits or steady states.
 const POINTS: u32 = 200;
 const MOST_POINTS: u32 = 10_000;
 
@@ -124,7 +124,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns the key of the search in the document, if there is one.
+    /// Returns the key of the requested search in the document, if there is one.
     pub fn key(&self) -> Option<&'static str> {
         match (self.periodic, self.steady_state) {
             (Some(_), _) => Some("periodic"),

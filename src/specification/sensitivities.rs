@@ -18,10 +18,10 @@ use utoipa::ToSchema;
 /// Largest number of unknowns of a differentiated problem: the sensitivity equations of all stages form one dense
 /// matrix.
 const MOST_UNKNOWNS: usize = 100;
-/// Largest number of sensitivity columns.
+/// Largest number of sensitivity columns of a trajectory.
 const MOST_COLUMNS: usize = 10_000;
 
-/// Suffix to the name of a state that denotes its initial value.
+/// Suffix to the name of a state; the name with it denotes the initial value of the state.
 pub(super) const INITIAL: &str = ".initial";
 
 choices! {
@@ -49,7 +49,7 @@ pub enum Objective {
 }
 
 impl Objective {
-    /// Returns the expression of the objective, with its key.
+    /// Returns the expression of the objective whose gradient is requested, with its key.
     pub(super) fn expression(&self) -> (&'static str, &Expression) {
         match self {
             Self::Final(expression) => ("final", expression),
@@ -77,7 +77,7 @@ pub struct SensitivitiesRequest {
 }
 
 impl SensitivitiesRequest {
-    /// Checks the request for sensitivities of a model.
+    /// Checks the request for sensitivities of a model, that is, for derivatives of its outputs.
     pub(super) fn check(
         &self,
         (model, observables, method): (&dyn Model, &Observables, &Method),
@@ -161,7 +161,7 @@ impl SensitivitiesRequest {
             let objective = Some(Arc::new(solution::Objective { observables }));
             return Some(Sensitivities { by, to, of: vec![outputs], names: Vec::new(), objective });
         }
-        // The columns of definitions and integrals follow those of all outputs.
+        // The columns of definitions and integrals follow those of all outputs of the problem.
         let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
         Some(Sensitivities { by, to, of, names, objective: None })
     }
@@ -273,7 +273,7 @@ pub(super) fn differentiable<'m>(
     Some(dvi)
 }
 
-/// Returns the indices of the names `asked` in a list of known names.
+/// Returns the indices of the requested names `asked` in a list of known names.
 fn places<'a>(
     asked: &[String],
     known: impl Iterator<Item = &'a String> + Clone,

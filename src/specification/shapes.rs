@@ -4,7 +4,7 @@ use super::json::Json;
 use super::pointer::Step;
 use super::wording::{abridged, quoted};
 
-/// Examples of valid values, by the key of the value.
+/// Examples of valid values for messages, by the key of the value.
 const EXAMPLES: [(&str, &str); 40] = [
     ("problem", r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}"#),
     ("time", r#"{"end": 10}"#),
@@ -48,7 +48,7 @@ const EXAMPLES: [(&str, &str); 40] = [
     ("regions", r#"[{"indicator": "x", "rates": {"x": "-1"}}]"#),
 ];
 
-/// The kinds of circuit components.
+/// The kinds of components of a circuit.
 const KINDS_OF_COMPONENTS: [&str; 11] = [
     "resistor",
     "capacitor",
@@ -63,7 +63,8 @@ const KINDS_OF_COMPONENTS: [&str; 11] = [
     "comparator",
 ];
 
-/// Suggests what to write for `found` at the end of a path, where `expected` is required.
+/// Suggests what to write in place of the value `found` at the end of a path in the document, where `expected` is
+/// required.
 pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<String> {
     let key = path.iter().rev().find_map(|step| if let Step::Key(key) = step { Some(key.as_str()) } else { None });
     let parent =
@@ -167,7 +168,7 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
     }
 }
 
-/// Returns the ranges of the indices of a list of values, or of rows of equal length, as text.
+/// Returns as text the ranges of the indices of a list of values, or of a list of rows of equal length.
 fn ranges(items: &[Json]) -> Option<String> {
     let lengths = items.iter().map(|item| if let Json::List(row) = item { Some(row.len()) } else { None });
     let lengths: Vec<Option<usize>> = lengths.collect();
@@ -179,12 +180,12 @@ fn ranges(items: &[Json]) -> Option<String> {
     lengths.iter().all(|length| *length == first).then_some(range)
 }
 
-/// Whether an object has members, and all of them are objects.
+/// Whether a JSON object has members, and all of them are objects.
 fn is_of_objects(members: &[(String, Json)]) -> bool {
     !members.is_empty() && members.iter().all(|(_, value)| matches!(value, Json::Object(_)))
 }
 
-/// Rewrites an object of objects as a list: each key becomes the name of its entry, or its kind.
+/// Rewrites a JSON object of objects as a list: each key becomes the name of its entry, or its kind.
 fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
     let is_kind = |name: &str| match key {
         "components" => KINDS_OF_COMPONENTS.contains(&name),
@@ -212,7 +213,7 @@ fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
     format!("[{}]", entries.join(", "))
 }
 
-/// Returns the first list of names in an object.
+/// Returns the first list of names in a JSON object.
 fn names_in(members: &[(String, Json)]) -> Option<&Json> {
     members.iter().map(|(_, value)| value).find(|value| match value {
         Json::List(items) => !items.is_empty() && items.iter().all(|item| matches!(item, Json::Text(_))),
@@ -220,7 +221,7 @@ fn names_in(members: &[(String, Json)]) -> Option<&Json> {
     })
 }
 
-/// Suggests how to write a choice with contents, if only its name is given.
+/// Suggests how to write a choice that needs contents, such as a set or a component, if only its name is given.
 pub(super) fn alone(name: &Json) -> String {
     let of_names = ["free", "nonnegative", "nonpositive", "second_order_cone", "simplex"];
     match name {
@@ -229,7 +230,7 @@ pub(super) fn alone(name: &Json) -> String {
     }
 }
 
-/// Suggests how to write a choice, if the value is not an object with one key.
+/// Suggests how to write a choice with contents, if the value `found` is not an object with one key.
 pub(super) fn choice(found: &Json, valid: &[&'static str]) -> Option<String> {
     let is_valid = |name: &&&'static str, text: &str| **name == text;
     let named = match found {

@@ -10,7 +10,7 @@ use std::borrow::Cow;
 pub fn document(text: &[u8]) -> Cow<'_, [u8]> {
     let Some(deck) = deck(text) else { return Cow::Borrowed(text) };
     let mut document = Map::new();
-    // Errors in the netlist are reported when the document is read as a specification.
+    // Errors in the netlist of the deck are reported when the document is read as a specification.
     if let Ok(netlist) = netlist::read(deck) {
         if let Some(title) = netlist.title.filter(|title| !title.is_empty()) {
             document.insert("label".to_owned(), json!(title.chars().take(LONGEST).collect::<String>()));

@@ -10,10 +10,10 @@ use utoipa::{PartialSchema, ToSchema};
 /// The number of stages of a Radau IIA method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stages {
-    /// A number of stages that is chosen and adapted during the solve.
+    /// A number of stages that is chosen and adapted to the solution during the solve.
     #[default]
     Auto,
-    /// A fixed number of stages, 1 to 9.
+    /// A fixed number of stages of the Radau IIA method, 1 to 9.
     Fixed(u64),
 }
 

@@ -1,4 +1,4 @@
-//! Evaluation of a problem at its start, which reveals initial values outside the domain of the equations.
+//! Evaluation of the equations of a problem at the start time, which reveals initial values outside their domain.
 
 use super::error::{Errors, SpecificationError};
 use super::wording::abridged;

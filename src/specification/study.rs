@@ -1,4 +1,5 @@
-//! A study of error against run time: the same problem at a ladder of tolerances or step sizes, and numbers of stages.
+//! A study of error against run time (work-precision study): one problem at a series of tolerances or step sizes, and
+//! numbers of stages.
 
 use super::checked::Specification;
 use super::document::Time;
@@ -41,44 +42,45 @@ fn default_repeats() -> u64 {
     3
 }
 
-/// Largest number of runs of a study, not counting repeats.
+/// Largest number of runs of a work-precision study, not counting repeats.
 const MOST_RUNS: usize = 64;
-/// Largest number of solves per run of a study.
+/// Largest number of repeated solves per run of a work-precision study.
 const MOST_REPEATS: u64 = 25;
 
-/// The setting that controls the accuracy of a run.
+/// The setting that controls the accuracy of a run of a study: tolerance or step size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rung {
-    /// A relative tolerance, with adaptive steps.
+    /// A relative tolerance of the run, which adapts its steps.
     Tolerance(f64),
-    /// A fixed step size.
+    /// A fixed step size of the run.
     Step(f64),
 }
 
-/// A study that has passed every check.
+/// A work-precision study that has passed every check.
 #[derive(Clone, Debug)]
 pub struct StudyPlan {
     /// The tolerances or step sizes of the runs, in the order of the document.
     pub rungs: Vec<Rung>,
-    /// The numbers of Radau IIA stages of the runs.
+    /// The numbers of Radau IIA stages of the runs of the study.
     pub stages: Vec<Stages>,
-    /// Number of solves per run, whose median is the run time.
+    /// Number of solves per run, of whose times the median is the run time.
     pub repeats: usize,
-    /// The exact solution, if the user gives one.
+    /// The exact solution that errors are measured against, if the user gives one.
     pub exact: Option<Exact>,
 }
 
-/// Exact values of some outputs, known at any time.
+/// Exact values of some outputs of the problem, known at any time.
 #[derive(Clone, Debug)]
 pub struct Exact {
-    /// Indices of the outputs with known values.
+    /// Indices of the outputs whose exact values are known.
     pub fields: Vec<usize>,
-    /// One value for each of `fields`, as a function of time alone.
+    /// Exact value of each of `fields`, as a function of time alone.
     pub values: Tape,
 }
 
 impl StudyRequest {
-    /// Checks a study of a model; `named` are the named quantities of the problem, whose pointer is `problem`.
+    /// Checks a work-precision study of a model; `named` are the named quantities of the problem, whose pointer is
+    /// `problem`.
     pub(super) fn check(
         &self,
         (model, method, time): (&dyn Model, &Method, Time),
@@ -168,7 +170,7 @@ fn check_exact(
     place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Exact {
-    // Errors in the parameters are reported when the problem is translated to its model.
+    // Errors in the parameters of the problem are reported when it is translated to its model.
     let control = Control::new();
     let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[], varied: &[] }, named, problem);
     lowering.errors = Errors::default();
@@ -194,8 +196,8 @@ fn check_exact(
 }
 
 impl Specification {
-    /// Returns this specification with another tolerance or step size and number of stages, and with output of the
-    /// columns `fields` at `times`.
+    /// Returns this specification with the tolerance or step size `rung` and the number of stages `stages`, and with
+    /// output of the columns `fields` at `times`.
     pub fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
         let mut variant = self.clone();
         let method = &mut variant.method;

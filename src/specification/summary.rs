@@ -6,39 +6,39 @@ use analysis::Analysis;
 use serde::Serialize;
 use solution::{Warning, uniqueness_caveat};
 
-/// Sizes, structural analysis, and the parts that a solve would build.
+/// The summary of a specification: sizes, structural analysis, and the parts of the solver that a solve would build.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// The user's label of the specification.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label: Option<String>,
-    /// The number of states.
+    /// The number of states of the problem.
     pub states: usize,
     /// The number of variables of the variational inequality.
     pub variables: usize,
-    /// The number of bounds that vary with time or states.
+    /// The number of bounds of variables that vary with time or states.
     pub moving_bounds: usize,
-    /// The number of structural nonzeros of the Jacobian.
+    /// The number of structural nonzeros of the Jacobian of the equations.
     pub jacobian_nonzeros: usize,
-    /// Whether the Jacobian is constant.
+    /// Whether the Jacobian of the equations is constant.
     pub constant_jacobian: bool,
     /// Estimated memory of a solve in bytes, as far as it is known in advance.
     pub memory_bytes: usize,
-    /// Index and uniqueness at the start, with the reasons.
+    /// Index of the problem and uniqueness of its solution at the start, with the reasons.
     #[serde(flatten)]
     pub analysis: Analysis,
-    /// The method that a solve would use.
+    /// The numerical method that a solve would use.
     pub method: &'static str,
     /// The parts of the solver that a solve would build.
     pub built: Vec<&'static str>,
     /// The parts of the solver that are not built because the problem does not need them, each with the reason.
     pub left_out: Vec<String>,
-    /// Warnings for the user.
+    /// Warnings about the specification for the user.
     pub warnings: Vec<Warning>,
 }
 
 impl Specification {
-    /// Summarises the specification.
+    /// Summarises the specification without a solve.
     pub fn summary(&self) -> Summary {
         let model = self.model();
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = model.sizes();

@@ -38,7 +38,7 @@ pub enum InterpolationName {
 }
 
 impl TableOfPoints {
-    /// Builds the table, if its points are valid.
+    /// Builds the tabulated function, if its points are valid.
     pub(super) fn table(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Table> {
         let interpolation = match self.interpolation {
             InterpolationName::Linear => Interpolation::Linear,

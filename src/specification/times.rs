@@ -10,14 +10,14 @@ use utoipa::{PartialSchema, ToSchema};
 /// The output times of a trajectory.
 #[derive(Clone, Debug, Default)]
 pub enum Times {
-    /// Output at the end of every step.
+    /// Output at the end of every accepted step.
     #[default]
     Steps,
-    /// Output at a number of equally spaced times, including start and end.
+    /// Output at a number of equally spaced times, including start and end of the horizon.
     Count(u64),
-    /// Output at multiples of an interval from the start, and at the end.
+    /// Output at multiples of an interval from the start, and at the end of the horizon.
     Every(f64),
-    /// Output at a list of times.
+    /// Output at the times of a list.
     List(Vec<f64>),
 }
 

@@ -17,13 +17,13 @@ use utoipa::{PartialSchema, ToSchema};
 /// Absolute tolerances of the states.
 #[derive(Clone, Debug)]
 pub enum AbsoluteTolerance {
-    /// One tolerance for every state.
+    /// One absolute tolerance for every state.
     Uniform(f64),
-    /// Tolerances by the name of the state.
+    /// Absolute tolerances by the name of the state.
     PerState(Ordered<f64>),
 }
 
-/// Default absolute tolerance, as a fraction of `rtol`.
+/// Default absolute tolerance of a state, as a fraction of the relative tolerance `rtol`.
 const FRACTION_OF_RTOL: f64 = 1e-3;
 
 impl Method {

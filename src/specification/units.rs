@@ -51,7 +51,7 @@ pub(super) fn of_time(problem: &str) -> Option<&'static str> {
     matches!(problem, "circuit" | "rigid_bodies").then_some("s")
 }
 
-/// Returns the unit of an output of a type of problem, if it is known.
+/// Returns the SI unit of an output of a type of problem, if it is known.
 pub(super) fn of_output(problem: &str, output: &str) -> Option<&'static str> {
     let find = |of: &[(&str, &'static str)], is: fn(&str, &str) -> bool| {
         of.iter().find(|(part, _)| is(output, part)).map(|(_, unit)| *unit)

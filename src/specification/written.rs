@@ -11,13 +11,13 @@ pub(super) type Lowered<'c> = (Lowering<'c>, Option<Arc<dyn Model>>);
 
 /// A problem as the user writes it.
 pub(super) trait Written {
-    /// The key of the problem type.
+    /// The key of the problem type in a document, such as `dvi`.
     fn key(&self) -> &'static str;
 
     /// The named quantities: parameters and tables for expressions, definitions and integrals as further columns.
     fn named(&self) -> Named<'_>;
 
-    /// Approximate number of declared states and variables.
+    /// Approximate number of states and variables that the problem declares.
     fn unknowns(&self) -> usize;
 
     /// Estimated time to check the problem, beyond what the length of the text accounts for, in nanoseconds as
@@ -26,7 +26,7 @@ pub(super) trait Written {
         0
     }
 
-    /// Whether the problem is static, without time.
+    /// Whether the problem is a static variational inequality, without time.
     fn is_static(&self) -> bool {
         false
     }

@@ -15,12 +15,12 @@ use serde_json::json;
 use solution::Status;
 use specification::Specification;
 
-/// Coefficients `k` of the cubic damping and `w` of the rotation in the test problem.
+/// Coefficients `k` of the cubic damping and `w` of the rotation in the test problem for contraction.
 const DAMPING: f64 = 2.0;
 const ROTATION: f64 = 10.0;
-/// Step sizes, from small to large relative to the time scales of damping and rotation.
+/// Step sizes of the runs, from small to large relative to the time scales of damping and rotation.
 const STEPS: [f64; 4] = [1e-3, 1e-2, 0.1, 1.0];
-/// Number of steps of a run.
+/// Number of steps of a run of the test problem.
 const COUNT: f64 = 50.0;
 /// Pairs of initial values `(x, y)`, from which two solutions are compared.
 const PAIRS: [[(f64, f64); 2]; 6] = [
@@ -35,13 +35,14 @@ const PAIRS: [[(f64, f64); 2]; 6] = [
 /// The behaviour of pairs of solutions for one number of stages and one step size.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Contraction {
-    /// The number of Radau IIA stages.
+    /// The number of Radau IIA stages of the method.
     pub stages: usize,
     /// The step size of the two solutions.
     pub step: f64,
-    /// Largest growth of a distance in a step, relative to the initial distance; zero for a B-stable method.
+    /// Largest growth of the distance between two solutions in a step, relative to their initial distance; zero for a
+    /// B-stable method.
     pub growth: f64,
-    /// Number of pairs with a run that did not reach its end, because Newton's method failed at a stage.
+    /// Number of pairs of solutions with a run that did not reach its end, because Newton's method failed at a stage.
     pub failures: usize,
 }
 
@@ -90,8 +91,8 @@ mod tests {
     fn no_step_brings_two_solutions_apart() {
         for found in contractions() {
             assert!(found.growth < 1e-12, "{found:?}");
-            // Far from the solution, Newton's method may fail at a stage of a large step, and a fixed step cannot be
-            // reduced.
+            // Far from the solution, Newton's method may fail at a stage of a large step, and a fixed step size cannot
+            // be reduced.
             assert!(found.failures == 0 || found.step == 1.0, "{found:?}");
         }
     }

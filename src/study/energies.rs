@@ -7,30 +7,30 @@ use solution::Status;
 use specification::{By, EXAMPLES, Rung, Specification};
 use std::time::{Duration, Instant};
 
-/// Relative tolerances of the adaptive runs.
+/// Relative tolerances of the runs with adaptive steps.
 const TOLERANCES: [f64; 2] = [1e-5, 1e-8];
-/// Numbers of fixed steps over the horizon.
+/// Numbers of fixed steps over the horizon, of the runs with fixed steps.
 const STEPS: [f64; 2] = [1e3, 1e4];
-/// Time limit of one run.
+/// Time limit of one run, whose energy balance is measured.
 const LONGEST: Duration = Duration::from_secs(5);
 
 /// The energy balance of one run.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Balance {
-    /// The name of the example.
+    /// The name of the example system.
     pub name: String,
-    /// The tolerance or step size of the run, in words.
+    /// The tolerance or step size of the run, as text.
     pub how: String,
-    /// The status of the run.
+    /// The status of the run: completed, stopped or failed.
     pub status: Status,
-    /// The largest defect of the balance, relative to the largest of the energies at the ends of the run and the work
-    /// of the forces.
+    /// The largest defect of the energy balance, relative to the largest of the energies at the ends of the run and the
+    /// work of the forces.
     pub defect: f64,
     /// The largest energy gain of a step in impacts, relative to the largest kinetic energy.
     pub gain_in_impacts: f64,
 }
 
-/// Runs every example that has an energy balance.
+/// Returns the energy balances of runs of every example that has one.
 pub fn balances() -> Vec<Balance> {
     EXAMPLES.iter().flat_map(|example| of_example(example.name, example.text)).collect()
 }
@@ -45,7 +45,7 @@ fn of_example(name: &str, text: &str) -> Vec<Balance> {
     rungs.map_while(|rung| balance(name, &specification, rung)).collect()
 }
 
-/// Returns the energy balance of one run; `None` if the problem has none.
+/// Returns the energy balance of one run at the accuracy setting `rung`; `None` if the problem has none.
 fn balance(name: &str, specification: &Specification, rung: Rung) -> Option<Balance> {
     let end = specification.time().end;
     let variant = specification.variant(rung, specification.method().stages, vec![end], Vec::new());

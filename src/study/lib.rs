@@ -21,7 +21,7 @@ use solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
 use solve::solve_once;
 use specification::{By, Exact, Model, Rung, Specification, Stages, StudyPlan};
 
-/// Default number of times at which errors are measured.
+/// Default number of times at which errors of a study are measured.
 const TIMES: usize = 33;
 
 /// Runs longer than this many seconds are not repeated, since their times hardly vary.
@@ -31,12 +31,12 @@ const LONG: f64 = 1.0;
 const TIGHTER: f64 = 100.0;
 /// Smallest relative tolerance of a reference run: below it, rounding dominates.
 const LEAST_RTOL: f64 = 1e-13;
-/// Relative tolerance of the reference run for runs with fixed steps.
+/// Relative tolerance of the reference run for a study of runs with fixed steps.
 const REFERENCE_RTOL: f64 = 1e-12;
 /// Ratio of the finest step size of a study to the step size of a reference run with fixed steps.
 const FINER: f64 = 32.0;
 
-/// Runs a study of error against run time.
+/// Runs a work-precision study: the error of each run against its run time.
 pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control) -> Study {
     let times = times(specification);
     let fields = match &plan.exact {
@@ -83,7 +83,7 @@ pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control)
     Study { reference, series, picture }
 }
 
-/// Returns the output times of the specification, or else equally spaced times, always with the end.
+/// Returns the output times of the specification, or else equally spaced times, always with the end of the horizon.
 fn times(specification: &Specification) -> Vec<f64> {
     let time = specification.time();
     let mut times = match specification.output_times() {
@@ -96,7 +96,7 @@ fn times(specification: &Specification) -> Vec<f64> {
     times
 }
 
-/// Returns the accuracy setting of the reference run, finer than all others, and its description.
+/// Returns the accuracy setting of the reference run, finer than all others in the study, and its description.
 fn reference(model: &dyn Model, rungs: &[Rung]) -> (Rung, String) {
     let finest = rungs.iter().fold(f64::INFINITY, |finest, rung| match rung {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
@@ -125,7 +125,7 @@ fn columns(trajectory: &Trajectory) -> Vec<Vec<f64>> {
 }
 
 /// Solves `repeats` times, or once if the first solve fails or takes longer than `LONG` seconds. Returns the first
-/// solution, and its run with the median of the times.
+/// solution, and its run in the study with the median of the run times.
 fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun) {
     let first = solve();
     let mut times = vec![first.diagnostics.wall_seconds];
@@ -147,11 +147,11 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
     (first, run)
 }
 
-/// Size of a column, relative to the largest column, below which the column counts as zero up to rounding.
+/// Size of an output column, relative to the largest column, below which the column counts as zero up to rounding.
 const ZERO: f64 = 1e-12;
 
-/// Returns the largest errors at the end and at all times, relative to the largest value of each column, or for a
-/// zero column to the largest value of all columns.
+/// Returns the largest errors of a run at the end and at all times, relative to the largest value of each column, or
+/// for a zero column to the largest value of all columns.
 fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<f64>) {
     let size_of = |exact: &Vec<f64>| exact.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
     let most = values.iter().map(size_of).fold(0.0, f64::max);
@@ -161,7 +161,7 @@ fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<
         let size = size_of(exact);
         let size = if size > ZERO * most { size } else { most };
         let mut differences = field.values.iter().zip(exact).map(|(x, exact)| (x - exact).abs() / size);
-        // A maximum that propagates NaN, so that it is not reported as an error of zero.
+        // Take the maximum of the errors such that it propagates NaN, which must not be reported as an error of zero.
         let worst = differences.clone().fold(0.0, |worst, x| if x > worst || x.is_nan() { x } else { worst });
         largest = if worst > largest || worst.is_nan() { worst } else { largest };
         at_end = at_end.max(differences.next_back().unwrap_or(0.0));

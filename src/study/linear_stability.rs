@@ -19,7 +19,7 @@ use std::f64::consts::PI;
 
 /// Numbers of Radau IIA stages whose stability functions are measured.
 pub const STAGES: [usize; 5] = [1, 2, 3, 5, 7];
-/// Directions of the rays of the left half plane, in degrees from the positive real axis.
+/// Directions of the rays in the left half plane of `z`, in degrees from the positive real axis.
 const RAYS: [u32; 7] = [90, 105, 120, 135, 150, 165, 180];
 /// Values of `2 log10 |z|` at the points of a ray, so that `|z|` runs from `10^-2` to `10^8` in half decades.
 const HALF_DECADES: std::ops::RangeInclusive<i32> = -4..=16;
@@ -27,19 +27,19 @@ const HALF_DECADES: std::ops::RangeInclusive<i32> = -4..=16;
 /// The measured stability function along a ray in the left half plane, for one number of stages.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Ray {
-    /// The number of Radau IIA stages.
+    /// The number of Radau IIA stages of the stability function.
     pub stages: usize,
-    /// The angle of `z`, in degrees.
+    /// The angle of `z` on the ray, in degrees from the positive real axis.
     pub degrees: u32,
-    /// Pairs of `|z|` and the measured `|R(z)|` along the ray.
+    /// Pairs of `|z|` and the measured modulus `|R(z)|` of the stability function along the ray.
     pub points: Vec<(f64, f64)>,
-    /// The largest `|R(z)|` on the ray; at most one for an A-stable method.
+    /// The largest modulus `|R(z)|` of the stability function on the ray; at most one for an A-stable method.
     pub largest: f64,
-    /// The largest distance between the measured `R(z)` and `R(z)` computed from the coefficients.
+    /// The largest distance between the measured `R(z)` and `R(z)` computed from the Runge-Kutta coefficients.
     pub difference: f64,
 }
 
-/// Measures the stability functions along all rays; rays with a failed step are left out.
+/// Measures the stability functions along all rays; rays with a failed step are left out of the result.
 pub fn rays() -> Vec<Ray> {
     let of_stages = |stages: usize| RAYS.iter().filter_map(move |&degrees| ray(stages, degrees));
     STAGES.into_iter().flat_map(of_stages).collect()
@@ -91,7 +91,7 @@ mod tests {
             let rounding = 1e2 * f64::EPSILON * Tableau::of(ray.stages).mixing;
             assert!(ray.difference < rounding, "{} stages at {}: {:e}", ray.stages, ray.degrees, ray.difference);
             assert!(ray.largest < 1.0 + rounding, "{} stages at {}: {}", ray.stages, ray.degrees, ray.largest);
-            // L-stability: `R(z)` tends to zero as `|z|` grows.
+            // L-stability: the stability function `R(z)` tends to zero as `|z|` grows.
             let far = ray.points.last().expect("points").1;
             assert!(far < 1e-6, "{} stages at {}: {far:e}", ray.stages, ray.degrees);
         }
@@ -99,7 +99,8 @@ mod tests {
 
     #[test]
     fn three_stages_have_the_pade_approximation() {
-        // The Padé approximation (1 + 2z/5 + z^2/20) / (1 - 3z/5 + 3z^2/20 - z^3/60).
+        // The stability function of three stages is the Padé approximation (1 + 2z/5 + z^2/20) / (1 - 3z/5 + 3z^2/20 -
+        // z^3/60).
         for z in [Complex::new(-1.0, 2.0), Complex::new(0.0, 5.0), Complex::new(-30.0, 0.0)] {
             let (one, square) = (Complex::from(1.0), z * z);
             let above = one + z * 0.4 + square * 0.05;

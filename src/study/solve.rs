@@ -30,10 +30,10 @@ pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &
     solution
 }
 
-/// Approximate share of a study's progress taken by the main solve.
+/// Approximate share of the progress of a work-precision study that its main solve takes.
 const FIRST: f64 = 0.1;
 
-/// Solves a specification once, without its study.
+/// Solves a specification once, without its work-precision study.
 pub(crate) fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);

@@ -34,13 +34,13 @@ use line_search::LineSearch;
 use operator::Operator;
 use problem::{Control, ConvexSet, Interrupted};
 
-/// Largest number of steps on the finest grid before the line search takes over.
+/// Largest number of active set steps on the finest grid before the line search takes over.
 const PASSES: usize = 300;
 
-/// Number of steps from the active set of the last problem before a new guess on coarser grids.
+/// Number of active set steps from the active set of the previous problem before a new guess on coarser grids.
 const WARM_PASSES: usize = 2;
 
-/// Largest number of steps on a coarser grid, which only gives a guess.
+/// Largest number of active set steps on a coarser grid, which only gives a guess for the next finer grid.
 const COARSE_PASSES: usize = 8;
 
 /// Largest number of successive problems that start from coarser grids because a start from the active set of the
@@ -77,15 +77,15 @@ pub enum Unsuitable {
     /// positive principal minors.
     #[error("the diagonal entry of row {row} (counted from 0) is {value}, not positive and finite")]
     Diagonal {
-        /// The row of the diagonal entry, counted from 0.
+        /// The row of the inadmissible diagonal entry, counted from 0.
         row: usize,
-        /// The diagonal entry; zero if it is absent.
+        /// The inadmissible diagonal entry; zero if it is absent.
         value: f64,
     },
     /// The factors of the matrix do not fit into memory.
     #[error("the factors of the matrix do not fit into memory")]
     Memory,
-    /// [`Control`] asked to stop.
+    /// [`Control`] asked to stop during the preparation of the matrix.
     #[error("stopped from outside")]
     Interrupted,
 }
@@ -212,9 +212,9 @@ struct Level {
     operator: Operator,
     face: Vec<Face>,
     w: Vec<f64>,
-    /// `|A| |z| + |q|`, the scale of rounding errors of `w`.
+    /// `|A| |z| + |q|`, the scale of rounding errors of `w = A z + q`.
     terms: Vec<f64>,
-    /// Hash signatures of the active sets since the beginning of the iteration.
+    /// Hash signatures of the active sets since the beginning of the iteration, to detect cycles.
     seen: Vec<u64>,
 }
 
@@ -295,7 +295,8 @@ impl Level {
         self.operator.solve(&self.face, None, z, control)
     }
 
-    /// Updates the active set by the signs of `z` and `w`; returns the change of the hash signature.
+    /// Updates the active set by the bounds that `z` violates and the signs of `w = A z + q`; returns the change of the
+    /// hash signature.
     fn update(&mut self, set: &ConvexSet, z: &[f64]) -> u64 {
         let mut changes = 0;
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
@@ -331,7 +332,7 @@ impl Level {
     }
 }
 
-/// Returns the activity of a value relative to its interval.
+/// Returns the activity of a variable with the value `z` and the interval `[lower, upper]`.
 fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
     if z <= lower {
         Face::Lower

@@ -11,7 +11,7 @@ use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, R
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// Largest number of variables for which pivoting is tried first.
+/// Largest number of variables for which Lemke's method of complementary pivoting is tried first.
 const LEMKE_AT_MOST: usize = 500;
 
 /// Largest mean number of nonzeros in a row, as on grids, for which a sparse factorisation costs less than one dense
@@ -26,7 +26,7 @@ const SMALL_BLOCK: usize = 4;
 /// The kind of a solver of variational inequalities, with the name used in the setting `vi_solver`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverKind {
-    /// The solver is chosen by set and size; others are tried if the first fails.
+    /// The solver is chosen by the feasible set and the number of variables; others are tried if the first fails.
     #[default]
     Auto,
     /// Complementary pivoting, [`Lemke`].
@@ -46,7 +46,7 @@ pub enum SolverKind {
 pub struct Attempt {
     /// The solver that was tried.
     pub solver: SolverKind,
-    /// The outcome of the solver.
+    /// The outcome of the attempt.
     pub outcome: Outcome,
 }
 
@@ -88,7 +88,7 @@ impl SolverKind {
 /// The solver that chooses among the others: those used so far, with the attempts at the last problem.
 pub struct Auto {
     size: usize,
-    /// Solvers in the order of their first use.
+    /// The solvers built so far, in the order of their first use.
     solvers: Vec<(SolverKind, Box<dyn ViSolver>)>,
     attempts: Vec<Attempt>,
     start: Vec<f64>,

@@ -34,7 +34,7 @@ pub const MOST_VARIABLES: usize = 400;
 /// The reason why nothing is certified if the Jacobian with respect to the inactive variables is singular.
 pub const SINGULAR: &str = "the derivative with respect to the inactive variables is singular";
 
-/// A certificate of a solution.
+/// What is certified about a solution of a variational inequality: that it is unique, isolated, or one of a continuum.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Certificate {
     /// The solution is unique: the matrix of an affine `G` is positive definite. Holds the least eigenvalue of its
@@ -45,7 +45,7 @@ pub enum Certificate {
     /// The solution is isolated. Holds the least singular value of the Jacobian `J_aa` with respect to the inactive
     /// variables, the number of inactive variables, and the number of variables at a bound with `G = 0`.
     Isolated(f64, usize, usize),
-    /// The solution is one of a continuum along the direction held.
+    /// The solution is one of a continuum of solutions, whose direction is held.
     Continuum(Vec<f64>),
     /// Nothing is certified, as the Jacobian with respect to the inactive variables is singular: if other solutions
     /// exist nearby, they lie along the direction held.

@@ -28,7 +28,7 @@ use problem::{Block, Control, ConvexSet, Shape};
 /// `A` counts as symmetric if its entries differ from their transposes by at most this fraction of the largest entry.
 const SYMMETRIC: f64 = 1e-10;
 
-/// Tolerance on the duality gap and on feasibility; Newton's method improves the result.
+/// Clarabel's tolerance on the duality gap and on feasibility; Newton's method improves the result.
 const ACCURACY: f64 = 1e-10;
 
 /// Solver of conic programs by Clarabel, with the program of the last problem.
@@ -39,7 +39,7 @@ pub struct Conic {
     start: Vec<f64>,
 }
 
-/// A conic program for sets of one form.
+/// A conic program, valid for all sets that differ in the right-hand sides of their constraints only.
 struct Built {
     solver: DefaultSolver<f64>,
     /// The set that the program was built for, and the last matrix `A`.
@@ -55,7 +55,7 @@ struct Built {
 }
 
 impl Conic {
-    /// Creates a solver; its program is built by the first problem.
+    /// Creates a solver; its conic program is built by the first problem.
     pub fn new() -> Self {
         Self::default()
     }
@@ -100,7 +100,8 @@ impl ViSolver for Conic {
 }
 
 impl Built {
-    /// Builds the program; returns `None` if `z` is unconstrained, or Clarabel rejects the data.
+    /// Builds the conic program of a variational inequality; returns `None` if `z` is unconstrained, or Clarabel
+    /// rejects the data.
     fn new(vi: &AffineVi<'_>) -> Option<Self> {
         let constraints = Constraints::of(vi.set);
         if constraints.b.is_empty() {
@@ -286,7 +287,7 @@ impl Constraints {
         CscMatrix::new_from_triplets(height, width, rows, columns, entries.iter().map(|entry| entry.2).collect())
     }
 
-    /// Returns the rows that are not equations; the multiplier of an equation may have any sign.
+    /// Returns the rows of `B z + s = b` that are not equations; the multiplier of an equation may have any sign.
     fn signed(&self) -> impl Iterator<Item = usize> {
         let mut start = 0;
         self.cones.iter().flat_map(move |cone| {
@@ -301,7 +302,7 @@ impl Constraints {
         })
     }
 
-    /// Writes the linear objective: `q` for a symmetric `A`, otherwise `(q, b)`.
+    /// Writes the linear objective of the conic program: `q` for a symmetric `A`, otherwise `(q, b)`.
     fn linear(&self, vi: &AffineVi<'_>, is_symmetric: bool, linear: &mut Vec<f64>) {
         linear.clear();
         linear.extend_from_slice(vi.q);
@@ -310,7 +311,8 @@ impl Constraints {
         }
     }
 
-    /// Writes the right-hand side of the constraints: `b` for a symmetric `A`, otherwise `(b, -q, 0)`.
+    /// Writes the right-hand side of the constraints of the conic program: `b` for a symmetric `A`, otherwise `(b, -q,
+    /// 0)`.
     fn right(&self, vi: &AffineVi<'_>, is_symmetric: bool, right: &mut Vec<f64>) {
         right.clear();
         right.extend_from_slice(&self.b);

@@ -8,7 +8,7 @@ use problem::Workspace;
 const MARGIN: f64 = 1e-10;
 
 impl AffineVi<'_> {
-    /// Returns the first variable whose row proves that no solution exists, if any.
+    /// Returns the first variable whose row proves that the variational inequality has no solution, if any.
     pub fn contradiction(&self) -> Option<usize> {
         let mut work = Workspace::default();
         let mut row = vec![0.0; self.q.len()];

@@ -14,7 +14,7 @@ use super::sparse_jacobian::SparseJacobian;
 use super::{Outcome, Report, SparseVi, Worst};
 use problem::{Control, ConvexSet};
 
-/// Largest number of steps; problems take 15 to 50, hardly more if they are large.
+/// Largest number of interior-point steps; problems take 15 to 50, hardly more if they are large.
 const ITERATIONS: usize = 150;
 /// Largest step length, as a fraction of the distance to the nearest bound.
 const TO_BOUNDARY: f64 = 0.995;
@@ -25,7 +25,7 @@ const ARMIJO: f64 = 1e-4;
 /// The iteration ends once the mean product of distances and multipliers is below this fraction of its largest value:
 /// any further progress is rounding.
 const LEAST: f64 = 1e-26;
-/// The regularising term added to the diagonal of a singular system, relative to its scaled rows.
+/// The regularising term added to the diagonal of a singular linear system, relative to its scaled rows.
 const REGULAR: f64 = 1e-12;
 
 /// The interior-point method for problems of one sparsity pattern.
@@ -44,8 +44,8 @@ pub(super) struct InteriorPoint {
 }
 
 impl InteriorPoint {
-    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
-    /// `control` asks to stop.
+    /// Allocates the workspace for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into
+    /// memory, or `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let vector = || vec![0.0; m];
         Some(Self {
@@ -62,8 +62,8 @@ impl InteriorPoint {
         })
     }
 
-    /// Solves from near `z` until the natural-map residual relative to its terms is below `tolerance`; leaves the
-    /// best point in `z`.
+    /// Solves the variational inequality from near `z` until the natural-map residual relative to its terms is below
+    /// `tolerance`; leaves the best point in `z`.
     pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         if vi.set().has_blocks() {
             return Report::UNSUITABLE;
@@ -103,7 +103,7 @@ impl InteriorPoint {
         Report { outcome, residual: fit.largest, iterations }
     }
 
-    /// Moves `z` inside all intervals, and sets multipliers of the size of `F`.
+    /// Makes `z` a starting point: moves it inside all intervals, and sets multipliers of the size of `F`.
     fn begin(&mut self, vi: &mut dyn SparseVi, z: &mut [f64]) {
         let size = z.iter().filter(|z| z.is_finite()).fold(1.0_f64, |most, z| most.max(z.abs()));
         let set = vi.set();
@@ -141,7 +141,7 @@ impl InteriorPoint {
         sum / f64::from(count.max(1))
     }
 
-    /// Makes one step; returns false if no step lowers the merit function.
+    /// Makes one predictor-corrector step from `z`; returns false if no step lowers the merit function.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn step(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], mu: f64, control: &Control) -> bool {
         let m = z.len();
@@ -237,7 +237,8 @@ impl InteriorPoint {
         false
     }
 
-    /// Returns the largest step length, at most 1, for which all distances and multipliers stay nonnegative.
+    /// Returns the largest step length, at most 1, for which all distances to bounds and all multipliers stay
+    /// nonnegative.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn reach(&self, set: &ConvexSet, z: &[f64]) -> f64 {
         let mut reach = 1.0_f64;

@@ -84,7 +84,8 @@ impl JosephyNewton {
         self.solver.attempts()
     }
 
-    /// Solves from `z`, of length `m`, until the residual is below `tolerance`, and writes the best point to `z`.
+    /// Solves the variational inequality from `z`, of length `m`, until the residual is below `tolerance`, and writes
+    /// the best point to `z`.
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
@@ -141,7 +142,7 @@ impl JosephyNewton {
         largest
     }
 
-    /// Makes one step from `z`; returns false if no step lowers the merit function.
+    /// Makes one Newton step from `z`; returns false if no step lowers the merit function.
     fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64, control: &Control) -> bool {
         let m = z.len();
         for i in 0..m {

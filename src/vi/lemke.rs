@@ -79,7 +79,7 @@ pub struct Lemke {
 }
 
 impl Lemke {
-    /// Allocates for problems of up to `m` variables; grows for a larger one.
+    /// Allocates the workspace for problems of up to `m` variables; grows for a larger one.
     pub fn new(m: usize) -> Self {
         Self {
             equilibration: Equilibration::new(m),

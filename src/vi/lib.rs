@@ -131,7 +131,7 @@ impl Accuracy {
 }
 
 impl AffineVi<'_> {
-    /// Whether all data are finite and `K` is nonempty.
+    /// Whether all data of the problem are finite and `K` is nonempty.
     fn is_sound(&self) -> bool {
         self.set.is_nonempty() && self.matrix.iter().chain(self.q).all(|x| x.is_finite())
     }
@@ -261,8 +261,8 @@ pub trait ViSolver: Send {
     /// Returns the name of the solver in the setting `vi_solver` and in the diagnostics.
     fn name(&self) -> &'static str;
 
-    /// Solves, starting from `z` if the method uses a start, and writes the result to `z`. Stops early if `control`
-    /// asks to stop.
+    /// Solves the variational inequality, starting from `z` if the method uses a start, and writes the result to `z`.
+    /// Stops early if `control` asks to stop.
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report;
 
     /// Returns the solvers tried for the last problem, in order, with their outcomes; empty if there is no choice.

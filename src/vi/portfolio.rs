@@ -13,7 +13,7 @@ use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Largest number of variables for which pivoting comes first: its tableau fits into the cache.
+/// Largest number of variables for which Lemke's method of pivoting comes first: its tableau fits into the cache.
 const PIVOTS_AT_MOST: usize = 300;
 /// Largest number of times that a solved problem is rescaled by the terms of `F` at its solution and solved again: at
 /// the start the terms, to which residuals are relative, are larger than at a solution.
@@ -25,7 +25,7 @@ const DENSE_AT_MOST: usize = 1000;
 const STARTS: usize = 12;
 const FEW_STARTS: usize = 2;
 
-/// The result of the portfolio.
+/// The result of the portfolio of methods on a nonlinear variational inequality, without the point `z`.
 #[derive(Clone, Copy, Debug)]
 pub struct Found {
     /// The report of the best attempt.
@@ -34,7 +34,7 @@ pub struct Found {
     pub method: &'static str,
     /// The number of starts tried beside the given one.
     pub starts: usize,
-    /// The total number of iterations.
+    /// The total number of iterations of all attempts.
     pub iterations: usize,
     /// Whether pivoting on an affine problem ended on a ray.
     pub ray: bool,
@@ -61,7 +61,7 @@ impl NonlinearVi for Dense<'_> {
     }
 }
 
-/// The methods of the portfolio, built when they are first needed.
+/// The methods of the portfolio for nonlinear variational inequalities, built when they are first needed.
 pub struct Portfolio {
     m: usize,
     kind: SolverKind,
@@ -97,8 +97,8 @@ impl Portfolio {
         Self { m, kind, dense: None, sparse: None, interior: None }
     }
 
-    /// Solves from `z` until the natural map relative to the terms of `F` is below `tolerance`, and leaves the best
-    /// point in `z`.
+    /// Solves the variational inequality from `z` until the natural map relative to the terms of `F` is below
+    /// `tolerance`, and leaves the best point in `z`.
     pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let first = z.to_vec();
         let mut found = self.once(vi, tolerance, z, control);
@@ -126,8 +126,8 @@ impl Portfolio {
         found
     }
 
-    /// Solves from one start. If the terms of `F` differ widely in size at the solution, scales rows and variables so
-    /// that they do not, and continues from the solution in these units.
+    /// Solves the variational inequality from one starting point. If the terms of `F` differ widely in size at the
+    /// solution, scales rows and variables so that they do not, and continues from the solution in these units.
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let mut found = self.as_given(vi, tolerance, z, control);
         for _ in 0..ROUNDS {
@@ -163,7 +163,7 @@ impl Portfolio {
         found
     }
 
-    /// Solves from one start, without rescaling the problem.
+    /// Solves the variational inequality from one starting point, without rescaling.
     fn as_given(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let only_dense = vi.set().has_blocks() || self.kind != SolverKind::Auto;
         let order: &[Method] = match (only_dense, self.m) {

@@ -34,10 +34,10 @@ pub(super) fn of_block(
     set.defect(block, z, w, size / terms, work) / size
 }
 
-/// Evaluator of residuals, with its workspace.
+/// Evaluator of the residuals of affine variational inequalities, with its workspace.
 #[derive(Debug, Default)]
 pub(super) struct Gauge {
-    /// The value `w = A z + q` at the last point.
+    /// The value `w = A z + q` at the point that was evaluated last.
     pub w: Vec<f64>,
     terms: Vec<f64>,
     work: Workspace,

@@ -30,12 +30,13 @@ impl Sizes {
         Self { rows: terms.sizes, derivatives }
     }
 
-    /// Whether no row has terms that are much smaller than the terms of the row at another point.
+    /// Whether no row of `F` has terms that are much smaller than its terms at another point.
     pub fn keep(&self, others: &Self) -> bool {
         self.rows.iter().zip(&others.rows).all(|(size, other)| *size >= other / BALANCED)
     }
 
-    /// Returns the scales that bring all terms to one size; `None` if the terms are balanced already, or not finite.
+    /// Returns the scales of rows and variables that bring all terms to one size; `None` if the terms are balanced
+    /// already, or not finite.
     pub fn scales(&self, pattern: &[(usize, usize)]) -> Option<Scales> {
         let Self { rows: sizes, derivatives } = self;
         let columns = sizes_of_variables(sizes, pattern.iter().copied().zip(derivatives.iter().copied()));

@@ -6,7 +6,8 @@ use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use problem::{Control, ConvexSet};
 
-/// A diagonal entry below this fraction of the largest entry of its row is too small to scale the row.
+/// A diagonal entry of the Jacobian below this fraction of the largest entry of its row is too small to scale the row
+/// by.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
 /// A nonlinear variational inequality with a sparse Jacobian.
@@ -60,8 +61,8 @@ pub(super) struct SparseJacobian {
 }
 
 impl SparseJacobian {
-    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
-    /// `control` asks to stop.
+    /// Allocates the Jacobian and the factors for `m` variables and a sparsity pattern; returns `None` if the factors
+    /// do not fit into memory, or `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let entries = pattern.iter().copied().chain((0..m).map(|i| (i, i)));
         let triplets: Vec<Triplet<usize, usize, f64>> = entries.map(|(i, j)| Triplet::new(i, j, 0.0)).collect();
@@ -107,12 +108,13 @@ impl SparseJacobian {
         }
     }
 
-    /// Returns the entries of column `j` with their rows.
+    /// Returns the entries of column `j` of the Jacobian, with their rows.
     pub fn column(&self, j: usize) -> impl Iterator<Item = (&usize, &f64)> {
         self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
     }
 
-    /// Returns the worst residual of a point `z` with the value `F(z)`, where the Jacobian was evaluated last.
+    /// Returns the component with the worst residual at a point `z` with the value `F(z)`, where the Jacobian was
+    /// evaluated last.
     pub fn worst(&self, set: &ConvexSet, (z, f): (&[f64], &[f64])) -> Worst {
         let entries = (0..z.len()).flat_map(|j| self.column(j).map(move |(&i, a)| ((i, j), *a)));
         Worst::of(set, (z, f), &Terms::of(set, (z, f), entries))
@@ -131,7 +133,8 @@ impl SparseJacobian {
         self.factors.factorise_unless(&self.system, || control.poll().is_some())
     }
 
-    /// Solves the factorised system in place; returns false if the solution is not finite.
+    /// Solves the factorised linear system in place of its right-hand side; returns false if the solution is not
+    /// finite.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         self.factors.solve(right)
     }

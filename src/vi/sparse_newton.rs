@@ -64,8 +64,8 @@ pub struct SparseNewton {
 }
 
 impl SparseNewton {
-    /// Allocates for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into memory, or
-    /// `control` asks to stop.
+    /// Allocates the workspace for `m` variables and a sparsity pattern; returns `None` if the factors do not fit into
+    /// memory, or `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
         let vector = || vec![0.0; m];
         Some(Self {

@@ -11,7 +11,7 @@ use super::AffineVi;
 use nalgebra::DMatrix;
 use problem::Workspace;
 
-/// The Douglas-Rachford iteration on one problem.
+/// The Douglas-Rachford iteration on one affine variational inequality.
 #[derive(Debug)]
 pub(super) struct Splitting {
     inverse: DMatrix<f64>,
@@ -21,7 +21,8 @@ pub(super) struct Splitting {
 }
 
 impl Splitting {
-    /// Starts the iteration at `z`, with the value `w = A z + q`. Returns `None` if `I + S A` is singular.
+    /// Starts the Douglas-Rachford iteration at `z`, with the value `w = A z + q`. Returns `None` if `I + S A` is
+    /// singular.
     pub fn new(vi: &AffineVi<'_>, scale: &[f64], z: &[f64], w: &[f64]) -> Option<Self> {
         let m = z.len();
         let resolvent = DMatrix::from_fn(m, m, |i, j| f64::from(i == j) + scale[i] * vi.matrix[(i, j)]);
@@ -30,7 +31,7 @@ impl Splitting {
         Some(Self { inverse, y, x: vec![0.0; m], work: Workspace::default() })
     }
 
-    /// Makes `times` iterations, and writes the projected point `P_K(2 x - y)` of the last one to `z`.
+    /// Makes `times` Douglas-Rachford iterations, and writes the projected point `P_K(2 x - y)` of the last one to `z`.
     pub fn iterate(&mut self, vi: &AffineVi<'_>, scale: &[f64], times: usize, z: &mut [f64]) {
         for _ in 0..times {
             self.x.fill(0.0);

@@ -11,7 +11,7 @@
 use super::residual::of_block;
 use problem::{ConvexSet, Workspace};
 
-/// The sizes of the terms of each row at a point, to which residuals are relative.
+/// The sizes of the terms of each row of a variational inequality at a point, to which residuals are relative.
 #[derive(Clone, Debug)]
 pub struct Terms {
     /// The size of the terms of each row, `|G| + |J| |z|`.
@@ -21,7 +21,7 @@ pub struct Terms {
 }
 
 impl Terms {
-    /// Computes the sizes at a point `z` with `g = G(z)` and the given entries of the Jacobian.
+    /// Computes the sizes of the terms at a point `z` with `g = G(z)` and the given entries of the Jacobian.
     pub fn of(
         set: &ConvexSet,
         (z, g): (&[f64], &[f64]),
@@ -70,7 +70,7 @@ pub(super) fn sizes_of_variables(terms: &[f64], derivatives: impl Iterator<Item 
 /// The component of a variational inequality with the largest residual relative to the size of its terms.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
-    /// The index of the component.
+    /// The index of the component with the largest relative residual.
     pub component: usize,
     /// The residual of the component, in the unit of `z_i` or of `G_i`.
     pub residual: f64,
@@ -81,7 +81,7 @@ pub struct Worst {
 }
 
 impl Worst {
-    /// Finds the worst component of a point `z` with `g = G(z)`.
+    /// Finds the component with the largest relative residual at a point `z` with `g = G(z)`.
     pub fn of(set: &ConvexSet, (z, g): (&[f64], &[f64]), terms: &Terms) -> Self {
         let sizes = &terms.sizes;
         let size = |values: &[f64]| values.iter().fold(f64::MIN_POSITIVE, |most, value| most.max(value.abs()));
@@ -118,7 +118,7 @@ impl Worst {
         worst
     }
 
-    /// Returns the residual of the worst component relative to its terms.
+    /// Returns the residual of this component relative to the size of its terms.
     pub fn relative(&self) -> f64 {
         if self.residual == 0.0 { 0.0 } else { self.residual / self.terms }
     }

@@ -24,7 +24,8 @@ fn main() {
     divan::main();
 }
 
-/// Returns the nonzeros of the matrix `A`, on an interval of unit length with zero values at its ends.
+/// Returns the nonzeros of the matrix `A` of the diffusion chain, on an interval of unit length with zero values at its
+/// ends.
 fn entries(n: usize) -> Vec<(usize, usize, f64)> {
     let c = ((n + 1) as f64).powi(2);
     let row = |i: usize| [(i, i.wrapping_sub(1), c), (i, i, -2.0 * c), (i, i + 1, c)];

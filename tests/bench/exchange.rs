@@ -107,7 +107,7 @@ fn post(server: &Server, token: &str) {
     assert_eq!(answer.status, 202, "{}", answer.body);
 }
 
-/// Returns the number of jobs that wait or run.
+/// Returns the number of jobs that wait or run on the service.
 fn waiting(server: &Server, token: &str) -> u64 {
     let metrics = server.send("GET", "/metrics", &headers(token, ""), "").body;
     let figure = |name: &str| -> u64 {

@@ -37,7 +37,7 @@ const BEFORE: usize = 8;
 /// Time that a restarted server of a cluster has for catching up until the next server is killed.
 const CAUGHT_UP: Duration = Duration::from_secs(5);
 
-/// Number of responses with status 503.
+/// Number of responses with status 503 to all clients so far.
 static REFUSED: AtomicUsize = AtomicUsize::new(0);
 
 fn number(name: &str, usual: usize) -> usize {
@@ -102,7 +102,7 @@ fn main() {
             }
             workers[random.usize(..WORKERS)] = Worker::start(&url, &[]);
             worker_kills += 1;
-            // During the first part of the time only workers are killed.
+            // During the first part of the time only workers are killed, and no NATS server.
             if started.elapsed() > most / 20 && random.usize(..8) == 0 {
                 let server = random.usize(..servers);
                 nats[server].kill();
@@ -181,7 +181,7 @@ fn get(address: &str, client: &Client, path: &str) -> Answer {
     }
 }
 
-/// Returns the number of jobs that wait or run.
+/// Returns the number of jobs that wait or run on the service.
 fn waiting(address: &str, client: &Client) -> Option<u64> {
     let metrics = get(address, client, "/metrics").body;
     let figure =

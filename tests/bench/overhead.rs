@@ -202,7 +202,7 @@ fn start_echo(runtime: &Runtime) -> SocketAddr {
     let router = Router::new().route("/solve", post(async |body: Bytes| body));
     runtime.spawn(async move {
         while let Ok((stream, _)) = listener.accept().await {
-            // If this setting failed, it would show when the connection is used.
+            // A failure to set TCP_NODELAY would show when the connection is used.
             let _ = stream.set_nodelay(true);
             let router = router.clone();
             let service = service_fn(move |request: hyper::Request<Incoming>| router.clone().call(request));

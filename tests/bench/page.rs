@@ -140,7 +140,7 @@ fn dragged(page: &Page, example: &str) -> (Value, f64) {
     page.go(&format!("/#example={example}"));
     page.wait("/successful in/.test(document.getElementById('outcome').textContent)");
     page.wait("document.querySelectorAll('.knob').length > 0");
-    // A first drag, not measured, for initialisations at first use.
+    // A first drag, not measured, for what the page initialises at first use.
     page.value(DRAG);
     page.value("window.watch.answers.length = 0");
     std::thread::sleep(std::time::Duration::from_millis(500));
@@ -156,7 +156,7 @@ fn row(name: &str, drawn: Vec<f64>, seen: Vec<f64>, rest: &str) {
     println!("{name:<22}{a:>10.1}{b:>8.1}{c:>10.1}{d:>8.1}{rest}");
 }
 
-/// Returns the median and the 99th percentile of the times.
+/// Returns the median and the 99th percentile of the given values.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     [50, 99].map(|percent| values[(values.len() * percent / 100).min(values.len() - 1)])

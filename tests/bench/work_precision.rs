@@ -22,7 +22,7 @@ static ALLOCATOR: MiMalloc = MiMalloc;
 struct Case {
     name: String,
     specification: Value,
-    /// Ratio of the tolerance `atol` to `rtol`.
+    /// Ratio of the absolute tolerance `atol` to the relative tolerance `rtol`.
     atol_factor: f64,
     /// For each state: its name, its exact final value, and a lower bound on the scale by which its error is divided.
     end: Vec<(String, f64, f64)>,

@@ -1,5 +1,5 @@
-//! The accessibility checker axe-core finds no fault on the page and in the guide, in light and dark, wide and
-//! narrow.
+//! The accessibility checker axe-core finds no fault on the web page of the service and in its guide, in the light and
+//! dark colour schemes and in wide and narrow windows.
 
 use crate::driver::Page;
 use serde_json::{Value, json};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 const AXE: &str = include_str!("vendor/axe.min.js");
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// Returns the accessibility rules that the page violates, each with the violating elements.
+/// Returns the accessibility rules of axe-core that the page violates, each with the violating elements.
 fn broken(page: &Page) -> Value {
     // The content security policy of the page blocks foreign scripts, but the debugger may run them.
     page.value(&format!("window.axe ? null : (() => {{ {AXE}; }})()"));

@@ -1,4 +1,4 @@
-//! Comparison of two jobs on the page.
+//! Comparison of the results of two jobs on the web page of the service.
 
 use crate::driver::Page;
 use serde_json::json;
@@ -18,7 +18,7 @@ fn two_jobs_are_drawn_together_with_their_difference() {
     page.tab_to("#other");
     page.press("ArrowDown", false);
     page.wait("document.querySelectorAll('#plots .difference').length === 1");
-    // exp(-t) - exp(-2 t) has its maximum 1/4 at t = ln 2.
+    // The difference of the two solutions, exp(-t) - exp(-2 t), has its maximum 1/4 at t = ln 2.
     assert_eq!(page.text("#plots .difference"), "largest difference 0.25");
     assert_eq!(page.value("document.querySelector('#evidence tr').children.length"), 3, "a column of evidence a job");
     page.picture("page_compared");
@@ -35,7 +35,7 @@ fn what_is_at_other_times_is_compared_over_the_times_of_both() {
         d([0, 1], [0, 0], [2, 3], [0, 0]),
         d([0, 1], [1, 1], [1], [4]),
     ])";
-    // Third case: at t = 1, the line through (0, 0) and (2, 2) has the value 1, and the line through (0.5, 0) and
-    // (1.5, 1) has the value 0.5.
+    // Third case of two polygons that are compared: at t = 1, the line through (0, 0) and (2, 2) has the value 1, and
+    // the line through (0.5, 0) and (1.5, 1) has the value 0.5.
     assert_eq!(page.value(differences), json!([0, 4, 0.5, null, 3]));
 }

@@ -19,7 +19,7 @@ const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --use-an
     --disable-extensions --disable-background-networking --remote-debugging-pipe --user-data-dir="$1" \
     --window-size=1360,1000 about:blank 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#;
 
-/// A JavaScript expression for the shadow root of the editor.
+/// A JavaScript expression for the shadow root of the specification editor on the page.
 pub const EDITOR: &str = "document.getElementById('text').shadowRoot";
 
 pub struct Page {
@@ -38,12 +38,12 @@ struct Wire {
 }
 
 impl Page {
-    /// Starts a server and opens its page at `path`; returns when the page has loaded.
+    /// Starts a service and opens its web page at `path` in a browser; returns when the page has loaded.
     pub fn open(name: &str, path: &str) -> Self {
         Self::of(Server::start(), name, path)
     }
 
-    /// Opens the page of `server` at `path`.
+    /// Opens the web page of the running service `server` at `path` in a browser.
     pub fn of(server: Server, name: &str, path: &str) -> Self {
         let profile = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("browser-{name}"));
         let _ = std::fs::remove_dir_all(&profile);
@@ -75,7 +75,7 @@ impl Page {
         self.wait("document.readyState === 'complete' && document.querySelectorAll('#example option').length > 1");
     }
 
-    /// Sends a command of the protocol and returns its answer.
+    /// Sends a command of the debugging protocol of Chrome to the browser and returns the answer.
     pub fn call(&self, method: &str, parameters: Value) -> Value {
         self.wire.borrow_mut().call(method, &parameters)
     }
@@ -146,8 +146,8 @@ impl Page {
         self.call("Input.insertText", json!({"text": text}));
     }
 
-    /// Replaces the text of the editor by `specification`, with keys, and submits it; solving while the text is
-    /// edited is switched off.
+    /// Replaces the text of the specification editor by `specification`, with simulated keys, and submits it; solving
+    /// while the text is edited is switched off.
     pub fn solve(&self, specification: &str) {
         self.value("document.getElementById('live').checked = false");
         self.replace_text(specification);
@@ -162,7 +162,7 @@ impl Page {
         self.paste(text);
     }
 
-    /// Returns the numbers of the lines that the editor marks as wrong.
+    /// Returns the numbers of the lines that the specification editor marks as wrong.
     pub fn marked(&self) -> Value {
         self.value(&format!(
             "[...{EDITOR}.querySelectorAll('.cm-lineNumbers .marked')].map((line) => line.textContent)"
@@ -176,8 +176,8 @@ impl Page {
         std::fs::write(path, from_base64(answer["data"].as_str().unwrap())).unwrap();
     }
 
-    /// Returns the exceptions of scripts, and what the content security policy has blocked, since the page was
-    /// opened.
+    /// Returns the exceptions of the page's scripts, and what the content security policy has blocked, since the page
+    /// was opened.
     pub fn complaints(&self) -> Vec<String> {
         self.wire.borrow().complaints.clone()
     }
@@ -217,7 +217,7 @@ impl Wire {
     fn listen(&mut self, message: &Value) {
         let entry = &message["params"]["entry"];
         let failed = message["method"] == "Runtime.exceptionThrown";
-        // Network errors, such as refused requests, do not count: the page reports them itself.
+        // Network errors in the browser's log, such as refused requests, do not count: the page reports them itself.
         let refused =
             message["method"] == "Log.entryAdded" && entry["level"] == "error" && entry["source"] != "network";
         if failed || refused {

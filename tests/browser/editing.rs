@@ -1,4 +1,5 @@
-//! The help of the editor: errors in place with their fix, and completion and explanations from the schema.
+//! The help of the specification editor on the page: errors marked in place with a suggested fix, and completion and
+//! explanations from the JSON Schema.
 
 use crate::driver::{EDITOR, Page};
 use serde_json::json;
@@ -22,7 +23,7 @@ fn a_fix_writes_the_name_that_was_meant() {
 #[test]
 fn keys_are_completed_from_the_schema() {
     let page = Page::open("complete", "/");
-    // The page fetches the schema when the editor first gets the focus.
+    // The page fetches the JSON Schema of specifications when the editor first gets the focus.
     let fetched = "performance.getEntriesByType('resource').some((entry) => entry.name.endsWith('/schema') && entry.responseEnd > 0)";
     assert_eq!(page.value(fetched), false);
     page.tab_to("#text");

@@ -1,4 +1,4 @@
-//! Links from the page to the guide and back.
+//! Links from the web page of the service to its guide and back.
 
 use crate::driver::Page;
 use serde_json::json;

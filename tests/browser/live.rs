@@ -1,4 +1,5 @@
-//! Solves while the user drags a slider, links that contain the specification, and results marked as old.
+//! The page solves while the user drags a slider, makes links that contain the specification, and marks results of an
+//! earlier specification as old.
 
 use crate::driver::{EDITOR, Page};
 use serde_json::json;
@@ -7,7 +8,7 @@ use serde_json::json;
 const DECAY: &str = r#"{"label":"Decay","problem":{"dvi":{"parameters":{"k":2},"states":{"x":{"initial":1,"rate":"-k*x"}}}},
 "time":{"end":1},"method":{"rtol":1e-9},"output":{"times":{"count":11}}}"#;
 
-/// Moves the slider called `name` to `value`, as a drag does.
+/// Moves the slider of the parameter `name` to `value`, as a drag by the user does.
 fn drag(page: &Page, name: &str, value: f64) {
     page.value(&format!(
         "(() => {{ const slider = document.querySelector('.knob input[type=range][aria-label={name:?}]');
@@ -15,14 +16,14 @@ fn drag(page: &Page, name: &str, value: f64) {
     ));
 }
 
-/// A JavaScript expression that is true if the result on the page belongs to the newest text in the editor: no result
-/// is marked as old or as being computed.
+/// A JavaScript expression that is true if the result on the page belongs to the newest specification in the editor: no
+/// result is marked as old or as being computed.
 const ANSWERED: &str = "document.getElementById('before').hidden && document.getElementById('result').getAttribute('aria-busy') !== 'true'";
 
-/// A JavaScript expression for the text in the editor.
+/// A JavaScript expression for the specification text in the editor.
 const TEXT: &str = "[...document.getElementById('text').shadowRoot.querySelectorAll('.cm-line')].map((line) => line.textContent).join('\\n')";
 
-/// Returns the last value of the field that the page shows, read at the right edge of its first plot.
+/// Returns the final value of the field in the first plot of the page, read with the plot's cursor at its right edge.
 fn shown_end(page: &Page) -> f64 {
     page.value("document.getElementById('plots').focus()");
     page.press("0", false);
@@ -47,8 +48,8 @@ fn a_slider_writes_its_number_and_the_answer_follows() {
         let end = shown_end(&page);
         assert!((end - (-k).exp()).abs() < 1e-4, "x(1) = {end} where k is {k}");
     }
-    // After a drag the plot still shows the previous curve, behind the new one, and neither the service nor the
-    // browser keeps a job of the drag.
+    // After a drag of the slider the plot still shows the previous curve, behind the new one, and neither the service
+    // nor the browser keeps a job for the values passed during the drag.
     page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
     assert_eq!(page.value("localStorage.getItem('jobs')"), json!(null));
     page.picture("page_slider");

@@ -1,4 +1,4 @@
-//! The page in light and dark, wide and narrow.
+//! The appearance of the web page in the light and dark colour schemes and in wide and narrow windows.
 
 use crate::driver::Page;
 use serde_json::json;

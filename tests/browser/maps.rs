@@ -1,9 +1,9 @@
-//! A map of a quantity over two numbers of a problem, and a film of its animation.
+//! The page draws a map of a final quantity over two parameters of a problem, and saves a film of an animation.
 
 use crate::driver::Page;
 use serde_json::json;
 
-/// Specification with `x(1) = a exp(-k)`, from which the value of each cell of the map is known.
+/// Specification with `x(1) = a exp(-k)`, from which the exact value in each cell of the map over `a` and `k` is known.
 const DECAY: &str = r#"{"problem":{"dvi":{"parameters":{"a":1,"k":2},"states":{"x":{"initial":"a","rate":"-k*x"}}}},"time":{"end":1},"method":{"rtol":1e-8}}"#;
 
 #[test]
@@ -16,7 +16,7 @@ fn a_cell_of_a_map_is_the_run_that_it_opens() {
     page.wait("document.querySelectorAll('#map rect[data-cell]').length === 225");
     page.value("document.querySelector('.heatmap').focus()");
     page.picture("map");
-    // Moves the focus to the cell with the largest a and the second smallest k.
+    // Moves the focus of the map to the cell with the largest a and the second smallest k.
     for _ in 0..14 {
         page.press("ArrowRight", false);
     }
@@ -37,8 +37,8 @@ fn a_cell_of_a_map_is_the_run_that_it_opens() {
 fn a_picture_is_saved_as_a_film() {
     let page = Page::open("film", "/#example=friction_belt");
     page.wait("document.querySelector('#stage canvas') !== null");
-    // Replaces the saving of files: the page collects what it would save. The film takes as long to record as to
-    // play, two seconds at the highest speed.
+    // Replaces the browser's saving of files by a script that collects what the page would save. The film takes as long
+    // to record as to play, two seconds at the highest speed.
     page.value(
         "window.films = []; HTMLAnchorElement.prototype.click = () => {};
         URL.createObjectURL = (blob) => { window.films.push(blob); return 'about:blank'; }",
@@ -50,7 +50,7 @@ fn a_picture_is_saved_as_a_film() {
     assert_eq!(kind, json!("video/webm"));
     let size = page.value("window.films[0].size").as_f64().unwrap();
     assert!(size > 5e3, "a film of {size} bytes");
-    // A WebM file begins with the signature of its container format EBML.
+    // A WebM film begins with the signature of its container format EBML.
     page.value("window.films[0].slice(0, 4).arrayBuffer().then((bytes) => (window.head = [...new Uint8Array(bytes)]))");
     page.wait("window.head !== undefined");
     assert_eq!(page.value("window.head"), json!([0x1a, 0x45, 0xdf, 0xa3]));

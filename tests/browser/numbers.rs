@@ -1,4 +1,4 @@
-//! The format of the numbers that the page shows.
+//! The format of the numbers in plots and tables of the web page.
 
 use crate::driver::Page;
 use serde_json::json;

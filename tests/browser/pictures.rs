@@ -1,9 +1,10 @@
-//! Animations of the simulated objects: each kind is drawn, follows the time cursor, and can be saved as a picture.
+//! Animations of the simulated objects on the page: each kind of object is drawn, follows the time cursor, and can be
+//! saved as a picture.
 
 use crate::driver::Page;
 use serde_json::json;
 
-/// A JavaScript expression for a digest of the pixels of the animation.
+/// A JavaScript expression for a digest (hash) of the pixels of the animation, by which a test detects a change.
 const IMAGE: &str = "(() => {
     const text = document.querySelector('#stage canvas')?.toDataURL() ?? '';
     let digest = 0;
@@ -11,14 +12,14 @@ const IMAGE: &str = "(() => {
     return text === '' ? '' : String(digest);
 })()";
 
-/// Moves the time cursor to a fraction of the horizon, in thousandths.
+/// Moves the time cursor of the animation to a fraction of the horizon, in thousandths.
 fn scrub(page: &Page, to: u32) {
     page.value(&format!(
         "(() => {{ const slider = document.querySelector('#clock input'); slider.value = {to}; slider.dispatchEvent(new Event('input')); }})()"
     ));
 }
 
-/// Chooses an example, solves it, and waits for its animation.
+/// Chooses a published example on the page, solves it, and waits for its animation.
 fn picture_of(page: &Page, example: &str) {
     page.value("document.getElementById('outcome').textContent = ''");
     page.value(&format!("document.getElementById('example').value = {example:?}"));
@@ -81,7 +82,7 @@ fn a_film_plays_pauses_and_steps_to_events() {
     assert_eq!(paused, "Play");
     scrub(&page, 0);
     page.value("document.querySelectorAll('#clock button')[1].click()");
-    // The first impact of a ball dropped from 1 m is at sqrt(2 / 9.81).
+    // The time cursor shows the first impact of a ball dropped from 1 m, at sqrt(2 / 9.81).
     assert_eq!(page.text("#clock .time"), "t = 0.4515");
 }
 
@@ -103,7 +104,7 @@ fn cards_of_the_gallery_have_pictures_that_leave_nothing_behind() {
 fn an_answer_is_saved_as_a_picture_and_as_a_file_that_needs_no_network() {
     let page = Page::open("files", "/");
     picture_of(&page, "friction_belt");
-    // Replaces the saving of files: the page collects what it would save.
+    // Replaces the browser's saving of files by a script that collects what the page would save.
     page.value(
         "window.files = []; HTMLAnchorElement.prototype.click = () => {};
         URL.createObjectURL = (blob) => { window.files.push(blob); return 'about:blank'; }; 0",

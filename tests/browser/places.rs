@@ -1,4 +1,4 @@
-//! Errors of a specification, marked at their lines.
+//! Errors of a specification are marked at their lines in the editor.
 
 use crate::driver::{EDITOR, Page};
 use serde_json::json;

@@ -1,4 +1,4 @@
-//! A process of the program that serves on a port of its own until it is dropped.
+//! A process of the program that serves HTTP on a port of its own until the handle is dropped.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -9,12 +9,12 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts a service that is reachable from this machine only and keeps nothing on disk.
+    /// Starts a service that is reachable from this machine only and keeps no jobs on disk.
     pub fn start() -> Self {
         Self::start_with(&["--listen", "127.0.0.1:0", "--ephemeral"])
     }
 
-    /// Starts a service that requires tokens, and creates a token for each list of scopes.
+    /// Starts a service that requires access tokens, and creates a token for each list of permissions (scopes).
     pub fn guarded<const N: usize>(name: &str, scopes: [&[&str]; N]) -> (Self, [String; N]) {
         let data = format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"));
         let _ = std::fs::remove_dir_all(&data);
@@ -43,7 +43,7 @@ impl Server {
         let line = log.find_map(|line| line.ok().filter(|line| line.contains("serving on"))).unwrap();
         let at = line.find("http://").unwrap();
         let address = line[at..].split_whitespace().next().unwrap().to_owned();
-        // Reads the log, since a server blocks when the pipe of its log is full.
+        // Reads the log of the service continuously, since a process blocks when the pipe of its output is full.
         std::thread::spawn(move || log.for_each(drop));
         Self { child, address }
     }

@@ -1,4 +1,4 @@
-//! From a specification to a plot, by the keyboard.
+//! A user of the page comes from a specification to a plot by the keyboard alone.
 
 use crate::driver::Page;
 use crate::server::Server;
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 const DECAY: &str = r#"{"label":"Decay","problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
 "output":{"times":{"count":101}}}"#;
 
-/// A JavaScript expression for the number of pixels of the first plot that have the colour of its line.
+/// A JavaScript expression for the number of pixels of the first plot that have the colour of its curve.
 const LINE: &str = "(() => {
     const canvas = document.querySelector('#plots canvas');
     const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
@@ -60,7 +60,8 @@ fn the_cursor_reads_the_solution() {
     page.wait("document.getElementById('hover').innerText.startsWith('t = ')");
     let told: f64 = page.text("#plots figcaption .first").parse().unwrap();
     let time: f64 = page.text("#hover").strip_prefix("t = ").unwrap().parse().unwrap();
-    // The page shows the value of the solution at the nearest of 101 output times, and not an interpolated one.
+    // At the plot's cursor the page shows the value of the solution at the nearest of 101 output times, and not an
+    // interpolated one.
     assert!((told - (-time).exp()).abs() < 0.006, "x({time}) = {told}");
 }
 
@@ -75,7 +76,7 @@ fn a_job_that_runs_shows_how_far_it_is_and_can_be_cancelled() {
     page.tab_to("#cancel");
     page.press("Enter", false);
     page.wait("document.getElementById('outcome').dataset.status === 'dismissed'");
-    // Each job is requested only once; thumbnails of examples have jobs of their own.
+    // The page requests the result of each job only once; thumbnails of examples have jobs of their own.
     let asked = "(() => {
         const jobs = performance.getEntriesByType('resource').map((entry) => /\\/jobs\\/([^/]*)(\\/events)?$/.exec(entry.name)?.[1]).filter(Boolean);
         return [jobs.length > 0, new Set(jobs).size === jobs.length];
@@ -100,7 +101,8 @@ fn the_result_is_saved_as_a_table() {
             .unwrap()
             .filter_map(Result::ok)
             .filter(|file| file.path().extension().is_some_and(|end| end == "csv"))
-            // The browser creates the downloaded file before it writes the contents.
+            // The browser creates the file of a download before it writes the contents, so that an empty file is not
+            // yet the download.
             .find(|file| file.metadata().is_ok_and(|file| file.len() > 0))
     };
     for _ in 0..500 {

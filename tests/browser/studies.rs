@@ -1,4 +1,4 @@
-//! Work-precision studies (error against run time): on the page, and as a picture of their own.
+//! Work-precision studies (error against run time) as the page shows them, and as SVG pictures of their own.
 
 use crate::driver::Page;
 use dvi::solution::pictures::work_precision;
@@ -6,7 +6,7 @@ use dvi::solution::{Series, Status, StudyRun};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// A study of `x' = -x` with two tolerances and two numbers of stages.
+/// Specification of a work-precision study of `x' = -x` with two tolerances and two numbers of stages.
 const STUDY: &str = r#"{"label":"Decay","problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
 "study":{"rtol":[1e-3,1e-6],"stages":[3,"auto"],"exact":{"x":"exp(-t)"}}}"#;
 
@@ -36,7 +36,7 @@ fn a_study_is_shown_as_a_picture_and_in_numbers() {
     assert_eq!(page.complaints(), Vec::<String>::new());
 }
 
-/// A JavaScript expression for the texts of a picture (SVG) that begin or end outside it.
+/// A JavaScript expression for the texts of an SVG picture that extend beyond its left or right edge.
 const OUTSIDE: &str = "(() => {
     const {width} = document.documentElement.viewBox.baseVal;
     return [...document.querySelectorAll('text')]

@@ -1,4 +1,5 @@
-//! The verdict on a result is shown first, is readable in light and dark, and never belongs to another run.
+//! The page shows the verdict (whether the result is to be trusted) first, readable in the light and dark colour
+//! schemes, and never shows that of another run.
 
 use crate::driver::Page;
 use serde_json::{Value, json};
@@ -8,7 +9,7 @@ const DECAY: &str =
 const ENDLESS: &str = r#"{"label":"Endless","problem":{"dvi":{"states":{"x":{"initial":0,"rate":"cos(1000*t)"}}}},
     "time":{"end":1e6},"output":{"times":{"count":11}}}"#;
 
-/// Replaces the verdict and the checks in each result that the page receives.
+/// Replaces the verdict and the numerical checks in each result that the page receives from the service.
 fn answer_with(page: &Page, verdict: &Value, checks: &Value) {
     page.value(&format!(
         "(() => {{
@@ -71,7 +72,7 @@ fn is_readable(page: &Page, name: &str) {
         let features = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
         page.call("Emulation.setEmulatedMedia", features);
         page.picture(&format!("verdict_{name}_{scheme}"));
-        // WCAG level AA requires a contrast of 4.5 for text of normal size.
+        // WCAG level AA requires a contrast of 4.5 for text of normal size, here that of the verdict.
         let contrast = page.value(CONTRAST).as_f64().unwrap();
         assert!(contrast >= 4.5, "{name}, {scheme}: {contrast}");
     }

@@ -19,8 +19,8 @@ fn a_body_pushed_across_a_slope_turns_down_and_stops() {
         "variables": {"F": {"inequality": "-vx"}, "H": {"inequality": "-vy"}},
         "set": [{"ball": {"of": ["F", "H"], "radius": 2}}]}},
         "time": {"end": 1.25}});
-    // With the constant C = 3/2 and the half-angle tangent w = 1 at the start, the body stops at the time C (w +
-    // w^3/3)/2 = 1, at the point (C^2 (w^2/2 - w^6/6)/4, C^2 (w^3/3 + w^5/5)/2).
+    // With the constant C = 3/2 and the tangent w = 1 of half the angle of the velocity at the start, the sliding body
+    // stops at the time C (w + w^3/3)/2 = 1, at the point (C^2 (w^2/2 - w^6/6)/4, C^2 (w^3/3 + w^5/5)/2).
     assert_order(&System {
         specification,
         end: vec![("x", 0.1875), ("y", 0.6)],
@@ -29,8 +29,8 @@ fn a_body_pushed_across_a_slope_turns_down_and_stops() {
     });
 }
 
-/// The applied force `f = (1 + s) u + s^2/2 u'` with `u = (cos s, sin s)`, `s = t - 1`, is below the friction limit
-/// up to `t = 1`; then the body moves with the velocity `s^2/2 u`.
+/// A block on a plane is pushed by the force `f = (1 + s) u + s^2/2 u'` with `u = (cos s, sin s)`, `s = t - 1`, which
+/// is below the friction limit up to `t = 1`; then the block moves with the velocity `s^2/2 u`.
 #[test]
 fn a_body_at_rest_starts_to_slide_along_a_curve() {
     let specification = json!({"problem": {"dvi": {
@@ -92,8 +92,8 @@ fn a_point_circles_down_a_cone_and_lifts_off() {
     });
 }
 
-/// Three regions with a constant direction of motion in each, and the speed `5 e^-t` in all of them: as functions of
-/// the integral `5 (1 - e^-t)` of that speed, the coordinates are piecewise linear.
+/// A Filippov system of three regions with a constant direction of motion in each, and the speed `5 e^-t` in all of
+/// them: as functions of the travelled length `5 (1 - e^-t)`, the coordinates are piecewise linear.
 #[test]
 fn a_sliding_mode_between_three_regions() {
     let specification = json!({"problem": {"dvi": {
@@ -113,7 +113,7 @@ fn a_sliding_mode_between_three_regions() {
     let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
     let time = |length: f64| -(1.0 - length / 5.0).ln();
     let (first, second) = (time(line), time(origin));
-    // The antiderivative by time of a coordinate c - 5 (1 - e^-t), which decreases by the travelled length.
+    // The antiderivative by time of a coordinate c - 5 (1 - e^-t) of the solution, where c is its value at the start.
     let integral = |c: f64, t: f64| (c - 5.0) * t - 5.0 * (-t).exp();
     let way = integral(2.0, first) - integral(2.0, 0.0) + 0.25 * (integral(origin, second) - integral(origin, first));
     assert_order(&System {
@@ -124,8 +124,8 @@ fn a_sliding_mode_between_three_regions() {
     });
 }
 
-/// Friction whose set of forces is a square that stands on a corner: the force is first at a corner, then on a side,
-/// and then the body rests.
+/// Sliding friction whose set of forces is a square that stands on a corner: the friction force is first at a corner,
+/// then on a side, and then the body rests.
 #[test]
 fn friction_with_a_polygon_of_directions() {
     let specification = json!({"problem": {"dvi": {

@@ -6,11 +6,13 @@ use crate::systems::harness::{distance, solve};
 use crate::systems::memory::{abel, gamma};
 use serde_json::json;
 
-/// The degree of the bumps, which are B-splines with the knot distance `WIDTH`.
+/// The degree of the B-splines ("bumps") of which the exact solutions `u` and `w` consist; their knot distance is
+/// `WIDTH`.
 const DEGREE: i32 = 5;
 const WIDTH: f64 = 0.5;
 
-/// Returns the knots and coefficients of the truncated powers `coefficient (t - knot)_+^5` whose sum is a bump.
+/// Returns the knots and coefficients of the truncated powers `coefficient (t - knot)_+^5` whose sum is the B-spline
+/// that begins at `start`.
 fn powers(start: f64) -> Vec<(f64, f64)> {
     let mut binomial = 1.0;
     let factorial: f64 = (1..=DEGREE).map(f64::from).product();
@@ -27,7 +29,8 @@ fn bump(start: f64, t: f64) -> f64 {
     powers(start).iter().map(|(knot, factor)| factor * (t - knot).max(0.0).powi(DEGREE)).sum()
 }
 
-/// Returns the largest error of `u`, whose bumps begin at 0.3 and 6.9; the bumps of `w` begin at 3.6 and 10.2.
+/// Returns the largest error of the computed `u`, whose exact B-splines begin at 0.3 and 6.9; those of `w` begin at 3.6
+/// and 10.2.
 fn error(alpha: f64, stages: usize, step: f64) -> f64 {
     let mut q = String::from("0");
     for start in [3.6, 10.2] {

@@ -1,4 +1,4 @@
-//! Measured orders of convergence, with closed-form solutions as reference.
+//! Measured orders of convergence of the integrators, with closed-form solutions as reference.
 
 mod blocks;
 mod memory;

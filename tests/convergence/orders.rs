@@ -6,7 +6,7 @@ use dvi::radau::{Radau, Settings, StageChoice, Switches};
 use dvi::vi::SolverKind;
 use hybrid::OneStep;
 
-/// A problem whose functions and derivatives are closures.
+/// A differential variational inequality whose functions and derivatives are closures.
 pub struct Problem<F, J> {
     pub structure: Structure,
     pub values: F,
@@ -64,12 +64,12 @@ pub fn settings(stages: usize, step: f64, n: usize) -> Settings {
     }
 }
 
-/// The end time, so late that even the fine runs have errors above rounding.
+/// The end time of all runs, so late that even the fine runs have errors above rounding.
 const END: f64 = 151.0;
-/// Number of steps of the coarsest run, for s = 1, .., 5.
+/// Number of steps of the coarsest run of a sequence, for s = 1, .., 5 stages.
 const COARSEST: [usize; 5] = [60_000, 3000, 800, 460, 350];
 
-/// Returns the reported `y = (x, z)` at `end` after `steps` equal steps.
+/// Returns the states and variables `y = (x, z)` that Radau IIA reports at `end` after `steps` equal steps.
 fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) -> Vec<f64> {
     let control = Control::new();
     let mut radau = Radau::new(problem, settings(stages, end / steps as f64, x.len()), 0.0, x, end, &control).unwrap();
@@ -81,8 +81,8 @@ fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) 
     y
 }
 
-/// The observed order: from a sequence of runs with ever more steps, it takes the finest run with an error above
-/// rounding, and the second one before it.
+/// The observed order of convergence: from a sequence of runs with ever more steps, it takes the finest run with an
+/// error above rounding, and the run two places before it.
 fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
     let ladder = (0..8).map(|k| (coarsest as f64 * 1.06_f64.powi(k)).round() as usize);
     let runs: Vec<(f64, f64)> = ladder
@@ -98,7 +98,7 @@ fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
 
 #[test]
 fn a_smooth_ode_converges_with_order_2s_minus_1() {
-    // x1' = cos(t) x1 with the solution x1 = exp(sin t), and a second state that depends on x1.
+    // A smooth ODE: x1' = cos(t) x1 with the solution x1 = exp(sin t), and a second state that depends on x1.
     for s in 1..=5 {
         let order = order(
             |steps| {
@@ -125,8 +125,8 @@ fn a_smooth_ode_converges_with_order_2s_minus_1() {
 
 #[test]
 fn a_smooth_problem_of_index_one_converges_with_order_2s_minus_1_in_x_and_in_z() {
-    // 0 <= z perp x1 (2 + x2) >= 0 with z > 0: x1 = 0, x2 = exp(sin t), z = x2 / (1 + x2^2). The stage values of z
-    // have the order s only; the reported values of z are computed from x.
+    // A problem of index one: 0 <= z perp x1 (2 + x2) >= 0 with z > 0 has x1 = 0, x2 = exp(sin t), z = x2 / (1 + x2^2).
+    // The stage values of z have the order s only; the reported values of z are computed from x.
     let x = END.sin().exp();
     for s in 1..=5 {
         for (component, exact) in [(1, x), (2, x / (1.0 + x * x))] {

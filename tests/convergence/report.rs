@@ -47,7 +47,8 @@ fn a_relay_that_implicit_euler_solves_to_rounding_is_told_apart() {
     assert_eq!(Chapter::lost(&chapter.ladders), (0, 24));
 }
 
-/// Returns the runs of another program ("peer") as it would report them: one completed and one stopped.
+/// Returns the runs of another program ("peer") as the report on test systems stores them: one run completed and one
+/// stopped.
 fn peer(chapter: &Chapter, fields: Value, switches: Value) -> Ladder {
     let answer = json!({"method": "Peer", "runs": [
         {"rtol": 1e-6, "steps": 12, "seconds": [3e-3, 1e-3, 2e-3], "fields": fields, "switches": switches},
@@ -63,8 +64,8 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert_eq!(asked["specification"]["problem"]["dvi"]["parameters"]["mu"], 0.5);
     let stop = chapter.reference.switches[0];
     assert!(times.iter().all(|t| (t - stop).abs() > 1e-3), "a time of comparison is at the jump of the friction");
-    // The velocity v falls linearly from 2 to rest; the values that the peer returns differ from it by 1/500 of the
-    // largest value among the compared times.
+    // The exact velocity v falls linearly from 2 to rest; the values that the peer program returns differ from it by
+    // 1/500 of the largest value among the compared times.
     let rate = 2.0 / stop;
     let exact: Vec<f64> = times.iter().map(|t| f64::max(2.0 - rate * t, 0.0)).collect();
     let largest = exact.iter().copied().fold(0.0, f64::max);
@@ -76,7 +77,7 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert!(errors.variables.is_none(), "what was not returned has no error");
     assert_eq!((found.runs[0].seconds, found.runs[0].spread), (2e-3, (1e-3, 3e-3)));
     assert_eq!((found.runs[1].outcome, Chapter::lost(std::slice::from_ref(&found))), (Outcome::Failed, (1, 2)));
-    // For values that a peer does not return, the report has no error at all, rather than a small one.
+    // If a peer program returns no values, the report states no error at all, rather than a small one.
     let nothing: Vec<Option<f64>> = vec![None; times.len()];
     assert!(peer(&chapter, json!({"v": nothing}), json!(null)).runs[0].errors.as_ref().expect("errors").end.is_none());
 }
@@ -104,10 +105,10 @@ fn every_peer_has_a_name_and_a_way_to_install_it_without_being_installed() {
 fn a_mesh_is_measured_apart_from_the_steps() {
     let chapter = of("oxygen_diffusion");
     assert!(chapter.semidiscrete && chapter.reference.outside.is_empty());
-    // Linear elements are of second order, as in the table of Hansen and Hougaard.
+    // Linear finite elements are of second order, as in the table of Hansen and Hougaard.
     let orders: Vec<f64> = chapter.meshes.iter().filter_map(|mesh| mesh.order).collect();
     assert!(orders.len() == 3 && orders[..2].iter().all(|order| (order - 2.0).abs() < 0.3), "{:?}", chapter.meshes);
-    // The time integration error is reported apart from the mesh error, also if it is much smaller.
+    // The report states the time integration error apart from the mesh error, also if it is much smaller.
     let chosen = ladder(&chapter, "tr_bdf2");
     let finest =
         chosen.runs.last().and_then(|run| run.errors.as_ref()).and_then(|errors| errors.end).expect("an error");

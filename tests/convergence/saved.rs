@@ -1,5 +1,6 @@
-//! A run that is reset to a saved point repeats the same steps to the last bit: through switches, and with any number
-//! of stages. After the reset, factors and derivatives are computed anew that an uninterrupted run would have reused.
+//! A run that is reset to a saved point repeats the remaining steps to the last bit: through switches, and with any
+//! number of stages. After the reset, factors and derivatives are computed anew that an uninterrupted run would have
+//! reused.
 
 use crate::systems::reference::example;
 use dvi::problem::Control;
@@ -7,7 +8,7 @@ use dvi::radau::Radau;
 use dvi::specification::Specification;
 use hybrid::OneStep;
 
-/// Makes all remaining steps of the run, and returns the time and the unknowns at the end of each step.
+/// Makes all remaining steps of a run, and returns the time and the unknowns at the end of each step.
 fn steps(radau: &mut Radau<'_>) -> Vec<(f64, Vec<f64>)> {
     let mut steps = Vec::new();
     while !radau.is_done() {

@@ -9,16 +9,16 @@ use serde_json::{Value, json};
 /// A test system with its exact final state and switch times.
 pub struct System {
     pub specification: Value,
-    /// The exact states at the end.
+    /// The exact states of the system at the end of the run.
     pub end: Vec<(&'static str, f64)>,
-    /// The exact switch times.
+    /// The exact times at which the active set of the solution changes.
     pub switches: Vec<f64>,
-    /// Number of steps of the coarsest run, for s = 1, 2, 3.
+    /// Number of steps of the coarsest run of a sequence, for s = 1, 2, 3 stages.
     pub coarsest: [usize; 3],
 }
 
-/// Returns the largest error of the states at the end relative to the largest state, and the largest error of the
-/// switch times relative to the horizon.
+/// Returns the largest error of a run in the states at the end, relative to the largest state, and in the switch times,
+/// relative to the horizon.
 fn errors(system: &System, stages: usize, steps: usize) -> (f64, f64) {
     let mut specification = system.specification.clone();
     let end = specification["time"]["end"].as_f64().expect("an end");
@@ -30,7 +30,7 @@ fn errors(system: &System, stages: usize, steps: usize) -> (f64, f64) {
     (system.end.iter().map(state).fold(0.0, f64::max), switch_error(system, &solution) / end)
 }
 
-/// The largest distance of an exact switch time from the nearest event.
+/// The largest distance of an exact switch time from the nearest event of a solution.
 fn switch_error(system: &System, solution: &Solution) -> f64 {
     let nearest = |exact: &f64| {
         solution.trajectory.events.iter().map(|event| (event.t - exact).abs()).fold(f64::INFINITY, f64::min)
@@ -38,8 +38,8 @@ fn switch_error(system: &System, solution: &Solution) -> f64 {
     system.switches.iter().map(nearest).fold(0.0, f64::max)
 }
 
-/// The observed order: the slope of -log(error) over log(steps), fitted by least squares to a sequence of runs with
-/// ever more steps.
+/// The observed order of convergence: the slope of -log(error) over log(steps), fitted by least squares to a sequence
+/// of runs with ever more steps.
 fn slope(ladder: &[(usize, f64)]) -> f64 {
     let points: Vec<(f64, f64)> = ladder.iter().map(|&(steps, error)| ((steps as f64).ln(), error.ln())).collect();
     let count = points.len() as f64;
@@ -59,7 +59,8 @@ pub fn assert_order(system: &System) {
         let expected = (2 * s - 1) as f64 - 0.3;
         for (what, ladder) in [("x at the end", above(|error| error.0)), ("switch times", above(|error| error.1))] {
             if ladder.is_empty() && what == "switch times" {
-                // If the switching function depends on time alone, the switch times have no error above rounding.
+                // If the switching function of a system depends on time alone, the switch times have no error above
+                // rounding.
                 continue;
             }
             assert!(ladder.len() >= 3, "s = {s}, {what}: too few runs above rounding, {ladder:?}");
@@ -102,7 +103,8 @@ fn the_sliding_mode() {
 #[test]
 fn the_filtered_bridge() {
     let reference = switching("diode_bridge_filter");
-    // The coil current is a thousand times smaller than the voltages; all errors are relative to the largest value.
+    // The coil current of the filter is a thousand times smaller than the voltages; all errors are relative to the
+    // largest value.
     assert_order(&System {
         specification: example("diode_bridge_filter"),
         end: ends(&reference, &["v", "i", "v_filter"]),
@@ -115,8 +117,8 @@ fn the_filtered_bridge() {
 fn the_switching_circle() {
     let tau = 2.0 * std::f64::consts::PI;
     let end = std::f64::consts::FRAC_PI_2;
-    // z = 1 inside the unit circle, where the vector field turns one way, and z = 0 outside, where it turns the other
-    // way.
+    // A Filippov system with z = 1 inside the unit circle, where the vector field turns one way, and z = 0 outside,
+    // where it turns the other way.
     let specification = json!({
         "problem": {"dvi": {
             "parameters": {"w": "2*pi"},

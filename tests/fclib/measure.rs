@@ -1,10 +1,10 @@
-//! The error measure of the FCLIB collection, implemented independently of the library.
+//! The error measure of the FCLIB collection of frictional contact problems, implemented independently of the library.
 
 use dvi::vi::coulomb::CoulombProblem;
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// The relative residual of the natural map, with a dense Delassus matrix `W` and another formula of the projection
-/// than the library's, for friction coefficients `mu > 0`.
+/// The relative residual of the natural map of a frictional contact problem, with a dense Delassus matrix `W` and
+/// another formula of the projection than the library's, for friction coefficients `mu > 0`.
 pub fn natural_map(problem: &CoulombProblem, r: &[Vector3<f64>]) -> f64 {
     let n = problem.contacts();
     let mut dense = DMatrix::zeros(3 * n, 3 * n);
@@ -26,8 +26,8 @@ pub fn natural_map(problem: &CoulombProblem, r: &[Vector3<f64>]) -> f64 {
     map.sqrt() / q.norm().max(r.norm()).max(u.norm())
 }
 
-/// Projects `v` onto the friction cone. In the plane of the normal and the tangential part of `v`, the cone is a
-/// wedge: a vector neither in the wedge nor in its polar is projected onto the edge.
+/// Projects `v` onto the friction cone of a contact. In the plane of the normal and the tangential part of `v`, the
+/// cone is a wedge: a vector neither in the wedge nor in its polar is projected onto the edge.
 fn nearest_in_cone(v: Vector3<f64>, mu: f64) -> Vector3<f64> {
     let slip = v.y.hypot(v.z);
     let w = if slip == 0.0 { (1.0, 0.0) } else { (v.y / slip, v.z / slip) };

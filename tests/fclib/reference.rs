@@ -1,4 +1,4 @@
-//! The error measure, applied to published impulses.
+//! The error measure of the FCLIB collection, applied to published contact impulses.
 
 use crate::collection::{document, numbers, problem};
 use crate::measure::natural_map;
@@ -19,7 +19,7 @@ const NAMES: [&str; 11] = [
     "rover11035",
 ];
 
-/// The impulses that Siconos has computed.
+/// The contact impulses that Siconos has computed for a problem of the collection.
 fn impulses(name: &str) -> Vec<Vector3<f64>> {
     numbers(&document(name)["reference"]["r"]).chunks_exact(3).map(Vector3::from_column_slice).collect()
 }
@@ -39,7 +39,7 @@ fn impulses_of_other_solvers_satisfy_the_law() {
 fn the_library_measures_as_an_independent_code_does() {
     for name in NAMES {
         let (problem, reference) = (problem(name), impulses(name));
-        // Wrong impulses: zero, too large, tilted, or pulling.
+        // Wrong contact impulses: zero, too large, tilted, or pulling.
         for (factor, tilt) in [(0.0, 0.0), (1.3, 0.0), (1.0, 0.9), (-0.5, 0.2)] {
             let r: Vec<_> = reference.iter().map(|r| r * factor + Vector3::new(0.0, tilt * r.x, -r.x * tilt)).collect();
             let (ours, theirs) = (Evidence::of(&problem, &r).relative, natural_map(&problem, &r));

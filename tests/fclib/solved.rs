@@ -1,4 +1,4 @@
-//! Each problem of the collection is solved to the error `1e-8`.
+//! Each frictional contact problem of the FCLIB collection is solved to the relative error `1e-8`.
 
 use crate::collection::problem;
 use crate::measure::natural_map;
@@ -7,7 +7,7 @@ use dvi::vi::Outcome;
 use dvi::vi::coulomb::Coulomb;
 use nalgebra::Vector3;
 
-/// Upper bound of the relative residual of the natural map.
+/// Upper bound of the relative residual of the natural map at the computed impulses.
 const BOUND: f64 = 1e-8;
 
 fn solve(name: &str) {

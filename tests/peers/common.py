@@ -14,8 +14,8 @@ import sys
 import time
 import warnings
 
-# A division by zero makes a run fail, and the report shows the failure: no warning is
-# needed.
+# A division by zero in a solver makes its run fail, and the report shows the failure: no warning
+# is needed.
 warnings.simplefilter("ignore", RuntimeWarning)
 
 LONG, LONGEST = 0.5, 20  # seconds, as in src/study/report/measure.rs

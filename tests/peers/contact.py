@@ -93,8 +93,8 @@ SCENES = [("a cube at rest on a slope, friction 20 times what holds it", slope()
 def lowest(places, turns, size):
     """The height of the lowest corner of a box at each time."""
     w, x, y, z = turns.T
-    # Half sizes weighted with the absolute values of the third row of the rotation matrix give the
-    # distance of the lowest corner below the centre.
+    # Half sizes of a box, weighted with the absolute values of the third row of its rotation
+    # matrix, give the distance of the lowest corner below the centre.
     row = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
     return places[:, 2] - np.abs(row).T @ (np.array(size) / 2)
 

@@ -47,8 +47,8 @@ def belt(method, rtol):
         t, y = solution.ts[-1], solution.ys[-1]
         load = -(K * y[0] + C * v_belt)
         after = jnp.where(sign == 0, jnp.sign(load), jnp.where(jnp.abs(load) <= f, 0.0, jnp.sign(load)))
-        # Moves the velocity slightly beyond the switching surface, so that the event is
-        # not detected again at once.
+        # Moves the velocity of the mass slightly beyond the switching surface, so that the event
+        # is not detected again at once.
         v = jnp.where(sign == 0, y[1] + 1e-14 * after, v_belt)
         y = jnp.where(t < END, jnp.array([y[0], v]), y)
         return t, y, after, count + 1, v_belt, f

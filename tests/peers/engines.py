@@ -14,8 +14,8 @@ import time
 
 import numpy as np
 
-#: The time per step is the smallest mean of RUNS runs, or that of a single run if a run takes longer than `LONG`
-#: seconds.
+#: The measured time per step is the smallest mean of RUNS runs of an engine, or that of a single run if a run takes
+#: longer than `LONG` seconds.
 RUNS, LONG = 3, 1.0
 
 

@@ -71,8 +71,8 @@ def stepping(integrator, impratio):
         system = request["system"]
         text = MODELS[system].format(h=step, stiff=2 * step, integrator=integrator, impratio=impratio, mu=0.3 if system == "rolling_ball" else 0.5)
         model = mujoco.MjModel.from_xml_string(text)
-        # Comparison times are ends of steps, or lie between two of them, where positions are interpolated
-        # linearly.
+        # The times of comparison are ends of MuJoCo's steps, or lie between two of them, where positions are
+        # interpolated linearly.
         times = request["times"]
 
         def solve():
@@ -89,7 +89,8 @@ def stepping(integrator, impratio):
                 before = outputs(system, model, data)
                 start = n * step
                 mujoco.mj_step(model, data)
-                # MuJoCo resets an unstable simulation and would continue silently.
+                # MuJoCo resets an unstable simulation and would continue silently: its warnings
+                # are turned into an error.
                 if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or data.warning[mujoco.mjtWarning.mjWARN_BADQPOS].number:
                     raise RuntimeError(f"unstable at t = {n * step:.3g}")
                 mujoco.mj_kinematics(model, data)

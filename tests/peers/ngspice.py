@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 
-#: Emission coefficients `N`, which scale the thermal voltage of 26 mV of the exponential diode by 1, 1/10 and
+#: Emission coefficients `N` of the exponential diode model, which scale its thermal voltage of 26 mV by 1, 1/10 and
 #: 1/100.
 LADDER = (1.0, 0.1, 0.01)
 IDEAL = ".model DX D(IS=1e-12 N={n})"
@@ -80,7 +80,7 @@ def main(program):
         for name, (body, node, size) in DECKS.items():
             differences, doubted = [], False
             end = float(re.search(r"\.tran \S+ (\S+)", body).group(1).replace("m", "e-3"))
-            # No comparison time is an edge of a pulse.
+            # No time at which the voltages are compared is an edge of a pulse source.
             times = (np.arange(400) + 0.4567) / 400 * end
             for n in LADDER:
                 theirs, t, v = of_ngspice(folder, body, IDEAL.format(n=n), node)

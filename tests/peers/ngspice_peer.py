@@ -17,7 +17,8 @@ RECTIFIER = "V1 in 0 SIN(0 10 50)\nD1 in a ideal\nR1 a b 10\nL1 b 0 20m IC=0\n"
 BUCK = ("V1 in 0 12\nVC c 0 PULSE(1 0 3.99e-6 2e-8 2e-8 1.198e-5 2e-5)\nS1 in x c 0 ideal_switch\n"
         ".model ideal_switch SW(VT=0.5 VH=0 RON=1u ROFF=1g)\nD1 0 x ideal\nL1 x out 100u IC=0\nC1 out 0 10u IC=0\nR1 out 0 2\n")
 
-# For each system its netlist, and for each output the name of its vector in ngspice.
+# For each test system its netlist, and for each output of the system the name of its vector in
+# ngspice.
 SYSTEMS = {
     "rectifier": (RECTIFIER, {"i": "i(L1)"}),
     "diode_bridge": (BRIDGE, {"v": "v(a)", "i": "i(L1)"}),
@@ -62,8 +63,8 @@ def transient(request, rtol):
         fields = {name: np.interp(request["times"], table[:, 0], table[:, k + 1]) for k, name in enumerate(outputs)}
         spent = re.search(r"[Tt]ran\w* time\D*([\d.eE+-]+)", told.stdout)
         found = {"fields": fields, "steps": len(table), "folder": folder}
-        # ngspice measures times in milliseconds: a shorter run is measured as the time
-        # of the whole process.
+        # ngspice measures its computing time in milliseconds: a shorter run is measured as the
+        # time of the whole process.
         return found | ({"seconds": float(spent[1])} if spent and float(spent[1]) > 0 else {})
 
     return solve

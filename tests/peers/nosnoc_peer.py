@@ -39,11 +39,11 @@ def circle(casadi, p):
     return x, [math.exp(-1), 0.0], rates, 1 - x[0] ** 2 - x[1] ** 2, ["x", "y"]
 
 
-# For each system, the first column of its matrix of rates is the vector field where the
+# For each Filippov system, the first column of its matrix of rates is the vector field where the
 # switching function is positive.
 SYSTEMS = {"friction_belt": belt, "sliding_mode": sliding, "switching_circle": circle}
 ELEMENTS = 2
-# Numbers of control intervals of the runs: each interval is a nonlinear program of its
+# Numbers of control intervals of the nosnoc runs: each interval is a nonlinear program of its
 # own, which takes tens of milliseconds.
 INTERVALS = {0: 10, 1: 20, 2: 40, 3: 80}
 

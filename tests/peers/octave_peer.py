@@ -68,7 +68,7 @@ def session(method):
         kept = {}
 
         def solve():
-            # One Octave session makes all repetitions and returns their median time.
+            # One Octave session makes all repetitions of the solve and returns their median time.
             if not kept:
                 told = subprocess.run(["octave-cli", "--norc", "--eval", text], capture_output=True, text=True, timeout=1.5 * LONGEST)
                 if not told.stdout.startswith("{"):

@@ -37,8 +37,8 @@ def stepping(**settings):
             for _ in range(steps):
                 advance(model)
                 rows.append(read(model)[0][:3])
-            # Comparison times are ends of steps, or lie between two of them, where positions are interpolated
-            # linearly.
+            # The times of comparison are ends of Rapier's steps, or lie between two of them, where positions are
+            # interpolated linearly.
             places = np.array(rows) - [0, 0, scene.get("below", 0.0)]
             return {"fields": {f"{of}.{axis}": np.interp(times, step * np.arange(steps + 1), places[:, k]) for k, axis in enumerate("xyz")},
                     "steps": steps}

@@ -84,8 +84,8 @@ def belt(p):
 
     def tear(y):
         way = math.copysign(1, -(k * y[0] + c * v_belt))
-        # Moves the velocity slightly beyond the switching surface, so that the event is
-        # not detected again at once.
+        # Moves the velocity of the mass slightly beyond the switching surface, so that the event
+        # is not detected again at once.
         return slip(way), [y[0], v_belt + way * 1e-14]
 
     def stick():

@@ -113,8 +113,8 @@ def by_scipy(task):
             load = -(K * state[0] + C * v_belt)
             if sign == 0:
                 sign = float(np.sign(load))
-                # Moves the velocity slightly beyond the switching surface, so that the
-                # event is not detected again at once.
+                # Moves the velocity of the mass slightly beyond the switching surface, so that
+                # the event is not detected again at once.
                 state[1] += 1e-14 * sign
             else:
                 state[1] = v_belt

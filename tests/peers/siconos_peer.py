@@ -82,8 +82,8 @@ def euler(request, step):
         problem = sk.Relay(sn.SICONOS_RELAY_LEMKE) if relay else sk.LCP()
         stepping = sk.TimeStepping(system, sk.TimeDiscretisation(0, step), sk.EulerMoreauOSI(1.0), problem)
         rows, ends = [initial.copy()], [0.0]
-        # Siconos computes the time as a sum of step sizes: half a step is allowed for
-        # rounding.
+        # Siconos computes the time as a sum of step sizes: half a step is allowed for rounding at
+        # the end time.
         while ends[-1] < end - step / 2:
             stepping.computeOneStep()
             ends.append(ends[-1] + step)

@@ -217,7 +217,7 @@ def test_sweeps_are_pickled_and_read_back(decay):
 
 
 def test_a_straight_line_has_the_estimates_of_the_normal_equations():
-    # x' = a with x(0) = b and unit weights: ordinary least squares.
+    # Reference for the fit of x' = a with x(0) = b and unit weights: ordinary least squares.
     rng = np.random.default_rng(1)
     t = np.arange(1.0, 21.0)
     x = 0.7 + 0.3 * t + 0.1 * rng.standard_normal(20)
@@ -234,7 +234,8 @@ def test_a_straight_line_has_the_estimates_of_the_normal_equations():
     assert np.allclose(found.residuals["x"], x - design @ exact, atol=1e-6)
     correlation = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
     assert abs(found.correlation[0, 1] - correlation) < 1e-4
-    # The 97.5 % quantile of Student's t distribution with 18 degrees of freedom.
+    # The 97.5 % quantile of Student's t distribution with 18 degrees of freedom scales the
+    # confidence interval.
     assert abs((found.estimates["a"].upper - exact[0]) / found.estimates["a"].sd - 2.10092) < 1e-3
 
 
@@ -307,7 +308,7 @@ def test_derivatives_are_those_of_the_closed_form(decay):
 
 
 def test_a_gradient_is_that_of_the_closed_form(decay):
-    # x = exp(-k t), and the integral of x^2 is (1 - exp(-2 k t))/2k.
+    # The solution is x = exp(-k t), and the integral of x^2 over the run is (1 - exp(-2 k t))/2k.
     assert dvi.solve(decay).gradient == {} and dvi.solve(decay).objective is None
     end, to = decay["time"]["end"], ["k", "x.initial"]
     decay["sensitivities"] = {"to": to, "mode": "adjoint", "objective": {"integral": "x^2"}}

@@ -154,7 +154,7 @@ def test_sets_definitions_integrals_tables_and_stops_reach_the_solver():
     assert abs(r["x"][-1] - 1.0) < 1e-8 and abs(r["twice"][-1] - 2.0) < 1e-8
     assert abs(r["area"][-1] - 1.0) < 1e-7
     (event,) = [event for event in r.events if event.kind == "crossed"]
-    # x = t^2/2 reaches 1/4 at t = 1/sqrt(2).
+    # The state x = t^2/2 reaches the level 1/4 of the stop condition at t = 1/sqrt(2).
     assert event.of == "quarter" and abs(event.t - math.sqrt(0.5)) < 1e-7
 
 

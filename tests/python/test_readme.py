@@ -14,7 +14,7 @@ def test_the_python_of_a_readme_runs(path):
     pytest.importorskip("xarray")
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / path).read_text(), re.DOTALL)
     assert blocks
-    # The blocks run one after the other, as a reader would type them.
+    # The Python blocks of the README run one after the other, as a reader would type them.
     names = {}
     for block in blocks:
         exec(compile(block, path, "exec"), names)

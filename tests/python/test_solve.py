@@ -226,7 +226,7 @@ def test_other_threads_of_python_run_while_one_solves(endless):
         dvi.solve(endless)
     done.set()
     thread.join()
-    # If the solve held Python's global interpreter lock, the counting thread would
+    # If the solve held Python's global interpreter lock, the counter of the other thread would
     # reach only a handful.
     assert counted[0] > 50
 

@@ -9,24 +9,25 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-/// Interval at which the computing time of a run is checked.
+/// Interval at which the computing time of a running solve is checked.
 const TICK: Duration = Duration::from_millis(20);
 
-/// Factor by which the wall-clock time of a run may exceed its computing time.
+/// Factor by which the wall-clock time of a solve may exceed the limit of its computing time.
 const CLOCK: u32 = 60;
 
-/// How a run with a limited computing time has ended.
+/// How a solve with a limited computing time has ended.
 pub enum Ended {
     Solved(Box<Solution>),
     Refused(Vec<SpecificationError>),
-    /// The run did not return although it was asked to stop.
+    /// The solve did not return although it was asked to stop.
     Deaf,
 }
 
 /// Solves a specification on a thread of its own. After the computing time `allowed` the thread is asked to stop, and
 /// after twice that time it is abandoned.
 ///
-/// # Panics If the solve panics.
+/// # Panics
+/// If the solve panics.
 pub fn solve(specification: &str, allowed: Duration) -> Ended {
     let began = Instant::now();
     let control = Arc::new(Control::with_deadline(began + CLOCK * allowed));
@@ -34,8 +35,8 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
     let (starts, started) = mpsc::channel();
     let (ends, ended) = mpsc::channel();
     thread::spawn(move || {
-        // Errors of sending are ignored: the first message, on the start, always has a receiver; the second, with the
-        // result, has none if the run has been abandoned.
+        // Errors of sending to the waiting thread are ignored: the first message, on the start of the solve, always has
+        // a receiver; the second, with the result, has none if the run has been abandoned.
         starts.send(fs::read_link("/proc/thread-self").ok()).ok();
         let outcome = match Specification::from_json(text.as_bytes()) {
             Ok(specification) => Ended::Solved(Box::new(dvi::solve(&specification, &thread))),
@@ -60,7 +61,7 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
     }
 }
 
-/// Returns the computing time of a thread so far: the first figure of its `schedstat`, in nanoseconds.
+/// Returns the computing time of a thread so far: the first figure of its file `schedstat` in `/proc`, in nanoseconds.
 fn computed(thread: &Path) -> Option<Duration> {
     let figures = fs::read_to_string(thread.join("schedstat")).ok()?;
     figures.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)

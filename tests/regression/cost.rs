@@ -21,20 +21,21 @@ const TABLE: &str = "tests/regression/cost.txt";
 const ACCEPT: &str = "if that is meant, write the table anew and commit it with the change that explains it:\n    \
                       UPDATE=1 cargo test --test regression cost";
 
-/// The names of the columns of the cost table.
+/// The names of the columns of the cost table, which lists the work of the solver for each problem.
 const COLUMNS: [&str; 9] =
     ["accepted", "rejected", "newton", "rates", "jacobians", "factorisations", "vi_solves", "vi_pivots", "switches"];
 
-/// Width of the column of problem names, and smallest width of the other columns; a column with a longer heading is
-/// as wide as its heading.
+/// Widths in characters: of the cost table's column of problem names, and the smallest one of its other columns; a
+/// column with a longer heading is as wide as its heading.
 const NAME: usize = 37;
 const CELL: usize = 8;
 
-/// Permitted relative difference of a count on a processor with other instructions. Measured with a C library without
-/// fused multiplication: 5 % of the rejected steps of the ring modulator, and less than 3 % of all other counts.
+/// Permitted relative difference of a count of work on a processor with other instructions than the one of the table.
+/// Measured with a C library without fused multiplication: 5 % of the rejected steps of the ring modulator, and less
+/// than 3 % of all other counts.
 const OTHER_PROCESSOR: f64 = 0.1;
 
-/// The counts of a run, in the order of [`COLUMNS`].
+/// The counts of work of a solve, in the order of [`COLUMNS`].
 type Counts = [u64; COLUMNS.len()];
 
 fn counts(solution: &Solution) -> Counts {
@@ -54,8 +55,8 @@ fn counts(solution: &Solution) -> Counts {
     ]
 }
 
-/// Returns the name of each problem, which tells its source, and its specification as text, since the order of JSON
-/// members is part of a problem.
+/// Returns all problems of the cost table: their names, which tell their sources, and their specifications as text,
+/// since the order of JSON members is part of a problem.
 fn problems() -> Vec<(String, String)> {
     let examples = EXAMPLES.iter().map(|given| (format!("example {}", given.name), given.text.to_owned()));
     let stiff = read("tests/reference/smooth.json")["problems"].take();
@@ -66,7 +67,7 @@ fn problems() -> Vec<(String, String)> {
         (format!("smooth {}", problem["name"].as_str().expect("a name")), specification.to_string())
     });
     // The published examples of the systems in this list have output times within steps, and tolerances of their own;
-    // the runs for the cost table have a single output at the end and default tolerances.
+    // for the cost table they are solved with a single output at the end and default tolerances.
     let switched = [
         ("diode_bridge", "diode_bridge"),
         ("diode_bridge_filter", "diode_bridge_filter"),
@@ -89,7 +90,8 @@ fn measure(specification: &str) -> Counts {
     counts(&dvi::solve(&specification, &Control::new()))
 }
 
-/// Returns the processor's architecture and those instructions that determine the choice of kernels.
+/// Returns the processor's architecture and those of its instructions that determine the choice of linear algebra
+/// kernels.
 fn processor() -> String {
     #[cfg(target_arch = "x86_64")]
     let found = [
@@ -135,8 +137,8 @@ fn parse(text: &str) -> (String, BTreeMap<String, Counts>) {
     (processor.to_owned(), rows.collect())
 }
 
-/// Returns, as text, the counts of a run that differ from the expected ones by more than the fraction `allowed`, if
-/// any.
+/// Returns, as text, the counts of a run that differ from the expected ones by more than the relative difference
+/// `allowed`, if any.
 fn differences(expected: &Counts, found: &Counts, allowed: f64) -> Option<String> {
     let cells = expected.iter().zip(found).zip(COLUMNS);
     let changed =

@@ -12,7 +12,7 @@ pub type Known<'a> = &'a [(&'a str, &'a str)];
 pub struct Failure {
     /// The name of the case, as in a list of known failures.
     pub name: String,
-    /// How the case fails, as a keyword.
+    /// How the test case fails, as a keyword.
     pub how: &'static str,
     /// The measured values that show the failure, as text.
     pub detail: String,
@@ -20,7 +20,8 @@ pub struct Failure {
 
 /// Compares the failures with the known ones; `list` names the list and its source file.
 ///
-/// # Panics If a failure is not listed or fails in another way than listed, or if an entry does not fail.
+/// # Panics
+/// If a failure is not listed or fails in another way than listed, or if an entry does not fail.
 pub fn assert_known(list: &str, known: Known, failures: &[Failure]) {
     let listed: BTreeMap<&str, &str> = known.iter().copied().collect();
     assert_eq!(listed.len(), known.len(), "{list} names something twice");

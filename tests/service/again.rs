@@ -92,7 +92,7 @@ async fn an_end_that_makes_no_sense_is_refused_with_the_reason() {
     }
 }
 
-/// Returns the last value of a column of the results.
+/// Returns the last value of a column of the trajectory in the results.
 fn last(results: &Value, column: &str) -> f64 {
     results["trajectory"]["fields"][column]
         .as_array()

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Number of single-bit flips; the environment variable `DVI_FLIPS` sets a larger one.
 const FLIPS: usize = 200;
 
-/// Number of flips between two starts of the service.
+/// Number of bit flips between two starts of the service.
 const AT_ONCE: usize = 10;
 
 /// Suffixes of the paths that are requested for every job.

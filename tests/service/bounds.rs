@@ -88,7 +88,7 @@ async fn a_solve_that_would_take_too_much_memory_is_refused_with_what_it_would_t
         |count: u32| DECAY.replace("}}}},", &format!("}}}}}}}},\"output\":{{\"times\":{{\"count\":{count}}}}},"));
     let refused = Call::solve(with_times(400_000)).header("idempotency-key", "k").send(&site).await;
     let problem = refused.problem(422, "too-much-memory");
-    // The estimate covers 400,000 output times and as many values, of eight bytes each.
+    // The memory estimate of the job covers 400,000 output times and as many values, of eight bytes each.
     let detail = problem["detail"].as_str().unwrap();
     assert!(detail.contains("6 MiB") && detail.contains("--memory-mib"), "{detail}");
     assert_eq!(site.get("/jobs").await.json()["jobs"], serde_json::json!([]));

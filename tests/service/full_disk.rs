@@ -98,7 +98,7 @@ fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     server.get("/readyz").problem(503, "unwritable");
     server.send("POST", "/solve", "prefer: respond-async\r\n", DECAY).problem(503, "unwritable");
     assert_eq!(server.send("POST", "/solve", "", DECAY).status, 200);
-    // A new folder of this name is not accepted as the data folder of the service.
+    // A new folder at the path of the removed data folder is not accepted as the data folder of the service.
     fs::create_dir(folder.path()).unwrap();
     server.get("/readyz").problem(503, "unwritable");
     fs::remove_dir(folder.path()).unwrap();

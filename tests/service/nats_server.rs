@@ -31,7 +31,7 @@ pub struct NatsServer {
 }
 
 impl NatsServer {
-    /// Starts a server that keeps its data in `folder`.
+    /// Starts a NATS server that keeps its data in `folder`.
     pub fn start(folder: &Path) -> Self {
         let mut server = Self::begun(folder, Vec::new());
         server.await_port();
@@ -98,7 +98,7 @@ impl NatsServer {
         told["nats"][0].as_str()?.rsplit(':').next()?.parse().ok()
     }
 
-    /// Kills the server, as `kill -9` does.
+    /// Kills the NATS server, as `kill -9` does.
     pub fn kill(&mut self) {
         if let Some(mut keeper) = self.keeper.take() {
             drop(keeper.stdin.take());
@@ -106,12 +106,12 @@ impl NatsServer {
         }
     }
 
-    /// Starts the server again, with its data and its port.
+    /// Starts the NATS server again, with its data and its port.
     pub fn restart(&mut self) {
         self.run(&self.port.to_string());
     }
 
-    /// Returns the URL of the server.
+    /// Returns the URL of the NATS server.
     pub fn url(&self) -> String {
         format!("nats://127.0.0.1:{}", self.port)
     }
@@ -128,7 +128,7 @@ impl Drop for NatsServer {
 pub struct Worker(pub Child);
 
 impl Worker {
-    /// Starts a worker with further command-line arguments.
+    /// Starts a worker process with further command-line arguments.
     pub fn start(url: &str, arguments: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_dvi"));
         command.args(["worker", "--nats", url, "--workers", "1"]).args(arguments);

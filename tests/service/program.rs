@@ -190,7 +190,7 @@ fn a_flag_without_sense_is_told_with_what_to_write_instead() {
         let told = String::from_utf8(dvi(&["serve"]).env(variable, value).output().unwrap().stderr).unwrap();
         assert!(told.contains(&format!("environment variable {variable}")), "{told}");
     }
-    // The value 1 of an environment variable switches a flag on.
+    // The value 1 of an environment variable switches a command-line flag on.
     let asks = dvi(&["serve", "--ephemeral", "--listen", "no address"]).env("DVI_ASK_TOKENS", "1").output().unwrap();
     let told = String::from_utf8(asks.stderr).unwrap();
     assert!(told.contains("--listen") && !told.contains("ask-tokens"), "{told}");
@@ -314,7 +314,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
     let start = Instant::now();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
-    // The remaining content of the pipe begins with whole lines.
+    // The remaining content of the pipe of the log begins with whole lines.
     let mut rest = Vec::new();
     log.read_to_end(&mut rest).unwrap();
     let rest = String::from_utf8_lossy(&rest);
@@ -348,7 +348,7 @@ fn a_solve_within_its_memory_is_the_same_in_every_form() {
         if format == "json" {
             let [plain, confined] = [plain, confined].map(|output| {
                 let mut result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-                // The diagnostics contain run times, which differ.
+                // The diagnostics contain run times, which differ between solves.
                 result.as_object_mut().unwrap().remove("diagnostics");
                 result
             });
@@ -469,7 +469,7 @@ fn several_files_are_solved_each_beside_itself() {
     let output = run(&["solve", "--format", "csv", &decay, &coarse], "");
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.stdout.is_empty());
-    // The exit code is that of the first file whose exit code is not 0.
+    // The exit code of a solve of several files is that of the first file whose exit code is not 0.
     assert_eq!(output.status.code(), Some(7), "{told}");
     assert!(told.contains("decay.json: completed, ") && told.contains("  dvi: not trusted: energy balance"), "{told}");
     assert_eq!(folder.read("decay.result.csv").into_bytes(), alone);

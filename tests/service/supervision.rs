@@ -14,7 +14,7 @@ impl Server {
         &self.address
     }
 
-    /// Kills the process, as a crash does.
+    /// Kills the service process, as a crash does.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
@@ -48,7 +48,7 @@ impl Server {
         answer.header("location")
     }
 
-    /// Waits until the job at `path` has one of the statuses `states`, and returns it.
+    /// Waits until the job at `path` has one of the statuses `states`, and returns its status document.
     pub fn reaches(&self, path: &str, states: &[&str]) -> Value {
         let start = Instant::now();
         loop {
@@ -67,7 +67,7 @@ impl Answer {
         self.field(name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_owned()
     }
 
-    /// Asserts that the response is the given problem.
+    /// Asserts that the response is the problem (RFC 9457) with the given status and type.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) {
         assert_eq!((self.status, &self.json()["type"]), (status, &format!("/problems/{slug}").into()), "{self:?}");

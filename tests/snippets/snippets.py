@@ -67,8 +67,8 @@ class Encrypting:
         return self.listener.getsockname()[1]
 
     def __exit__(self, *_):
-        # The socket is shut down first: a thread that waits in accept() would keep it
-        # open.
+        # The listening socket is shut down before it is closed: a thread that waits in accept()
+        # would keep it open.
         self.listener.shutdown(socket.SHUT_RDWR)
         self.listener.close()
 
@@ -84,7 +84,8 @@ class Encrypting:
         try:
             client = self.context.wrap_socket(client, server_side=True)
         except OSError:
-            # A client that does not trust the certificate disconnects.
+            # A client that does not trust the certificate has disconnected during the TLS
+            # handshake.
             return
         service = socket.create_connection(self.service)
         threading.Thread(target=self.copy, args=(client, service), daemon=True).start()
@@ -170,7 +171,7 @@ class Desk:
         if "/backup" in text:
             (self.folder / "backup").mkdir()
             text = text.replace("/var/lib/dvi", str(self.data)).replace("/backup", str(self.folder / "backup"))
-        # curl fails if the service refuses a request.
+        # With this option curl fails if the service refuses a request.
         told += self.run(["bash", "-euo", "pipefail"], 'curl() { command curl --fail-with-body "$@"; }\n' + text)
         if "openssl req" in text:
             self.encrypted(text)
@@ -200,7 +201,8 @@ class Desk:
             assert self.run([*solve, f"https://localhost:{port}"], environment=environment) == plain
             told = self.run(["curl", "-sS", "--cacert", "cert.pem", f"https://localhost:{port}/version"])
             assert json.loads(told)["name"] == "dvi"
-        # A certificate without the option that the text explains, CA:FALSE.
+        # Makes a certificate without the option CA:FALSE, whose necessity the text of the guide
+        # explains.
         authority = text.replace(" -addext basicConstraints=critical,CA:FALSE", "")
         assert authority != text
         self.run(["bash", "-euo", "pipefail"], authority)
@@ -254,7 +256,7 @@ class Desk:
         assert "drawn" in self.run([command, "--quiet", "--no-init-file", "shown.m"])
 
     def matlab(self, text):
-        # Octave can parse the code, but its webwrite sends an empty body.
+        # Octave can parse the MATLAB code, but its webwrite sends an empty body.
         needs("matlab")
         (self.folder / "shown.m").write_text(self.here(text))
         self.run(["matlab", "-batch", "run('shown.m')"])
@@ -269,7 +271,7 @@ class Desk:
         self.run([command, "-e", client])
 
     def python(self, text):
-        # The blocks run one after the other, as a reader would type them.
+        # The Python blocks of a page run one after the other, as a reader would type them.
         self.typed = getattr(self, "typed", "") + self.here(text)
         missing = [name for name in ("pandas", "pyarrow", "requests") if name in text and subprocess.run([sys.executable, "-c", f"import {name}"], capture_output=True).returncode != 0]
         if missing:

@@ -18,7 +18,7 @@ fn circuit() -> Value {
     })
 }
 
-/// Returns the circuit with an additional component.
+/// Returns the test circuit with an additional component.
 fn and(kind: &str, component: Value) -> Value {
     let mut document = circuit();
     let components = document.pointer_mut(PLACE).and_then(Value::as_array_mut).expect("components");
@@ -30,7 +30,7 @@ fn netlist(text: &str) -> Value {
     json!({"problem": {"circuit": {"netlist": text}}, "time": {"end": 1}})
 }
 
-/// Asserts that a netlist has exactly these errors, as `(code, part of the detail)`.
+/// Asserts that a netlist is refused with exactly these errors, given as `(code, part of the detail)`.
 #[track_caller]
 fn assert_netlist(text: &str, expected: &[(&str, &str)]) {
     let expected: Vec<_> = expected.iter().map(|&(code, part)| (NETLIST, code, part)).collect();
@@ -215,8 +215,8 @@ fn subcircuits_that_multiply_are_answered() {
     );
 }
 
-/// A fault between several components is reported at the line of the first of them, and an unknown name in a law at
-/// the line of the law.
+/// A fault that concerns several components of a netlist is reported at the line of the first of them, and an unknown
+/// name in the law of a component at the line of the law.
 #[test]
 fn faults_of_a_netlist_have_the_line_of_a_component() {
     for (text, code, part) in [

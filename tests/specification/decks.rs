@@ -67,7 +67,7 @@ const OF_THE_DECK: [&str; 8] = [
     "too_many_unknowns",
 ];
 
-/// Returns the netlist with random changes of words and lines.
+/// Returns the test netlist with random changes of words and lines.
 fn changed(random: &mut fastrand::Rng) -> String {
     const PIECES: [&str; 24] = [
         "\n",
@@ -112,7 +112,7 @@ fn changed(random: &mut fastrand::Rng) -> String {
                 drop(words.splice(to..to, copy));
             }
             _ => {
-                // Keeps only the first characters of a word.
+                // Keeps only the first characters of a word of the netlist.
                 let length = words[at].char_indices().map(|(place, _)| place).nth(random.usize(0..3)).unwrap_or(0);
                 words[at] = &words[at][..length];
             }
@@ -144,13 +144,14 @@ fn whatever_is_written_in_a_deck_is_read_or_refused() {
         };
         refused += 1;
         for error in &errors {
-            // A text without `.tran` is not recognised as a netlist, and is refused as faulty JSON.
+            // A text without the directive `.tran` is not recognised as a netlist, and is refused as faulty JSON.
             let has_place = error.detail.starts_with("line ")
                 || OF_THE_DECK.contains(&error.code)
                 || error.code == "syntax" && document == deck.as_bytes();
             assert!(has_place, "{error:#?} of\n{deck}");
         }
     }
-    // Both outcomes, correct and refused netlists, occur often; most random changes of this netlist are faults.
+    // Both outcomes of the reading, a correct and a refused netlist, occur often; most random changes of this netlist
+    // are faults.
     assert!(correct > count / 100 && refused > count / 4, "{correct} correct, {refused} refused");
 }

@@ -1,9 +1,9 @@
-//! Valid documents that tests make faulty, and assertions on the resulting errors.
+//! Valid specifications that tests make faulty, and assertions on the resulting errors.
 
 use dvi::specification::{Specification, SpecificationError};
 use serde_json::{Value, json};
 
-/// A small valid problem: a mass on a spring with dry friction.
+/// A small valid specification: a mass on a spring with dry friction.
 pub fn block() -> Value {
     json!({
         "problem": {"dvi": {
@@ -19,7 +19,7 @@ pub fn block() -> Value {
     })
 }
 
-/// A small valid linear system.
+/// A small valid specification of a linear complementarity system.
 pub fn linear() -> Value {
     json!({
         "problem": {"lcs": {
@@ -30,7 +30,7 @@ pub fn linear() -> Value {
     })
 }
 
-/// Returns `document` with the value at `pointer` replaced or inserted.
+/// Returns the JSON `document` with the value at `pointer` replaced or inserted.
 pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     match document.pointer_mut(parent).unwrap() {
@@ -43,7 +43,7 @@ pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     document
 }
 
-/// Returns `document` without the value at `pointer`.
+/// Returns the JSON `document` without the value at `pointer`.
 pub fn without(mut document: Value, pointer: &str) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     document.pointer_mut(parent).unwrap().as_object_mut().unwrap().remove(key).unwrap();
@@ -55,7 +55,8 @@ pub fn errors_of(text: impl AsRef<[u8]>) -> Vec<SpecificationError> {
     Specification::from_json(text.as_ref()).expect_err("the document is wrong and should be told so")
 }
 
-/// Asserts that a text has exactly these errors, as `(pointer, code, part of the detail)`, in this order.
+/// Asserts that a specification text is refused with exactly these errors, as `(pointer, code, part of the detail)`, in
+/// this order.
 #[track_caller]
 pub fn assert_text(text: impl AsRef<[u8]>, expected: &[(&str, &str, &str)]) {
     let errors = errors_of(text);
@@ -67,13 +68,14 @@ pub fn assert_text(text: impl AsRef<[u8]>, expected: &[(&str, &str, &str)]) {
     }
 }
 
-/// Asserts that a document has exactly these errors.
+/// Asserts that a JSON document is refused as a specification with exactly these errors, as `(pointer, code, part of
+/// the detail)`.
 #[track_caller]
 pub fn assert_errors(document: &Value, expected: &[(&str, &str, &str)]) {
     assert_text(document.to_string(), expected);
 }
 
-/// Asserts that a document has exactly one error, with this suggestion.
+/// Asserts that a JSON document is refused as a specification with exactly one error, which proposes `suggestion`.
 #[track_caller]
 pub fn assert_suggestion(document: &Value, pointer: &str, code: &str, suggestion: &str) {
     let errors = errors_of(document.to_string());

@@ -1,4 +1,4 @@
-//! Equations that are built from specifications: values and derivatives compared with those computed by hand, the
+//! Equations that are built from specifications: their values and derivatives compared with those computed by hand, the
 //! order of states, defaults, and warnings.
 
 use crate::documents::{block, linear, with};

@@ -1,4 +1,4 @@
-//! The examples published for clients.
+//! The example specifications published for clients.
 
 use dvi::specification::Specification;
 use std::fs;
@@ -17,8 +17,8 @@ fn every_example_passes_every_check_and_has_a_title() {
     assert_eq!(count, 57);
 }
 
-/// The diode bridge is given twice, by matrices and by expressions: the values of both forms agree at a point without
-/// zero components.
+/// The diode bridge is given as two examples, by matrices and by expressions: the values of the equations of both agree
+/// at a point without zero components.
 #[test]
 fn the_two_forms_of_the_diode_bridge_are_one_problem() {
     let read = |name: &str| {

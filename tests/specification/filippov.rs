@@ -46,7 +46,7 @@ fn every_region_has_the_rate_of_every_state() {
 fn what_is_wrong_in_an_expression_has_its_place() {
     let document = with(surface(), "/problem/filippov/surface", json!("x - xx"));
     assert_errors(&document, &[("/problem/filippov/surface", "unknown_name", "xx")]);
-    // The weights of the regions are unknowns, not names available to expressions.
+    // The weights of the regions in a Filippov system are unknowns, not names available to expressions.
     let document = with(surface(), "/problem/filippov/states/x/plus", json!("z"));
     assert_errors(&document, &[("/problem/filippov/states/x/plus", "unknown_name", "z")]);
     let document = with(regions(), "/problem/filippov/regions/1/rates/x", json!("ln(x - 2)"));

@@ -1,4 +1,4 @@
-//! Malformed and extreme documents: reading any input ends, and every refusal has a reason.
+//! Malformed and extreme specifications: reading any input ends, and every refusal has a reason.
 
 use crate::documents::{block, linear};
 use dvi::specification::{EXAMPLES, Specification};
@@ -58,7 +58,7 @@ fn examples_changed_at_random_are_answered() {
     }
 }
 
-/// If a value is replaced by one of another type, all errors are at or below this value.
+/// If a value of a specification is replaced by one of another type, all errors are at or below this value.
 #[test]
 fn a_value_of_another_kind_is_answered_at_its_place() {
     let strange = [json!(null), json!(true), json!(-1), json!("?"), json!([]), json!({}), json!({"a": 1, "b": 2})];
@@ -81,8 +81,8 @@ fn a_value_of_another_kind_is_answered_at_its_place() {
     }
 }
 
-/// Numbers whose products and squares overflow or underflow: the analysis of a valid specification completes
-/// nonetheless.
+/// Numbers in a specification whose products and squares overflow or underflow: the analysis of a valid specification
+/// completes nonetheless.
 #[test]
 fn numbers_at_the_limits_of_doubles_are_analysed() {
     for name in ["reverse_zeno", "diode_bridge", "fluid_queue", "three_regions", "pendulum"] {
@@ -116,7 +116,7 @@ fn a_large_document_with_many_errors_is_answered_in_time() {
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
-/// A search for the nearest of many valid names, made for each of many unknown names, would take minutes.
+/// For each of many unknown names in a specification, a search for the nearest of many valid names would take minutes.
 #[test]
 fn many_wrong_names_among_many_right_ones_are_answered_in_time() {
     const N: usize = 20_000;

@@ -35,7 +35,7 @@ fn index_two_with_a_bound_needs_implicit_euler() {
     assert_errors(&document, &[("/method", "index_two_needs_euler", "the index is 2")]);
     document["method"] = json!({"stages": 1, "step": 0.001});
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
-    // The state b = 1 + t - t^2/2 vanishes at t = 1 + sqrt 3: no bound is reached before the end t = 1.
+    // The state b = 1 + t - t^2/2 of the chain vanishes at t = 1 + sqrt 3: no bound is reached before the end t = 1.
     let solution = dvi::solve(&specification, &Control::new());
     let b = *solution.trajectory.field("b").unwrap().last().unwrap();
     assert!((b - 1.5).abs() < 1e-3, "b = {b}");
@@ -76,7 +76,7 @@ fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
 
 #[test]
 fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counting() {
-    // 0 = y - x^2 determines y without differentiation, and y' after one.
+    // The algebraic equation 0 = y - x^2 determines y without differentiation, and y' after one.
     let states = json!({"x": {"initial": 1, "rate": "-y"}, "y": {"initial": 1, "rate": "y - x^2"}});
     let dvi = json!({"states": states, "mass": [[1, 0], [0, 0]]});
     let document = json!({"problem": {"dvi": dvi}, "time": {"end": 3}}).to_string();

@@ -1,5 +1,5 @@
-//! Specifications as a whole: the examples pass all checks, every faulty document gets exact error messages, and the
-//! published schema agrees with the Rust types.
+//! Tests of specifications: the examples pass all checks, every faulty document gets exact error messages, and the
+//! published JSON Schema agrees with the Rust types.
 
 mod circuits;
 mod decks;

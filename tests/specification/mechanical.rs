@@ -1,4 +1,4 @@
-//! Invalid mechanical systems, and inadmissible initial states.
+//! Error messages for invalid mechanical systems, and for inadmissible initial states.
 
 use crate::documents::*;
 use dvi::problem::{Control, Mechanical};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 const AT: &str = "/problem/mechanical";
 
-/// A valid problem: a block on a floor, with a string to a wall.
+/// A valid specification of a mechanical system: a block on a floor, with a string to a wall.
 fn block_on_floor() -> Value {
     json!({"problem": {"mechanical": {
         "parameters": {"m": 2},

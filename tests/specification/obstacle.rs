@@ -19,8 +19,8 @@ fn rectangle() -> Value {
     with(document, "/problem/obstacle/probes", json!({"middle": [0.5, 1]}))
 }
 
-/// Asserts the error after the member `key` of a problem is replaced: its JSON pointer, its code, and words of its
-/// message.
+/// Asserts the error after the member `key` of an obstacle problem is replaced by `value`: its JSON pointer, its code,
+/// and words of its message.
 fn says(document: Value, key: &str, value: Value, place: &str, code: &str, words: &str) {
     let document = with(document, &format!("/problem/obstacle/{key}"), value);
     assert_errors(&document, &[(&format!("/problem/obstacle/{place}"), code, words)]);

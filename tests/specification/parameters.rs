@@ -12,7 +12,7 @@ fn read(document: &Value) -> Specification {
     Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{errors:?}\n{document}"))
 }
 
-/// Returns the document with other values for its parameters.
+/// Returns the specification with other values for its parameters.
 fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     let mut document = document.clone();
     let problem = document["problem"].as_object_mut().and_then(|problem| problem.values_mut().next()).expect("a type");
@@ -28,7 +28,7 @@ fn equations(specification: &Specification) -> &DviModel {
     specification.model().dvi().or_else(of_static).expect("a variational inequality")
 }
 
-/// Returns the values of the equations, their Jacobian and their time derivatives at a point.
+/// Returns the values of the equations, their Jacobian and their time derivatives at the time `t` and the unknowns `y`.
 fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     let model = equations(specification);
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -39,8 +39,8 @@ fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     told
 }
 
-/// Asserts that a bound problem equals the problem that is read with the same values: in structure, initial state,
-/// and values of the equations at a point.
+/// Asserts that a problem whose parameters are bound to new values equals the problem that is read with the same
+/// values: in structure, initial state, and values of the equations at a point.
 #[track_caller]
 fn assert_same(bound: &Specification, anew: &Specification, what: &str) {
     if let [Some(model), Some(other)] = [bound, anew].map(mechanical) {
@@ -73,7 +73,8 @@ fn mechanical(specification: &Specification) -> Option<&MechanicalModel> {
     (specification.model() as &dyn Any).downcast_ref()
 }
 
-/// Asserts that a bound mechanical system equals the system that is read with the same values.
+/// Asserts that a mechanical system whose parameters are bound to new values equals the system that is read with the
+/// same values.
 #[track_caller]
 fn assert_same_system(model: &MechanicalModel, other: &MechanicalModel, what: &str) {
     assert_eq!((model.structure(), &model.initial), (other.structure(), &other.initial), "{what}");
@@ -118,7 +119,8 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
             let anew = Specification::from_json(with_numbers(&document, &given).to_string().as_bytes());
             match (specification.with_parameters(&given), anew) {
                 (Ok(bound), Ok(anew)) => assert_same(&bound, &anew, &what),
-                // A parameter that is the size of a vector must be a whole number, which the new value is not.
+                // A parameter that is the size of a vector must be a whole number, which the new value of this one is
+                // not.
                 (Err(found), Err(expected)) if expected[0].code == "index_out_of_range" => {
                     assert_eq!(found[0].code, "structure_changes", "{what}");
                 }
@@ -138,7 +140,8 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
     assert!(bound_parameters >= 40, "{bound_parameters} parameters of examples are inputs");
 }
 
-/// A problem with parameters in all places: rates, inequality, mass, moving and constant bounds, initial values.
+/// A variational inequality with parameters in all places: rates, inequality, mass, moving and constant bounds, initial
+/// values.
 fn everywhere() -> Value {
     json!({
         "problem": {"dvi": {
@@ -163,7 +166,7 @@ fn everywhere() -> Value {
     })
 }
 
-/// A linear system with parameters in its matrices.
+/// A linear complementarity system with parameters in its matrices.
 fn linear() -> Value {
     json!({
         "problem": {"lcs": {
@@ -287,7 +290,8 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&block(), &[("e", 1.5)], "out_of_range", "restitution of `floor` is 1.5");
     told(&block(), &[("m", -1.0)], "mass_not_positive", "-1");
     told(&circuit(), &[("r", -1.0)], "out_of_range", "component number 2 is -1");
-    // Rates that point away from the switching surface on both sides: solutions may leave the surface at any time.
+    // A Filippov system whose rates point away from the switching surface on both sides: solutions may leave the
+    // surface at any time.
     let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
     told(&repelling, &[("up", -1.0), ("down", 2.0)], "structure_changes", "repels");
@@ -302,7 +306,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&folded, &[("a", 2.0)], "folded", "constants");
 }
 
-/// Returns derivatives with respect to parameters: of the equations at a point, and of the initial states, the mass
+/// Returns derivatives with respect to the parameters: of the equations at a point, and of the initial states, the mass
 /// matrix and constant bounds; each with a description, the index of the parameter, and the value.
 fn slopes(specification: &Specification, t: f64, y: &[f64]) -> Vec<(String, usize, f64)> {
     let model = specification.model().dvi().expect("a problem");
@@ -326,7 +330,8 @@ fn slopes_are_those_of_the_closed_form() {
     let find = |what: &str, by: usize| {
         found.iter().find(|(of, parameter, _)| of.starts_with(what) && *parameter == by).map_or(0.0, |found| found.2)
     };
-    // The independent parameters m, k, a, w, b are sorted by name; c = k/m depends on them.
+    // The derivatives refer to the independent parameters m, k, a, w, b, sorted by name; the parameter c = k/m depends
+    // on them.
     let names = specification.model().parameters().expect("parameters").names().to_vec();
     let place = |name: &str| names.iter().position(|known| known == name).expect("a parameter");
     let quadratic = y[1] * y[1].abs();

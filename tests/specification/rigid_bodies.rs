@@ -114,8 +114,8 @@ fn bodies_that_overlap_are_refused_by_name_or_moved_apart_as_asked() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
     let field = |name: &str| solution.trajectory.field(name).unwrap();
-    // The overlapping ball and box are moved apart: since the box is hinged about z and stands on the ground, the
-    // ball is moved, without gaining velocity.
+    // The initially overlapping ball and box are moved apart: since the box is hinged about z and stands on the ground,
+    // only the ball is moved, without gaining velocity.
     assert!((field("ball.z")[0] - 1.1).abs() < 1e-6, "{}", field("ball.z")[0]);
     assert!(field("kinetic_energy").iter().all(|energy| *energy < 1e-3));
 }
@@ -136,8 +136,8 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
     assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
-    // For a rotation with the angular velocity w about an axis at the distance r of 2 m, the centre must have the
-    // velocity w x r.
+    // For a box that rotates with the angular velocity w about a hinge axis at the distance r = 2 m, the specified
+    // velocity of the centre must be w x r.
     let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
@@ -157,7 +157,7 @@ fn impacts_are_located_where_that_is_possible_and_the_answer_says_what_else_ther
         let described = dvi::solve(&specification, &Control::new()).diagnostics;
         (described.built[0], described.left_out.iter().any(|line| line.starts_with("location of impacts: ")))
     };
-    // A box has edges: its impacts are not located, and the method is time stepping.
+    // A box has edges: its impacts are not located in time, and the method is time stepping.
     assert_eq!(steppers(&document), ("time stepping", true));
     document["problem"]["rigid_bodies"]["bodies"][2]["shape"] = json!({"sphere": {"radius": 0.5}});
     for (impacts, expected) in [
@@ -205,7 +205,7 @@ fn too_many_bodies_are_refused_before_they_are_looked_at() {
 
 const PROBLEM: &str = "/problem/rigid_bodies";
 
-/// Returns the scene with one hinge that has these members.
+/// Returns the scene of rigid bodies with one hinge that has these members.
 fn hinged(members: &Value) -> Value {
     let mut hinge = json!({"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
@@ -235,7 +235,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     refused(json!({"limits": {}}), "limits", "empty", "limit");
     refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
     refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
-    // An initial angle or velocity of the motor that differs from that of the hinge by rounding errors only is
+    // An initial angle or velocity of the hinge's motor that differs from that of the hinge by rounding errors only is
     // accepted.
     let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
     Specification::from_json(document.to_string().as_bytes()).unwrap();
@@ -315,7 +315,7 @@ fn motions_parts_and_groups_say_what_cannot_be() {
     ball.remove("position");
     Specification::from_json(document.to_string().as_bytes()).unwrap();
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["box", "ball"], "at": [0, 0, 1]}}]);
-    // The ball keeps moving at 1 m/s while the box is at rest, so that a joint between them is violated.
+    // The ball moves at a prescribed 1 m/s while the box is at rest, so that a joint between them is violated.
     assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball"), "interpenetration", "violated in velocity")]);
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["ball"], "at": [0, 0, 1]}}]);
     assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies"), "nothing_to_join", "mass")]);

@@ -1,4 +1,4 @@
-//! The published JSON Schema.
+//! The published JSON Schema of specifications.
 
 use dvi::specification::json_schema;
 use serde_json::Value;

@@ -1,4 +1,5 @@
-//! Well-formed documents that are meaningless: names, expressions, sets, times, ranges.
+//! Error messages for specifications that are well-formed JSON but meaningless: names, expressions, sets, times,
+//! ranges.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -374,7 +375,7 @@ fn the_first_version_of_the_language_is_the_one_there_is() {
     assert!(Specification::from_json(versioned(json!("1")).to_string().as_bytes()).is_err());
 }
 
-/// Fields of problems in SI units state their units; other problems leave the units to the user.
+/// Output fields of problems in SI units state their units; other problems leave the units to the user.
 #[test]
 fn fields_have_units_where_the_problem_has() {
     let units = |text: &str| Specification::from_json(text.as_bytes()).unwrap().provenance().units;

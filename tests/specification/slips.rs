@@ -1,5 +1,6 @@
 //! Common mistakes in specifications, and the words of the error message that say how to correct them. Each row of
-//! `slips.json` has a document, pairs of texts of which the first is replaced by the second, and the required words.
+//! `slips.json` has a specification, pairs of texts of which the first is replaced by the second to make the mistake,
+//! and the required words.
 
 use crate::documents::errors_of;
 use serde_json::Value;

@@ -7,10 +7,11 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-/// Smallest number of words of a checked text: those with fewer words are names, keys and addresses.
+/// Smallest number of words of a string literal that is checked for puzzling phrases: those with fewer words are names,
+/// keys and addresses.
 const FEWEST_WORDS: usize = 4;
 
-/// Phrases that users did not understand, in lower case.
+/// Phrases in messages that users did not understand, in lower case.
 const PUZZLING: [&str; 16] = [
     "in no circle",
     "is no component known",
@@ -30,13 +31,14 @@ const PUZZLING: [&str; 16] = [
     "at once or in time",
 ];
 
-/// Returns the source of a file without comments and without the tests at its end.
+/// Returns the source text of a Rust file without comments and without the tests at its end.
 fn without_comments(source: &str) -> String {
     let code = source.split("#[cfg(test)]").next().unwrap_or_default();
     code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns the string literals of a source; a line that ends in a backslash continues on the next line.
+/// Returns the string literals of a Rust source; a line of a literal that ends in a backslash continues on the next
+/// line.
 fn quoted(code: &str) -> Vec<String> {
     let plain = code.replace("'\"'", "''").replace("\\\"", "\u{201d}");
     let texts = plain.split('"').skip(1).step_by(2);

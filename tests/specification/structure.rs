@@ -1,4 +1,4 @@
-//! Ill-formed documents: syntax, unknown and missing keys, values of the wrong type.
+//! Error messages for ill-formed specifications: syntax, unknown and missing keys, values of the wrong type.
 
 use crate::documents::*;
 use dvi::problem::Control;
@@ -190,7 +190,8 @@ fn a_set_of_names_that_is_written_like_a_box_is_shown_with_the_names_alone() {
     }
 }
 
-/// MATLAB, Octave and R write a list of one element as the element itself, and a column as a flat list.
+/// MATLAB, Octave and R write a JSON list of one element as the element itself, and a column of a matrix as a flat
+/// list: both forms are accepted.
 #[test]
 fn one_value_stands_for_a_list_of_it_alone() {
     let set = json!({"box": {"of": "F", "lower": -1, "upper": 1}});
@@ -209,7 +210,7 @@ fn one_value_stands_for_a_list_of_it_alone() {
     let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
     let [lists, alone] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
     assert_eq!(lists, alone);
-    // A 2 x 1 and a 1 x 2 matrix, both written as flat lists.
+    // A 2 x 1 and a 1 x 2 matrix, both written in JSON as flat lists.
     let written = [
         small(
             json!({"initial": [1, 2], "A": [[-1, 0], [0, -2]], "B": [[1], [3]], "C": [[1, 4]], "D": [[1]], "set": [{"nonnegative": ["z1"]}]}),
@@ -237,8 +238,8 @@ fn the_end_may_be_called_until_and_not_twice() {
     assert_errors(&twice, &[("/time/until", "conflict", "another name of `end`")]);
 }
 
-/// In an object with fixed keys, the key `comment` may have any content; in an object with names as keys, it is a
-/// name.
+/// In an object of a specification with fixed keys, the key `comment` may have any content; in an object whose keys are
+/// names, it is a name.
 #[test]
 fn comments_and_the_address_of_the_schema_are_passed_over() {
     let remark = json!("why it is so");
@@ -260,7 +261,7 @@ fn comments_and_the_address_of_the_schema_are_passed_over() {
         specification.model().state_names(),
         Specification::from_json(block().to_string().as_bytes()).unwrap().model().state_names()
     );
-    // The key `comment` is also ignored beside the type of a problem with vectors.
+    // The key `comment` is also ignored beside the member that names the type of a problem, here one with vectors.
     let vectors = json!({"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}});
     let vectors = json!({"problem": {"comment": "why", "dvi": vectors}, "time": {"end": 1}});
     assert!(Specification::from_json(vectors.to_string().as_bytes()).is_ok());

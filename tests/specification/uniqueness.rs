@@ -24,7 +24,8 @@ fn ode(rate: &str, initial: f64) -> Value {
 
 #[test]
 fn rates_that_are_not_lipschitz_are_not_certified() {
-    // Solutions with x(0) = 0: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2 t/3)^(3/2).
+    // Initial value problems with several solutions from x(0) = 0: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2
+    // t/3)^(3/2).
     for (rate, expected, because) in [
         ("sign(x)", Uniqueness::NotCertified, "`sign` of a term in `x` jumps"),
         ("1 - 2*heaviside(x)", Uniqueness::NotCertified, "`heaviside` of a term in `x` jumps"),
@@ -33,7 +34,7 @@ fn rates_that_are_not_lipschitz_are_not_certified() {
         ("abs(x)^(1/3)", Uniqueness::ExistsNotCertified, "a power below one of a term in `x`"),
     ] {
         assert_verdict(ode(rate, 0.0), expected, because);
-        // Away from x = 0, all of the rates above are smooth.
+        // From an initial value other than x = 0, all of the rates above are smooth at the start.
         assert_verdict(ode(rate, 1.0), Uniqueness::LocallyUnique, "until it gets there");
     }
 }
@@ -60,7 +61,7 @@ fn what_is_not_lipschitz_beside_variables_is_seen_too() {
     assert_verdict(tank(1.0), Uniqueness::LocallyUnique, "`sqrt` of a term in `h`");
 }
 
-/// Returns the problem `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
+/// Returns the linear complementarity system `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
 fn lcs(a: Value, b: Value, c: Value, d: Value) -> Value {
     let initial = vec![0.0; a.as_array().map_or(0, Vec::len)];
     let names: Vec<String> = (1..=d.as_array().map_or(0, Vec::len)).map(|k| format!("z{k}")).collect();
@@ -114,7 +115,8 @@ fn one_problem_in_two_writings_has_one_verdict() {
     for mean in [true, false] {
         assert_verdict(rock_paper_scissors(mean), Uniqueness::Unique, "passive");
     }
-    // Dry friction, with the rate written directly or through a free variable equal to the force.
+    // A block with dry friction, whose rate contains the friction force directly or through a free variable equal to
+    // it.
     let plain = json!({"dvi": {
         "states": {"v": {"initial": 1, "rate": "-F"}},
         "variables": {"F": {"inequality": "-v"}},
@@ -130,7 +132,7 @@ fn one_problem_in_two_writings_has_one_verdict() {
 
 #[test]
 fn a_p_matrix_decides_of_intervals_alone() {
-    // [[1, 5], [0, 1]] is a P-matrix but not positive definite.
+    // The matrix D = [[1, 5], [0, 1]] of a linear complementarity system is a P-matrix but not positive definite.
     let problem = |set: Value| json!({"lcs": {"initial": [0], "C": [[1], [0]], "D": [[1, 5], [0, 1]], "variable_names": ["p", "q"], "set": [set]}});
     assert_verdict(problem(json!({"nonnegative": ["p", "q"]})), Uniqueness::Unique, "a P-matrix");
     let disk = problem(json!({"ball": {"of": ["p", "q"], "radius": 1}}));

@@ -1,11 +1,12 @@
-//! Vectors and sums, compared with the same problem written element by element, and error messages for faulty ones.
+//! Specifications with vectors and sums, compared with the same problem written element by element, and error messages
+//! for faulty ones.
 
 use crate::documents::{assert_errors, errors_of};
 use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// Masses with dry friction, connected by springs, written with vectors.
+/// Specification of a chain of masses with dry friction, connected by springs, written with vectors.
 fn chain() -> Value {
     json!({
         "problem": {"dvi": {
@@ -29,7 +30,7 @@ fn chain() -> Value {
     })
 }
 
-/// The same chain of masses with a name for each element: `x3` for `x[3]`.
+/// The chain of masses with dry friction of `chain`, with a name for each element: `x3` for `x[3]`.
 fn written_out() -> Value {
     let n = 5;
     let (mut parameters, mut states, mut set) = (json!({"m": 1, "k": 10}), json!({}), Vec::new());

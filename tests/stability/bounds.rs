@@ -1,4 +1,4 @@
-//! Bounds that move with time or with the states, meet, cross, or coincide from the beginning.
+//! Bounds of variables that move with time or with the states, meet, cross, or coincide from the beginning.
 
 use crate::stability::harness::{Case, column, distance, instants, last};
 use dvi::solution::Status;
@@ -51,12 +51,13 @@ fn a_ball_whose_radius_turns_negative_ends_the_run_where_it_does() {
 
 #[test]
 fn both_ends_of_an_interval_are_reached_within_one_step() {
-    // z = clip(gain sin t) moves from one bound to the other within the time 2/gain.
+    // The variable z = clip(gain sin t) moves from one bound to the other within the time 2/gain.
     for gain in [1e3, 1e9] {
         let case = Case::until(10.0).state("x", 0.0, "-x + z");
         let case = case.between("z", &format!("z - {gain:e}*sin(t)"), "-1", "1").method(json!({"rtol": 1e-8}));
         let solution = case.solve();
-        // The exact solution satisfies x' = -x + sgn(sin t), except for a time of 2/gain at each switch.
+        // The exact solution satisfies x' = -x + sgn(sin t), where z = sgn(sin t) except for a time of 2/gain at each
+        // switch.
         let mut exact = 0.0;
         for k in 0..4 {
             let (from, to) = (f64::from(k) * std::f64::consts::PI, (f64::from(k + 1) * std::f64::consts::PI).min(10.0));

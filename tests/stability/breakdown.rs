@@ -4,7 +4,7 @@ use crate::stability::harness::{Case, column, last};
 use dvi::solution::{Failure, Solution, Status};
 use serde_json::json;
 
-/// Solves a case that must fail at about `time`, and returns the solution, whose trajectory ends there, and the
+/// Solves a problem whose run must fail at about `time`, and returns the solution, whose trajectory ends there, and the
 /// failure.
 fn failure(case: &Case, time: f64) -> (Solution, Failure) {
     let solution = case.run();
@@ -63,7 +63,7 @@ fn a_tank_that_runs_dry_beside_its_formula_names_the_derivative() {
 
 #[test]
 fn an_overflow_is_an_end_not_an_infinity() {
-    // e^t exceeds the largest double at t = 709.78.
+    // The solution e^t of x' = x exceeds the largest double at t = 709.78.
     let solution = Case::until(1e3).state("x", 1.0, "x").run();
     assert_eq!(solution.status, Status::Failed);
     assert!(last(&solution, "x") > 1e300);

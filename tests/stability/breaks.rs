@@ -1,4 +1,5 @@
-//! Forcing, bounds and obstacles that jump at given times: no step crosses such a time, and none is missed.
+//! Forcing, bounds and obstacles that jump at given times: no step of the integrator crosses such a time, and none of
+//! them is missed.
 
 use crate::stability::harness::{Case, distance, last};
 use serde_json::json;
@@ -66,7 +67,8 @@ fn pulses_of_any_width_are_met_at_their_edges() {
         let error = (last(&solution, "x") - exact(10.0)).abs();
         let bound = 1e-8 + 8.0 * f64::EPSILON * 7.3 / width;
         assert!(error < bound, "width {width:e}: off by {error:e}");
-        // The integration restarts at each edge of a pulse, which takes some evaluations; pulses cost nothing else.
+        // The integration restarts at each edge of a pulse of the forcing, which takes some evaluations; pulses cost
+        // nothing else.
         let rates = solution.diagnostics.evaluations.rates;
         assert!(rates < 250, "width {width:e}: {rates} evaluations");
     }
@@ -74,7 +76,8 @@ fn pulses_of_any_width_are_met_at_their_edges() {
 
 #[test]
 fn periodic_edges_cost_no_more_than_the_steps_between_them() {
-    // A pulse of width w about each whole number; between pulses, interval enclosures prove that no edge exists.
+    // The forcing is a pulse of width w about each whole number; between pulses, interval enclosures prove that no edge
+    // exists.
     let width: f64 = 0.01;
     let level = (PI * width).cos();
     let rate = format!("-x + heaviside(cos({:?}*t) - {level:?})", 2.0 * PI);

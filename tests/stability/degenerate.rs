@@ -1,4 +1,4 @@
-//! Inequalities that are redundant, nearly singular, of the wrong sign or not symmetric.
+//! Complementarity problems whose inequalities are redundant, nearly singular, of the wrong sign or not symmetric.
 
 use crate::stability::harness::{Case, RELAY, distance, last};
 use serde_json::json;
@@ -13,7 +13,8 @@ fn the_same_inequality_twice_leaves_the_states_unique() {
     let solution = case.method(method()).solve();
     let error = distance(&solution, "x", |t| (1.0 - t).max(0.0));
     assert!(error < 1e-13, "off by {error:e}");
-    // The two inequalities are the same, so that only the sum of their multipliers a and b is determined: it is 1.
+    // The inequalities of two relays are the same, so that only the sum of their multipliers a and b is determined: it
+    // is 1.
     assert!((last(&solution, "a") + last(&solution, "b") - 1.0).abs() < 1e-12);
     let case = Case::until(3.0).state("x", 1.0, "0.3 - a - b");
     let case = case.between("a", "-x", RELAY[0], RELAY[1]).between("b", "-x", RELAY[0], RELAY[1]);

@@ -31,7 +31,7 @@ fn solve_instead(case: &Case, time: f64, end: f64) -> Solution {
 
 #[test]
 fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
-    // The state x falls to zero at t = 1 and stays there.
+    // The state x of x' = -sign(x) falls from 1 to zero at t = 1 and stays there.
     let solution = solve_instead(&Case::until(3.0).state("x", 1.0, "-sign(x)"), 1.0, 3.0);
     assert!(last(&solution, "x").abs() < 1e-9 && last(&solution, "u").abs() < 1e-9);
     let solution = solve_instead(&Case::until(3.0).state("x", 0.0, "1 - 2*heaviside(x - 1)"), 1.0, 3.0);
@@ -48,8 +48,8 @@ fn steps_that_chatter_across_a_jump_end_with_the_problem_to_write_instead() {
 
 #[test]
 fn kinks_within_kinks_are_written_as_a_set() {
-    // On the line y = 0, the rate of y without its term 3 sign(y) lies between 1 and 2, and the sign term, of size 3,
-    // outweighs it: y rests from about t = 0.6 on.
+    // The rate of y without its term -3 sign(y) lies between 1 and 2 at y = 0, and the sign term, of size 3, outweighs
+    // it: y rests at zero from about t = 0.6 on.
     let rate = "max(min(x, 2), 1, 0.5) + abs(y) - 3*sign(y)";
     let case = Case::until(2.0).state("x", 0.0, "1").state("y", 1.0, rate);
     let solution = case.run();
@@ -94,7 +94,8 @@ fn twisting_comes_to_rest_or_says_what_is_not_resolved() {
         let solution = case.method(json!({"rtol": rtol, "stages": stages.clone()})).run();
         assert!(solution.diagnostics.steps.accepted < 400_000, "{:?}", solution.diagnostics.steps);
         if let Some(failure) = &solution.error {
-            // With one stage, a method of order 1, the velocity is not resolved although the position is.
+            // With one stage, a method of order 1, the velocity at the accumulation of switches is not resolved
+            // although the position is.
             assert_eq!((&*failure.code, stages), ("switches_unresolved", json!(1)), "{}", failure.message);
             assert!(failure.time > 4.5, "{failure:?}");
             continue;
@@ -120,7 +121,7 @@ fn a_start_is_found_however_far_the_variables_are() {
                         assert!((exact - x).abs() < 1e-6 * (1.0 + x), "{of} from {x0} in {block}: z = {z} at x = {x}");
                     }
                     if of == "cubic" {
-                        // (3 z^2 + 1) dz = dx = -z dt: 3/2 z^2 + ln z decreases by t.
+                        // The variable z satisfies (3 z^2 + 1) dz = dx = -z dt: 3/2 z^2 + ln z decreases by t.
                         let integral = |z: f64| 1.5 * z * z + z.ln();
                         let z = column(&solution, "z");
                         let gone = integral(z[0]) - integral(last(&solution, "z"));

@@ -5,71 +5,71 @@ use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::{Map, Value, json};
 
-/// A builder of a problem of type `dvi`.
+/// A builder of a specification of the problem type `dvi`.
 pub struct Case {
     specification: Value,
 }
 
 impl Case {
-    /// Begins a problem that is solved from 0 to `end`.
+    /// Begins a specification without states or variables that is solved from 0 to `end`.
     pub fn until(end: f64) -> Self {
         let dvi = json!({"states": {}, "variables": {}, "set": []});
         Self { specification: json!({"problem": {"dvi": dvi}, "time": {"end": end}}) }
     }
 
-    /// Adds a state `name` with its initial value and its rate.
+    /// Adds to the problem a state `name` with its initial value and its rate.
     pub fn state(mut self, name: &str, initial: f64, rate: &str) -> Self {
         self.dvi("states")[name] = json!({"initial": initial, "rate": rate});
         self
     }
 
-    /// Adds a variable with its inequality, and the block of the set that contains the variable.
+    /// Adds to the problem a variable with its inequality `G`, and the block of the set `K` that contains the variable.
     pub fn variable(mut self, name: &str, inequality: &str, block: Value) -> Self {
         self.dvi("variables")[name] = json!({"inequality": inequality});
         self.dvi("set").as_array_mut().expect("a list").push(block);
         self
     }
 
-    /// Adds a nonnegative variable with its inequality.
+    /// Adds to the problem a nonnegative variable with its inequality.
     pub fn nonnegative(self, name: &str, inequality: &str) -> Self {
         self.variable(name, inequality, json!({"nonnegative": [name]}))
     }
 
-    /// Adds a variable between two bounds, with its inequality.
+    /// Adds to the problem a variable between two bounds, with its inequality.
     pub fn between(self, name: &str, inequality: &str, lower: &str, upper: &str) -> Self {
         self.variable(name, inequality, json!({"box": {"of": [name], "lower": lower, "upper": upper}}))
     }
 
-    /// Adds a variable without bounds, with its equation.
+    /// Adds to the problem a variable without bounds, with its equation.
     pub fn free(self, name: &str, equation: &str) -> Self {
         self.variable(name, equation, json!({"free": [name]}))
     }
 
-    /// Sets the mass matrix.
+    /// Sets the mass matrix of the problem.
     pub fn mass(mut self, matrix: Value) -> Self {
         self.specification["problem"]["dvi"]["mass"] = matrix;
         self
     }
 
-    /// Sets the options of the method.
+    /// Sets the options of the numerical method.
     pub fn method(mut self, method: Value) -> Self {
         self.specification["method"] = method;
         self
     }
 
-    /// Sets the output times.
+    /// Sets the output times of the run.
     pub fn times(mut self, times: Value) -> Self {
         self.specification["output"] = json!({"times": times});
         self
     }
 
-    /// Sets the limits of the run.
+    /// Sets the limits of the run, such as the number of steps.
     pub fn limits(mut self, limits: Value) -> Self {
         self.specification["limits"] = limits;
         self
     }
 
-    /// Returns the checked specification.
+    /// Returns the checked specification that has been built.
     pub fn specification(&self) -> Specification {
         let mut specification = self.specification.clone();
         let dvi = specification["problem"]["dvi"].as_object_mut().expect("an object");
@@ -81,14 +81,14 @@ impl Case {
             .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"))
     }
 
-    /// Solves the problem, and returns the solution whatever its status.
+    /// Solves the specification that has been built, and returns the solution whatever its status.
     pub fn run(&self) -> Solution {
         let solution = dvi::solve(&self.specification(), &Control::new());
         assert_finite(&solution);
         solution
     }
 
-    /// Solves the problem, and asserts that the run reaches its end.
+    /// Solves the specification that has been built, and asserts that the run reaches its end.
     pub fn solve(&self) -> Solution {
         let solution = self.run();
         assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
@@ -100,7 +100,7 @@ impl Case {
     }
 }
 
-/// The lower and upper bound of a relay's variable.
+/// The lower and upper bound of a relay's output.
 pub const RELAY: [&str; 2] = ["-1", "1"];
 
 /// Asserts that no value of the solution is NaN or infinite.

@@ -1,4 +1,5 @@
-//! Output times and limits: outputs at the ends and at switches, a million outputs, and runs that are stopped early.
+//! Output times and limits of a run: outputs at the ends and at switches, a million outputs, and runs that are stopped
+//! early.
 
 use crate::stability::harness::{Case, RELAY, column, distance, last};
 use dvi::problem::Control;
@@ -6,12 +7,12 @@ use dvi::solution::Status;
 use serde_json::json;
 use std::time::{Duration, Instant};
 
-/// A relay whose state `x` reaches zero at `t = 2/0.7` and stays there.
+/// Specification of a relay whose state `x` reaches zero at `t = 2/0.7` and stays there.
 fn relay(end: f64) -> Case {
     Case::until(end).state("x", 2.0, "0.3 - s").between("s", "-x", RELAY[0], RELAY[1])
 }
 
-/// The relay `x' = 3 cos t - sgn x`, with two switches in every period forever.
+/// Specification of the relay `x' = 3 cos t - sgn x`, with two switches in every period for ever.
 fn forced(end: f64) -> Case {
     Case::until(end).state("x", 0.0, "3*cos(t) - s").between("s", "-x", RELAY[0], RELAY[1])
 }
@@ -40,7 +41,7 @@ fn between_the_steps_states_keep_to_what_constrains_them() {
         let solution = slides.method(method.clone()).times(json!({"count": 201})).solve();
         let x = column(&solution, "x").iter().zip(&solution.trajectory.t).filter(|(_, t)| **t > 1.0);
         let error = x.fold(0.0_f64, |error, (x, t)| error.max((x - t.sin()).abs()));
-        // The embedded error estimate uses a rescaled tolerance, `0.1 rtol^(2/3)`.
+        // The error estimate of the embedded formula is compared with a rescaled tolerance, `0.1 rtol^(2/3)`.
         let tolerance = 0.1 * f64::powf(rtol, 2.0 / 3.0);
         assert!(error < 5.0 * tolerance, "{rtol:e}: off the surface by {error:e}");
         // The multiplier i keeps the state v on the given path 10 sin t.
@@ -61,7 +62,7 @@ fn a_state_below_its_tolerance_is_told() {
     assert!(is_told(case()).0);
     let (told, x) = is_told(case().method(json!({"atol": 1e-20})));
     assert!(!told && (x / 1e-12 - 20.0_f64.cos()).abs() < 1e-4, "{told}, {x:e}");
-    // A state that is zero up to rounding causes no warning.
+    // A state that is zero up to rounding causes no warning about its absolute tolerance.
     assert!(!is_told(Case::until(1.0).state("x", 1.0, "-x").state("w", 1e-17, "0").times(json!([1]))).0);
 }
 

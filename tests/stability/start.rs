@@ -1,9 +1,10 @@
-//! Initial values: of variables that occur nonlinearly and have no initial guess, and with a singular mass matrix.
+//! Consistent initial values: of variables that occur nonlinearly and have no initial guess, and with a singular mass
+//! matrix.
 
 use crate::stability::harness::{Case, column, distance, last};
 use serde_json::json;
 
-/// The root of `z^3 + z = 1`.
+/// The real root of `z^3 + z = 1`.
 const ROOT: f64 = 0.682_327_803_828_019_3;
 
 #[test]
@@ -17,12 +18,14 @@ fn a_variable_that_enters_nonlinearly_is_found_without_a_guess() {
             assert!((z.powi(3) + z - x).abs() < 1e-8);
         }
     }
-    // With x = z + z^3 and x' = -z^3, (1 + 3 z^2) z' = -z^3: the integral is 1/(2 z^2) - 3 ln z = c + t.
+    // The state is x = z + z^3 and x' = -z^3, so that (1 + 3 z^2) z' = -z^3, with the integral 1/(2 z^2) - 3 ln z = c +
+    // t.
     let case = Case::until(1.0).state("x", 1.0, "-x + z").nonnegative("z", "z^3 + z - x");
     let solution = case.method(json!({"rtol": 1e-9})).solve();
     let integral = |z: f64| 0.5 / (z * z) - 3.0 * z.ln();
     assert!((integral(last(&solution, "z")) - integral(ROOT) - 1.0).abs() < 1e-7);
-    // exp(z) = 5 x with x = 1: the first Newton step leads to z = 4, and the root is ln 5.
+    // The initial variable satisfies exp(z) = 5 x with x = 1: the first Newton step from z = 0 leads to z = 4, and the
+    // root is ln 5.
     let case = Case::until(1.0).state("x", 1.0, "-x").nonnegative("z", "exp(z) - 5*x");
     let solution = case.method(json!({"rtol": 1e-9})).solve();
     let error = distance(&solution, "z", |t| 5.0_f64.ln() - t);

@@ -1,4 +1,4 @@
-//! Extreme step sizes, with each number of stages.
+//! Extreme step sizes of Radau IIA, with each number of stages.
 
 use crate::stability::harness::{Case, last};
 use dvi::solution::Status;
@@ -15,14 +15,15 @@ fn no_step_is_shorter_than_the_shortest_allowed() {
     let failure = solution.error.expect("a failure");
     assert_eq!(failure.code, "step_too_small");
     assert!(failure.message.contains("`min_step` = 3e-1"), "{}", failure.message);
-    // Without the option `min_step`, the error message does not mention it: the solution 1/(1 - t) blows up at t = 1.
+    // If the option `min_step` is not set, the error message does not mention it: the solution 1/(1 - t) blows up at t
+    // = 1.
     let failure = Case::until(2.0).state("x", 1.0, "x^2").run().error.expect("a blow-up");
     assert!(!failure.message.contains("min_step"), "{}", failure.message);
 }
 
 #[test]
 fn every_number_of_stages_solves_a_nonlinear_problem_at_its_order() {
-    // The solution of the logistic equation with x(0) = 1/10.
+    // The exact final value of the logistic equation x' = 3 x (1 - x) with x(0) = 1/10.
     let exact = 1.0 / (1.0 + 9.0 * (-9.0_f64).exp());
     let error = |stages: usize, step: f64| {
         let case = Case::until(3.0).state("x", 0.1, "3*x*(1 - x)");
@@ -39,8 +40,8 @@ fn every_number_of_stages_solves_a_nonlinear_problem_at_its_order() {
 
 #[test]
 fn a_pendulum_on_its_rod_takes_fixed_steps_with_any_stages() {
-    // In each step, the Newton iteration of the stage equations must converge, also with the derivatives of an
-    // earlier step, and if the first increment is due to the tension alone.
+    // In each step of the pendulum, the Newton iteration of the stage equations must converge, also with the
+    // derivatives of an earlier step, and if the first increment is due to the tension alone.
     for (stages, steps) in [(1, 100), (1, 1600), (1, 6400), (2, 1600), (3, 400), (3, 1600), (3, 6400)] {
         let mut document = crate::systems::reference::example("pendulum");
         document["method"] = json!({"stages": stages, "step": 10.0 / f64::from(steps)});

@@ -14,7 +14,7 @@ fn a_ball_on_a_stiff_spring_keeps_its_energy() {
         let energy = 10.0 * x + 0.5 * v * v + spring(*x);
         assert!((energy - 10.0).abs() < 1e-4, "the energy is {energy}, not 10");
     }
-    // Three times the contact closes, and three times it opens.
+    // The contact with the one-sided spring closes three times, and opens three times.
     assert_eq!(instants(&solution).len(), 6, "{:?}", instants(&solution));
 }
 

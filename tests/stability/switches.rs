@@ -1,4 +1,4 @@
-//! Switches: many, simultaneous, grazing, and stepped over.
+//! Switches of the active set: many, simultaneous, grazing, and stepped over.
 
 use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
 use serde_json::{Value, json};
@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 #[test]
 fn a_bound_that_is_touched_is_no_switch_and_one_passed_within_a_step_is_two() {
-    // Without z, x = (t - 1)^2 + depth. If depth < 0, x rests at zero from t = 1 - sqrt(-depth) to t = 1.
+    // While z = 0, x = (t - 1)^2 + depth. If depth < 0, x rests at zero from t = 1 - sqrt(-depth) to t = 1.
     for depth in [0.0, 1e-14, 1e-8, 1e-6] {
         let case = Case::until(3.0).state("x", 1.0 + depth, "2*(t - 1) + z").nonnegative("z", "x");
         let solution = case.method(json!({"rtol": 1e-8})).solve();
@@ -53,8 +53,8 @@ fn variables_that_switch_at_once_switch_at_one_time() {
 
 #[test]
 fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
-    // x'' + 100 x in -0.3 g Sgn x', x(0) = 1/2: each half period takes pi/10 and reduces the amplitude by 2 mu g/k =
-    // 0.05886, until the spring force is below the friction limit.
+    // A mass on a spring with dry friction, x'' + 100 x in -0.3 g Sgn x', x(0) = 1/2: each half period takes pi/10 and
+    // reduces the amplitude by 2 mu g/k = 0.05886, until the spring force is below the friction limit.
     let case = Case::until(4.0).state("x", 0.5, "v").state("v", 0.0, "-100*x - F");
     let turns: Vec<f64> = (0..=8).map(|k| 0.1 * PI * f64::from(k)).collect();
     let case = case.between("F", "-v", "-2.943", "2.943").method(json!({"rtol": 1e-10}));
@@ -84,17 +84,18 @@ fn a_hundred_thousand_switches_keep_their_phase() {
     assert!((phase - first).abs() < 1e-5, "the last switch is at {phase}, not {first}, of its half period");
     let error = (last(&solution, "x") - std::f64::consts::FRAC_PI_2 + (PI / 6.0).asin()).abs();
     assert!(error < 1e-4, "x is off by {error:e}");
-    // The trajectory contains only the requested output time, whatever the number of steps.
+    // The trajectory contains only the single requested output time, whatever the number of steps.
     assert_eq!(solution.trajectory.t.len(), 1);
 }
 
-/// A state `x = 2 - 0.7 t + 0.1 sin t` that stays at zero once it has reached zero; `y` is its integral.
+/// Specification of a state `x = 2 - 0.7 t + 0.1 sin t` that stays at zero once it has reached zero; the state `y` is
+/// its integral.
 fn slide() -> Case {
     let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
     case.between("s", "-x", RELAY[0], RELAY[1])
 }
 
-/// Returns the exact final `y` of the problem `slide`: the integral of `x` up to its zero, which Newton's method
+/// Returns the exact final `y` of the problem of `slide`: the integral of `x` up to its zero, which Newton's method
 /// finds.
 fn integral() -> f64 {
     let mut rest = 2.8_f64;
@@ -207,7 +208,7 @@ fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
             Case::until(10.0).state("x", 0.0, "v").state("v", 0.0, "1.1*sin(3*t) - F").between("F", "-v", "-1", "1");
         let solution = case.method(json!({"rtol": rtol})).times(json!([10])).solve();
         let times = instants(&solution);
-        // Nine half periods with two switches each, and the beginning of the tenth slip.
+        // The events of the block: nine half periods with two switches each, and the beginning of the tenth slip.
         assert_eq!(times.len(), 19, "{rtol:e}: {times:?}");
         for (k, pair) in times.chunks_exact(2).enumerate() {
             let begins = |phase: f64| (phase + PI * k as f64) / 3.0;
@@ -219,7 +220,8 @@ fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
 
 #[test]
 fn a_rest_between_the_stages_of_a_long_step_is_found() {
-    // The polynomial through the five stage values of z is positive although z is zero for a fifth of the step.
+    // The polynomial through the five stage values of the variable z is positive although z is zero for a fifth of the
+    // step.
     let g = |t: f64| t.sin() - 0.5 + 0.6 * (3.3 * t).sin();
     assert_all_pulses_are_found(g, "sin(t) - 0.5 + 0.6*sin(3.3*t)", json!({"rtol": 1e-4, "stages": 5}));
 }

@@ -1,4 +1,4 @@
-//! The table of stiff and extreme cases that `dvi report` shows: each case must pass, except the known failures.
+//! The table of stiff and extreme test cases that `dvi report` shows: each case must pass, except the known failures.
 
 use dvi::problem::Control;
 use dvi::study::stability::{Outcome, cases, parts, run};

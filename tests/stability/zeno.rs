@@ -16,7 +16,7 @@ fn spiral(a: f64, initial: [f64; 3], end: f64, method: Value) -> Case {
 
 #[test]
 fn the_spiral_that_grows_is_not_left_for_its_centre_nor_entered_from_it() {
-    // With the start w = 0 exactly, the method stays at w = 0 with z = 1/4.
+    // From the start w = 0 exactly, the numerical solution of the spiral stays at w = 0 with z = 1/4.
     let solution = spiral(3.0, [0.0; 3], 10.0, json!({})).times(json!({"count": 11})).solve();
     for k in 1..=3 {
         assert!(column(&solution, &format!("w{k}")).iter().all(|w| w.abs() < 1e-12));
@@ -80,7 +80,7 @@ fn the_twisting_controller_stops_in_finite_time() {
         assert!((pair[1] - turn).abs() < 1e-7, "{pair:?}: not at {turn}");
         fall /= 3.0_f64.sqrt();
     }
-    // At rest the forces of the two relays cancel.
+    // At rest the forces of the two relays s and r cancel.
     assert!((2.0 * last(&solution, "s") + last(&solution, "r")).abs() < 1e-9);
     assert!(solution.diagnostics.steps.accepted < 1000);
 }

@@ -25,8 +25,8 @@ fn document(problem: &Value, end: f64, sensitivities: &Value) -> Value {
         "sensitivities": sensitivities})
 }
 
-/// Solves `problem` up to the time `end` with the adjoint gradient of `objective`, and asserts that the solution is
-/// trusted.
+/// Solves `problem` up to the time `end` with the adjoint gradient of `objective` by the parameters `to`, and asserts
+/// that the solution is trusted.
 #[track_caller]
 fn gradient(problem: &Value, end: f64, to: &[&str], objective: &Value) -> Solution {
     let asked = json!({"to": to, "mode": "adjoint", "objective": objective});
@@ -42,7 +42,8 @@ fn assert_near(found: f64, expected: f64, part: f64, name: &str) {
     assert!((found - expected).abs() <= part * expected.abs().max(1.0), "{name}: {found:e} for {expected:e}");
 }
 
-/// Asserts that adjoint gradients of final states and of integrals agree with the derivatives of forward mode.
+/// Asserts that the gradients of final states `of` and of integrals of `integrands` in adjoint mode agree with the
+/// derivatives in forward mode.
 #[track_caller]
 fn assert_forward(problem: &Value, end: f64, to: &[&str], (of, integrands): (&[&str], &[&str])) {
     let mut with_integrals = problem.clone();
@@ -112,12 +113,12 @@ fn gradients_through_switches_are_those_of_forward_mode() {
         "states": {"v": {"initial": 0, "rate": "a - b*t - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     assert_forward(&friction, 4.0, &["a", "b", "mu"], (&["v"], &["v^2"]));
-    // A block at rest is torn off when the friction force that holds it reaches its bound.
+    // The static friction of a block at rest reaches its bound, and the block begins to slip.
     let torn = json!({"dvi": {"parameters": {"a": 2, "mu": 3},
         "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
         "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     assert_forward(&torn, 4.0, &["a", "mu"], (&["x", "v"], &["x*v"]));
-    // Two problems, with a breakpoint in time and with a moving bound, both of which depend on a parameter.
+    // Two problems, one with a breakpoint in time and one with a moving bound, each of which depends on a parameter.
     let breaks = json!({"dvi": {"parameters": {"p": 1.25, "b": 3},
         "states": {"x": {"initial": 0, "rate": "b*heaviside(t - p)"}}}});
     assert_forward(&breaks, 4.0, &["p", "b"], (&["x"], &["x^2"]));
@@ -133,8 +134,8 @@ fn gradients_through_switches_are_those_of_forward_mode() {
 
 #[test]
 fn a_diode_that_charges_a_capacitor_has_the_gradient_of_its_closed_form() {
-    // Closed form of the capacitor voltage, charged through an ideal diode that conducts all the time: v = E (1 -
-    // exp(-t/RC)).
+    // Closed form of the voltage of a capacitor that is charged through a resistor and an ideal diode which conducts
+    // all the time: v = E (1 - exp(-t/RC)).
     let problem = json!({"circuit": {"parameters": {"E": 10, "R": 1000, "C": 1e-6}, "components": [
         {"voltage_source": {"name": "V", "nodes": ["a", "0"], "volts": "E"}},
         {"diode": {"name": "D", "nodes": ["a", "b"]}},
@@ -159,7 +160,7 @@ fn a_variable_that_rests_at_its_bound_does_not_hide_the_switch_of_another() {
     let solution = gradient(&problem, 2.0, &["a", "x.initial"], &json!({"integral": "x"}));
     assert_near(solution.gradient["a"], -0.5, 1e-9, "a");
     assert_near(solution.gradient["x.initial"], 1.0, 1e-9, "x.initial");
-    // Friction holds one block and stops the other, whose velocity is v = v0 - mu t until the time v0/mu.
+    // Dry friction holds one block at rest and stops the other, whose velocity is v = v0 - mu t until the time v0/mu.
     let problem = json!({"dvi": {"parameters": {"mu": 1, "v0": 1.5},
         "states": {"v": {"initial": "v0", "rate": "-mu*p"}, "w": {"initial": 0, "rate": "0.5*mu - mu*r"}},
         "variables": {"p": {"inequality": "-v"}, "r": {"inequality": "-w"}},
@@ -169,7 +170,7 @@ fn a_variable_that_rests_at_its_bound_does_not_hide_the_switch_of_another() {
     assert_near(solution.gradient["v0"], 1.5, 1e-9, "v0");
 }
 
-/// A ball that falls from the height `h` and bounces with the restitution coefficient `e`.
+/// A mechanical problem: a ball that falls from the height `h` and bounces with the restitution coefficient `e`.
 fn ball() -> Value {
     json!({"mechanical": {"parameters": {"h": 1, "g": 9.81, "e": 0.6},
         "coordinates": {"y": {"initial": "h"}}, "mass": [[1]], "potential": "g*y",
@@ -192,8 +193,8 @@ fn the_height_of_a_ball_after_two_bounces_has_the_gradient_of_its_closed_form() 
     let [h, g, e] = values;
     let u = (2.0 * g * h).sqrt();
     let s = t - u / g * (1.0 + 2.0 * e);
-    // The derivatives of the impact speed u and of the time s since the second bounce are du = u (dh/2h + dg/2g) and
-    // ds = -d(u/g (1 + 2e)).
+    // The derivatives of the height of the ball follow from those of the impact speed u and of the time s since the
+    // second bounce: du = u (dh/2h + dg/2g) and ds = -d(u/g (1 + 2e)).
     let slope = |[dh, dg, de]: [f64; 3]| {
         let du = u * (dh / (2.0 * h) + dg / (2.0 * g));
         let ds = -(du / g - u * dg / (g * g)) * (1.0 + 2.0 * e) - 2.0 * u / g * de;
@@ -207,8 +208,8 @@ fn the_height_of_a_ball_after_two_bounces_has_the_gradient_of_its_closed_form() 
 
 #[test]
 fn gradients_through_impacts_are_those_of_forward_mode() {
-    // Two end times lie before the accumulation point of the impacts, and one behind it; the integrand y_dot^2 jumps
-    // at each impact.
+    // Two end times lie before the accumulation point of the ball's impacts, and one behind it; the integrand y_dot^2
+    // jumps at each impact.
     let to = ["h", "g", "e", "y_dot.initial"];
     for end in [1.2, 1.7, 2.5] {
         assert_forward(&ball(), end, &to, (&["y", "y_dot"], &["y", "y_dot^2"]));
@@ -225,7 +226,7 @@ fn gradients_through_impacts_are_those_of_forward_mode() {
         "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
         "contacts": [{"name": "wall", "gap": "x + 0.2", "restitution": "e"}]}});
     assert_forward(&pendulum, 3.0, &["l", "g", "e"], (&["x", "y"], &["x*y"]));
-    // A run that starts at t = 100 has the same gradient as its equivalent that starts at t = 0.
+    // A run of the bouncing ball that starts at t = 100 has the same gradient as its equivalent that starts at t = 0.
     let mut later = document(&ball(), 101.2, &json!({"to": to, "mode": "adjoint", "objective": {"integral": "t*y"}}));
     later["time"]["start"] = json!(100);
     let later = solve(&later).gradient;
@@ -233,8 +234,8 @@ fn gradients_through_impacts_are_those_of_forward_mode() {
     to.iter().for_each(|name| assert_near(later[*name], now[*name], 1e-8, name));
 }
 
-/// Solves a chain of 50 masses at rest between springs, with the gradient by the first `differentiated` of its
-/// parameters.
+/// Solves a chain of 50 masses at rest between springs, with the gradient by the first `differentiated` of its spring
+/// constants and applied forces.
 fn chain(differentiated: usize) -> Solution {
     let (mut parameters, mut states, mut to) = (json!({}), json!({}), Vec::new());
     for i in 0..50 {
@@ -267,14 +268,15 @@ fn a_hundred_parameters_cost_as_much_as_one() {
     assert_eq!(of_all.factorisations, of_all.steps);
     assert_eq!(of_all.steps, all.diagnostics.steps.accepted);
     assert!(of_all.jacobians <= 7 * of_all.steps && of_all.repeated == 0, "{of_all:?}");
-    // Finite differences are needed only at breakpoints and for hidden constraints, and the chain has neither.
+    // The adjoint needs finite differences only at breakpoints and for hidden constraints, and the chain has neither.
     assert_eq!(of_all.differences, 0);
     let ratio = |a: u64, b: u64| a as f64 / b as f64;
     assert!(ratio(of_all.factorisations, of_one.factorisations) < 1.5, "{of_all:?} {of_one:?}");
     assert!(ratio(of_all.jacobians, of_one.jacobians) < 1.5, "{of_all:?} {of_one:?}");
     let (evaluations, of_one) = (all.diagnostics.evaluations, one.diagnostics.evaluations);
     assert!(ratio(evaluations.rates, of_one.rates) < 1.5, "{evaluations:?} {of_one:?}");
-    // The derivative by the first parameter is the same whether one parameter or all are asked for.
+    // The derivative by the first spring constant is the same whether the gradient by one parameter or by all is
+    // requested.
     assert_near(all.gradient["k0"], one.gradient["k0"], 1e-9, "k0");
     // For x' = A x + f the derivative by f is the integral of exp(A t) applied to the gradient at the end, evaluated
     // by a Taylor series; A is symmetric.
@@ -284,8 +286,8 @@ fn a_hundred_parameters_cost_as_much_as_one() {
         (0..50).map(|i| k(i) * (at(i.checked_sub(1)) - y[i]) + k(i + 1) * (at(Some(i + 1)) - y[i])).collect()
     };
     let series = |start: &[f64]| -> Vec<f64> {
-        // The sum of t^(j+1)/(j+1)! A^j, over subintervals short enough for the series to converge without
-        // cancellation.
+        // Applies the sum of t^(j+1)/(j+1)! A^j, the integral of exp(A t), over subintervals short enough for the
+        // series to converge without cancellation.
         let (parts, t) = (20, 0.1);
         let (mut state, mut sum) = (start.to_vec(), vec![0.0; 50]);
         for _ in 0..parts {
@@ -301,8 +303,8 @@ fn a_hundred_parameters_cost_as_much_as_one() {
         }
         sum
     };
-    // A is symmetric, so it is its own transpose. The final state is series(f), and the objective has the derivative
-    // 2 x0 by the first mass and 1 by mass 25.
+    // The matrix A is symmetric, so it is its own transpose. The final state is series(f), and the objective has the
+    // derivative 2 x0 by the position of the first mass and 1 by that of mass 25.
     let x = series(&[0.1; 50]);
     let mut costate = vec![0.0; 50];
     (costate[0], costate[25]) = (2.0 * x[0], 1.0);
@@ -314,7 +316,8 @@ fn a_hundred_parameters_cost_as_much_as_one() {
 
 #[test]
 fn steps_resolve_gradients_where_the_states_rest() {
-    // The state rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 = exp(-40 t).
+    // The state x' = -40 (x - 1) rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 =
+    // exp(-40 t).
     let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-40*(x-1)"}}}},
         "time": {"end": 0.1},
         "sensitivities": {"to": ["x.initial"], "mode": "adjoint", "objective": {"final": "x"}}}));
@@ -336,7 +339,8 @@ fn failure(document: &Value) -> String {
 
 #[test]
 fn where_there_is_no_gradient_the_run_says_so() {
-    // Two relays reach their switching surfaces at the same time, and one drives the other.
+    // Two relays reach their switching surfaces at the same time, and one drives the other, so that the order of the
+    // switches matters.
     let relays = json!({"dvi": {"parameters": {"a": 1, "b": 0.5},
         "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "0.5*z - w"}, "q": {"initial": 0, "rate": "z + w"}},
         "variables": {"z": {"inequality": "-x"}, "w": {"inequality": "-y"}},
@@ -354,7 +358,7 @@ fn where_there_is_no_gradient_the_run_says_so() {
     let asked = json!({"to": ["phi.initial"], "mode": "adjoint", "objective": {"final": "y"}});
     let message = failure(&document(&beam, 0.7, &asked));
     assert!(message.contains("several contacts meet at one time"), "{message}");
-    // The square root has no finite derivative at zero.
+    // The derivative of the objective sqrt(x) is infinite at the final x = 0.
     let decay = json!({"dvi": {"parameters": {"k": 0}, "states": {"x": {"initial": 0, "rate": "k"}}}});
     let asked = json!({"to": ["k"], "mode": "adjoint", "objective": {"final": "sqrt(x)"}});
     let message = failure(&document(&decay, 1.0, &asked));
@@ -397,7 +401,7 @@ fn what_adjoint_mode_cannot_do_is_refused_with_its_place() {
         assert_eq!(found, pointer, "{asked} {code} {text}");
         assert!(text.contains(told), "{asked}: {text}");
     }
-    // Spheres are time-stepped, and adjoint mode needs Radau IIA steps.
+    // Rigid bodies, here a sphere, are time-stepped, and adjoint mode needs Radau IIA steps.
     let spheres = json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": [
         {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 1]}]}}, "time": {"end": 1},
         "sensitivities": adjoint(json!({"final": "ball.z"}))});
@@ -421,8 +425,8 @@ fn a_gradient_that_cancels_is_not_doubted() {
             assert!(slope.abs() < 1e-9, "d{of}/d{name} = {slope:e}");
         }
     }
-    // The state x slides at zero whatever its drive, and the rate of the state y is x: the final x has the derivative
-    // zero.
+    // The state x slides at zero whatever its drive a b, and the rate of the state y is x: the final x has the
+    // derivative zero.
     let slides = json!({"dvi": {"parameters": {"a": 0.3, "b": 0.7},
         "states": {"x": {"initial": 0.4, "rate": "a*b - z"}, "y": {"initial": 1, "rate": "x"}},
         "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}});
@@ -440,7 +444,8 @@ fn a_gradient_that_cancels_is_not_doubted() {
 
 #[test]
 fn differences_along_each_parameter_are_counted() {
-    // A breakpoint whose time depends on many parameters: one finite difference is needed for each of them.
+    // A step of the forcing whose time is the sum of many parameters: the adjoint needs one finite difference for each
+    // of them.
     let breaks = |count: usize| {
         let names: Vec<String> = (0..count).map(|k| format!("p{k}")).collect();
         let mut parameters = json!({});
@@ -456,7 +461,7 @@ fn differences_along_each_parameter_are_counted() {
     assert_eq!(breaks(8), 8);
 }
 
-/// Returns the gradient of the final `x` by all initial values, with at most `most` bytes for stored steps, then the
+/// Returns the gradient of the final `x` by all initial values, with at most `most` bytes for stored steps; then the
 /// bytes used and the work of the backward pass.
 fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, AdjointWork) {
     let (model, time, control) =
@@ -491,7 +496,7 @@ fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, 
 
 #[test]
 fn steps_that_are_not_kept_are_made_again_and_give_the_same_gradient() {
-    // A block on a moving belt, which sticks and slips.
+    // Specification of a block on a moving belt, which sticks and slips.
     let specification = json!({"problem": {"dvi": {"parameters": {"mu": 0.6},
         "states": {"x": {"initial": 0.2, "rate": "v"}, "v": {"initial": 0.1, "rate": "-x - F"}},
         "variables": {"F": {"inequality": "0.5 - v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}},

@@ -33,7 +33,8 @@ fn assert_at(branch: &Branch, kind: BranchEventKind, exact: f64, tolerance: f64)
 
 const G: f64 = 9.81;
 
-/// Returns the amplitude of a table that oscillates once a second with the peak `acceleration`, in units of gravity.
+/// Returns the amplitude of a table that oscillates once per unit of time with the peak `acceleration`, in units of
+/// gravity.
 fn amplitude(acceleration: f64) -> f64 {
     acceleration * G / (TAU * TAU)
 }
@@ -55,8 +56,9 @@ fn ball_on_a_table(e: f64, acceleration: f64, to: f64, moved: f64) -> Value {
 
 #[test]
 fn a_ball_on_a_shaken_table_doubles_its_period_where_its_map_says() {
-    // The map from impact to impact has the determinant e^2 and the trace 1 + e^2 - (1 + e)^2 a w^2 sin(phase)/g
-    // (Holmes 1982): a flip where the trace is -(1 + e^2), and a fold where the phase is zero.
+    // For a ball that bounces on the oscillating table, the map from impact to impact has the determinant e^2 and the
+    // trace 1 + e^2 - (1 + e)^2 a w^2 sin(phase)/g (Holmes 1982): a flip where the trace is -(1 + e^2), and a fold
+    // where the phase is zero.
     let e = 0.8;
     let at_rest = PI * (1.0 - e) / (1.0 + e);
     let flip = at_rest.hypot(2.0 * (1.0 + e * e) / ((1.0 + e) * (1.0 + e)));
@@ -81,7 +83,7 @@ fn below_a_least_amplitude_the_ball_does_not_follow_and_the_branch_folds() {
     let e = 0.8;
     let branch = branch_of(ball_on_a_table(e, 0.6, amplitude(0.2), 0.3));
     assert_at(&branch, BranchEventKind::Fold, amplitude(PI * (1.0 - e) / (1.0 + e)), 1e-8);
-    // The branch turns at the fold and comes back to its first parameter on its unstable half.
+    // The branch of periodic orbits turns at the fold and comes back to its first parameter value on its unstable half.
     let (first, last) = (branch.parameter[0], *branch.parameter.last().expect("points"));
     assert!((first - last).abs() < 1e-12, "{first} {last}");
     assert_eq!(*branch.stable.last().expect("points"), Some(false));
@@ -138,7 +140,8 @@ fn an_oscillator_that_is_driven_harder_grazes_its_wall_at_a_known_drive() {
     assert_at(&branch, BranchEventKind::Grazing, (1.0 - w * w).hypot(2.0 * d * w), 1e-6);
     let event = branch.events.iter().find(|event| event.kind == BranchEventKind::Grazing).expect("an event");
     assert!(event.of.is_none() || event.of.as_deref() == Some("wall"), "{event:?}");
-    // Below the drive at which it grazes the wall, the orbit is that of the linear oscillator.
+    // Below the amplitude of the drive at which it grazes the wall, the periodic orbit is that of the linear
+    // oscillator.
     for (f, point) in branch.parameter.iter().zip(&branch.points).filter(|(f, _)| **f < 3.0) {
         let exact = f * (1.0 - w * w) / ((1.0 - w * w).powi(2) + (2.0 * d * w).powi(2));
         assert!((point["x"] - exact).abs() < 1e-8, "{} for {exact}", point["x"]);
@@ -157,7 +160,7 @@ fn a_relay_that_a_drive_begins_to_switch_is_touched_at_a_known_drive() {
     assert_at(&branch, BranchEventKind::Grazing, 2.0_f64.sqrt(), 1e-6);
     let event = branch.events.iter().find(|event| event.kind == BranchEventKind::Grazing).expect("an event");
     assert_eq!(event.of.as_deref(), Some("z"));
-    // Beyond the border collision the branch goes on to the end of the parameter's interval.
+    // Beyond the border collision the branch of periodic orbits goes on to the end of the parameter's interval.
     assert_eq!(branch.ended, None);
     assert!((branch.parameter.last().expect("points") - 2.0).abs() < 1e-12);
 }
@@ -287,7 +290,7 @@ fn what_cannot_be_followed_is_refused_with_its_place() {
     swept["sweep"] = json!({"over": {"p": [1, 2]}});
     assert_eq!(codes(swept), told("/steady_state", "conflict"));
 
-    // A problem without an equilibrium has no point to start the branch from.
+    // A problem without an equilibrium gives no point at which the branch can start.
     let specification = asked(json!({"parameter": "p", "to": 2})).to_string().replace("p - x", "p");
     let specification = Specification::from_json(specification.as_bytes()).expect("a specification");
     let solution = dvi::solve(&specification, &Control::new());
@@ -309,7 +312,7 @@ fn a_branch_that_has_all_its_points_before_its_end_says_so() {
     let whole = follow(200);
     let branch = whole.branch.as_ref().expect("a branch");
     assert!(branch.ended.is_none() && branch.parameter.last() == Some(&2.0), "{:?}", branch.ended);
-    // A limit of as many points as the whole branch has does not cut the branch.
+    // A limit of as many points as the whole branch has does not cut the branch short.
     let same = follow(branch.points.len() as u64);
     assert!(same.branch.expect("a branch").ended.is_none());
 }
@@ -336,7 +339,8 @@ fn a_branch_follows_its_bends_however_long_the_interval_is() {
             branch.events.iter().filter(|event| event.kind == BranchEventKind::Fold).map(|event| event.at).collect();
         let angles = (0..40).flat_map(|k| [TAU / 3.0, 2.0 * TAU / 3.0].map(|angle| angle + TAU * f64::from(k)));
         let turns: Vec<f64> = angles.map(|angle| angle / 40.0 + 0.05 * angle.sin()).collect();
-        // The branch ends where it first reaches the end of the parameter's interval.
+        // The branch ends where it first reaches the end of the parameter's interval; folds beyond that point are not
+        // found.
         let crossed = turns.iter().position(|p| *p > to).unwrap_or(turns.len());
         assert_eq!(folds.len(), crossed, "to {to}: {folds:?}");
         assert!(folds.iter().zip(&turns).all(|(found, exact)| (found - exact).abs() < 1e-8), "to {to}: {folds:?}");

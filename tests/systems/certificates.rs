@@ -1,5 +1,5 @@
-//! Necessary conditions of every exact solution, verified on computed solutions: the natural map, complementarity,
-//! and the differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`.
+//! Necessary conditions of every exact solution of a differential variational inequality, verified on computed
+//! solutions: the natural map, complementarity, and the differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`.
 
 use super::harness::solve;
 use super::reference::example;

@@ -1,10 +1,10 @@
-//! Circuits with ideal diodes: bridges of four diodes, and a rectifier with one.
+//! Circuits with ideal diodes: bridges of four diodes, and a rectifier with one diode.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
-/// Asserts that no complementarity variable and no inequality is negative.
+/// Asserts that no complementarity variable of a circuit and no inequality is ever negative.
 fn assert_complementary(solution: &dvi::solution::Solution, variables: &[&str]) {
     for name in variables {
         let least = column(solution, name).iter().copied().fold(f64::INFINITY, f64::min);
@@ -25,7 +25,7 @@ fn the_diode_bridge_reaches_its_reference() {
         assert_complementary(&solution, &["v_R1", "v_F2", "i_F1", "i_R2"]);
         let switches = reference["switches"].as_u64();
         assert!(solution.diagnostics.switches >= switches.expect("a count"), "{}", solution.diagnostics.switches);
-        // The two diodes of a branch of the bridge conduct alternately: one of their currents is always zero, and
+        // The two diodes of each branch of the bridge conduct alternately: one of their currents is always zero, and
         // their sum is the absolute load current.
         let (forward, backward) = (column(&solution, "i_F1"), column(&solution, "i_R2"));
         assert!(forward.iter().chain(backward).any(|&current| current > 1e-3));
@@ -34,8 +34,8 @@ fn the_diode_bridge_reaches_its_reference() {
 
 #[test]
 fn a_bridge_charges_an_empty_capacitor_from_the_zero_of_its_source() {
-    // At first the voltage and current of every diode are zero. The reference joins closed forms of the charging and
-    // discharging pieces, in 30 digits.
+    // At the start the voltage and current of every diode are zero. The reference value of the capacitor voltage joins
+    // closed forms of the charging and discharging phases, in 30 digits.
     let (voltage, times) = (5.725_303_018_916_766, [0.008_663_621_010_819_184, 0.011_309_363_758_714_332]);
     for (rtol, unit) in [(1e-3, 1.0), (1e-6, 1.0), (1e-9, 1.0), (1e-6, 1e-6), (1e-6, 1e6)] {
         // The resistances and the capacitance are scaled so that the voltages do not change, and the currents are the
@@ -72,7 +72,7 @@ fn the_filtered_bridge_reaches_its_reference() {
         let error = (last(&solution, name) / exact - 1.0).abs();
         assert!(error < 1e-7, "`{name}` is off by {error:e} relative");
     }
-    // Each diode pair starts or stops conducting at the tabulated times.
+    // Each pair of diodes starts or stops conducting at the switch times of the reference table.
     let times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     for mode in reference["modes"].as_array().expect("modes").iter().skip(1) {
         let exact = digits(&mode[0]);

@@ -22,8 +22,8 @@ fn assert_near(found: f64, exact: f64, tolerance: f64) {
     );
 }
 
-/// Reference: matrix exponentials between switching times in 30 digits, with switching times found by Anderson's
-/// iteration, in an independent program which assumes that the coil current never vanishes.
+/// Reference for the buck converter: matrix exponentials between switching times in 30 digits, with switching times
+/// found by Anderson's iteration, in an independent program which assumes that the coil current never vanishes.
 #[test]
 fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     let mut specification = example("buck_closed_loop");
@@ -31,8 +31,8 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     specification["method"] = json!({"rtol": 1e-10});
     specification["output"]["times"] = json!("steps");
     let solution = solve(&specification);
-    // Reference values: the number of a period, and the capacitor voltage and coil current at its end, where a step
-    // ends.
+    // Reference values of the buck converter: the number of a switching period, and the capacitor voltage and coil
+    // current at its end, where a step ends.
     let exact = [
         (1, 0.580_423_786_860_029_6, 0.050_012_019_420_966_06),
         (10, 5.658_879_997_690_433, 2.692_800_285_106_91),
@@ -74,8 +74,8 @@ fn a_converter_in_a_closed_loop_may_run_dry() {
     assert!(current.iter().filter(|i| i.abs() < 1e-12).count() > 20);
 }
 
-/// A capacitor charges with `v' = (E - v)/(R C)` and discharges with `v' = -v/(R C)`, between `2 - 0.1` and `2 +
-/// 0.1`.
+/// The capacitor of an RC circuit with a hysteresis switch charges with `v' = (E - v)/(R C)` and discharges with `v' =
+/// -v/(R C)`, between `2 - 0.1` and `2 + 0.1`.
 #[test]
 fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     let mut specification = circuit(
@@ -90,7 +90,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     );
     specification["output"] = json!({"times": {"count": 501}});
     let solution = solve(&specification);
-    // The capacitor charges through R1 alone, and discharges through R1 and R0 in series.
+    // Durations of the charging of the capacitor through R1 alone, and of its discharging through R1 and R0 in series.
     let on = |from: f64, to: f64| ((5.0 - from) / (5.0 - to)).ln();
     let off = |from: f64, to: f64| 2.0 * (from / to).ln();
     let (low, high) = (1.9, 2.1);
@@ -114,8 +114,8 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     }
 }
 
-/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))`, where `b` is the ratio of the voltage
-/// divider.
+/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))`, where `b` is the ratio of the voltage divider
+/// at the comparator.
 #[test]
 fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
     let specification = circuit(
@@ -166,11 +166,12 @@ fn controlled_sources_follow_voltages_and_currents() {
             assert_near(column(&solution, name)[k], exact, 1e-9);
         }
     }
-    // The limit of 150 V is reached at a maximum of 50 (2 + sin t), where rounding decides whether there are events.
+    // The limit of 150 V on a controlled source is reached at a maximum of 50 (2 + sin t), where rounding decides
+    // whether there are events.
     assert!(events(&solution, "v(H1)").len() <= 2);
 }
 
-/// The four controlled sources of SPICE as lines of a netlist.
+/// The four controlled sources of SPICE, given as lines of a netlist.
 #[test]
 fn controlled_sources_of_a_netlist_are_those_of_spice() {
     let netlist = "V1 a 0 SIN(2 1 0.5)\nR1 a 0 2\nE1 b 0 a 0 3\nR2 b 0 1\nVm r 0 0\nR3 b r 4\n\
@@ -188,8 +189,8 @@ fn controlled_sources_of_a_netlist_are_those_of_spice() {
     }
 }
 
-/// An inverting integrator: `v' = -u/(R C)` until the output saturates; from then on the differential input voltage
-/// is nonzero.
+/// An inverting integrator with an operational amplifier: `v' = -u/(R C)` until the output saturates; from then on the
+/// differential input voltage is nonzero.
 #[test]
 fn an_amplifier_integrates_until_it_saturates() {
     let specification = circuit(
@@ -309,7 +310,8 @@ fn a_switch_that_a_ramp_opens_supplies_no_energy() {
         let mut exact: f64 = start;
         for _ in 0..periods {
             let at = |t: f64| level + (exact - level) * (-charging * t).exp();
-            // The difference of the scaled voltage and the ramp has one zero in the period, where it decreases.
+            // The difference of the scaled voltage and the sawtooth ramp has one zero in the period, where it
+            // decreases.
             let (mut before, mut after) = (0.0, period);
             for _ in 0..60 {
                 let middle = 0.5 * (before + after);

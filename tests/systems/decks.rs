@@ -7,7 +7,7 @@ use dvi::specification::document_of;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
-/// Solves a netlist with tight tolerances and 201 output times.
+/// Solves a SPICE netlist with tight tolerances and 201 output times.
 fn run(deck: &str) -> Solution {
     run_with(deck, json!({"count": 201}))
 }
@@ -19,15 +19,15 @@ fn run_with(deck: &str, times: Value) -> Solution {
     solve(&document)
 }
 
-/// Solves a netlist with output at the ends of steps, which coincide with the edges of pulses: at an edge the value
-/// before or after it is right.
+/// Solves a SPICE netlist with output at the ends of steps, which coincide with the edges of pulses: at an edge the
+/// value before or after it is right.
 fn run_to_its_edges(deck: &str) -> Solution {
     let solution = run_with(deck, json!("steps"));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     solution
 }
 
-/// Asserts that a column differs from its closed form by at most `most` at all output times.
+/// Asserts that a field of the solution differs from its closed form `exact` by at most `most` at all output times.
 #[track_caller]
 fn assert_is(solution: &Solution, name: &str, most: f64, exact: impl Fn(f64) -> f64) {
     let error = distance(solution, name, exact);
@@ -55,7 +55,7 @@ fn a_half_wave_rectifier_passes_one_half() {
                 Vin in 0 SIN(0 10 50)\nD1 in out D1N4007\nRload out 0 1k\n\
                 .model D1N4007 D(IS=7.02767n RS=0 N=1.80803 EG=1.05743 XTI=5 CJO=1e-11 VJ=0.7 M=0.5 FC=0.5 TT=1e-07 mfg=OnSemi)\n\
                 .tran 0.1m 40m\n.backanno\n.end\n";
-    // A circuit without energy storage has no states, so that the solver adds one, the integral of its source.
+    // A circuit without energy storage has no states, so that the solver adds a state, the integral of its source.
     let solution = run(deck);
     assert_is(&solution, "v(out)", 1e-8, |t| (10.0 * (TAU * 50.0 * t).sin()).max(0.0));
     assert!(warned(&solution, "`d1n4007` are ideal without cjo, eg, fc, is"));
@@ -86,8 +86,8 @@ fn a_biased_clipper_stops_at_its_battery() {
     assert_is(&solution, "v(2)", 1e-8, |t| (8.0 * (TAU * 100.0 * t).sin()).min(3.6));
 }
 
-/// While the square wave is high the capacitor charges through the diode; while it is low the diode blocks and the
-/// capacitor keeps its charge.
+/// In a clamper, the capacitor charges through the diode while the square wave is high; while it is low the diode
+/// blocks and the capacitor keeps its charge.
 #[test]
 fn a_clamper_holds_what_it_was_charged_to() {
     let solution =
@@ -99,8 +99,8 @@ fn a_clamper_holds_what_it_was_charged_to() {
     assert!((last(&solution, "v(out)") - (-5.0 - held)).abs() < 1e-7);
 }
 
-/// Without a load, each period reduces the difference between the output and twice the peak voltage by a fixed
-/// fraction.
+/// In a voltage doubler without a load, each period reduces the difference between the output and twice the peak
+/// voltage by a fixed fraction.
 #[test]
 fn a_doubler_doubles() {
     let solution =
@@ -200,11 +200,12 @@ fn full_coupling_is_an_ideal_transformer() {
         "Transformer 10:1\nV1 p 0 SIN(0 325 50)\nL1 p 0 1\nL2 s 0 10m\nK1 L1 L2 1\nRL s 0 8\n.tran 1m 40m uic\n.end",
     );
     assert_is(&solution, "v(s)", 1e-7, |t| 32.5 * (TAU * 50.0 * t).sin());
-    // The magnetising inductance carries the current that the source would drive through the primary coil alone.
+    // The magnetising inductance of the transformer carries the current that the source would drive through the primary
+    // coil alone.
     assert_is(&solution, "i(K1.m)", 1e-8, |t| 325.0 / (TAU * 50.0) * (1.0 - (TAU * 50.0 * t).cos()));
 }
 
-/// Two loosely coupled coils. Reference: a Runge-Kutta method for the equations of the two windings.
+/// A transformer with two loosely coupled coils. Reference: a Runge-Kutta method for the equations of the two windings.
 #[test]
 fn loose_coupling_is_mutual_inductance() {
     let solution =
@@ -237,8 +238,8 @@ fn loose_coupling_is_mutual_inductance() {
     assert!((last(&solution, "i(L1)") - i[0]).abs() < 1e-8);
 }
 
-/// Three equally coupled coils with the turns ratio 1 : 2 : 3 and matched resistors: the sum of the referred currents
-/// and their differences decay with separate time constants.
+/// Three equally coupled coils on one core with the turns ratio 1 : 2 : 3 and matched resistors: the sum of the
+/// referred currents and their differences decay with separate time constants.
 #[test]
 fn three_coils_on_one_core_have_two_time_constants() {
     let coils = "Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 4m\nL3 u 0 9m\nR2 s 0 4\nR3 u 0 9\n";
@@ -255,8 +256,8 @@ fn three_coils_on_one_core_have_two_time_constants() {
     }
 }
 
-/// The second and third coils are coupled less to each other than to the first. By symmetry they carry the same
-/// current, and the two modes are those of a symmetric matrix of order 2.
+/// Three coils, of which the second and third are coupled less to each other than to the first. By symmetry they carry
+/// the same current, and the two modes are those of a symmetric matrix of order 2.
 #[test]
 fn three_coils_may_be_coupled_unequally() {
     let solution = run("Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n\
@@ -291,7 +292,7 @@ fn three_coils_without_leakage_share_their_ampere_turns() {
     assert_is(&solution, "v(u)", 1e-8, |t| 3.0 * v(t));
 }
 
-/// A current that `.ic` sets in one of two coupled coils is the current of that coil alone.
+/// An initial current that the netlist sets by `.ic` in one of two coupled coils is the current of that coil alone.
 #[test]
 fn a_coupled_coil_starts_with_the_current_that_it_is_given() {
     for (given, at_start) in [("I(L1)=3", [3.0, 0.0]), ("I(L2)=3", [0.0, 3.0])] {

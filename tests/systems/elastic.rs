@@ -17,7 +17,7 @@ fn run(elastic: &Value, end: f64, tolerance: f64, times: usize) -> Solution {
     }))
 }
 
-/// A bar of length 10 and wave speed 30 that moves with velocity -10 towards a wall at a distance of 5.
+/// An elastic bar of length 10 and wave speed 30 that moves with velocity -10 towards a wall at a distance of 5.
 fn thrown_bar(elements: usize) -> Value {
     json!({
         "body": {"bar": {"x": [0, 10]}}, "elements": elements, "density": 1, "young": 900,
@@ -68,7 +68,7 @@ fn a_wall_that_moves_into_a_bar_does_the_work_that_the_bar_takes_up() {
         "body": {"bar": {"x": [0, 10]}}, "elements": 100, "density": 1, "young": 900,
         "contact": {"x_min": {"gap": "-10*t"}}
     });
-    // Until the reflected wave returns, the contact force is the impedance times the velocity, `rho c v`.
+    // Until the reflected wave returns to the wall, the contact force is the impedance times the velocity, `rho c v`.
     let solution = run(&bar, 0.5, 1e-6, 101);
     for (t, force) in solution.trajectory.t.iter().zip(column(&solution, "force_x_min")) {
         assert!(*t < 0.1 || (force - 300.0).abs() < 1.0, "{force} at {t}");
@@ -99,8 +99,8 @@ fn a_string_is_thrown_back_by_a_flat_obstacle_as_a_whole() {
         let quarter = distance(&solution, "quarter", |t| (PI * t).cos().abs() * (PI / 4.0).sin());
         middle.max(quarter)
     });
-    // A node between two fixed ones turns back after `pi h`, twice: the error is of first order in the element size
-    // `h`.
+    // A node of the string between two fixed ones turns back after `pi h`, twice: the error is of first order in the
+    // element size `h`.
     assert!(errors[1] < 0.3 && (1.8..2.2).contains(&(errors[0] / errors[1])), "{errors:?}");
 }
 
@@ -163,7 +163,7 @@ fn uniform_stress_passes_through_a_contact_exactly() {
     close(last(&solution, "right_y") - last(&solution, "left_y"), 0.003);
 }
 
-/// A block that falls onto a cylindrical floor of radius 1, deformed enough to touch it away from the middle.
+/// An elastic block that falls onto a cylindrical floor of radius 1, deformed enough to touch it away from the middle.
 fn dropped_block(columns: usize, viscosity: f64) -> Value {
     json!({
         "body": {"rectangle": {"x": [-1, 1], "y": [0, 1], "plane": "strain"}}, "elements": {"x": columns, "y": columns / 2},
@@ -197,8 +197,8 @@ fn without_viscosity_the_block_keeps_its_energy_and_its_uniqueness_is_said_to_be
     assert!(viscous.diagnostics.warnings.iter().all(|warning| warning.code != "uniqueness_open"));
 }
 
-/// A block of mass 2 on a rough floor, with a load of 20 on its top and a horizontal force that rises to `push` on
-/// its left side.
+/// An elastic block of mass 2 on a rough floor, with a load of 20 on its top and a horizontal force that rises to
+/// `push` on its left side.
 fn pushed_block(viscosity: f64, push: f64) -> Value {
     json!({
         "body": {"rectangle": {"x": [0, 2], "y": [0, 1], "plane": "strain"}}, "elements": {"x": 4, "y": 2},
@@ -217,7 +217,7 @@ fn a_block_on_a_rough_floor_sticks_below_the_limit_of_coulomb_and_slides_above_i
 
     let sliding = run(&pushed_block(50.0, 10.0), 4.0, 1e-6, 41);
     assert!((last(&sliding, "friction_y_min_x") + 0.3 * last(&sliding, "force_y_min")).abs() < 1e-6);
-    // Momentum balance of the whole body from t = 3 to t = 4: the acceleration is (10 - 0.3 20)/2.
+    // By the momentum balance of the whole body, its acceleration from t = 3 to t = 4 is (10 - 0.3 20)/2.
     let x = column(&sliding, "corner_x");
     let acceleration = (x[40] - 2.0 * x[35] + x[30]) / 0.25;
     assert!((acceleration - 2.0).abs() < 0.05, "{acceleration}");
@@ -227,8 +227,8 @@ fn a_block_on_a_rough_floor_sticks_below_the_limit_of_coulomb_and_slides_above_i
 
 #[test]
 fn a_pressed_and_pushed_block_ends_where_another_program_has_it_at_every_tolerance() {
-    // Reference of tests/peers/answers/viscoelastic_block.py: the same finite elements with implicit Euler,
-    // extrapolated to seven digits.
+    // Reference for the block from tests/peers/answers/viscoelastic_block.py: the same finite elements with implicit
+    // Euler, extrapolated to seven digits.
     let answers = [("pushed_corner_x", 0.0194062942), ("pushed_corner_y", -0.0044296766), ("foot_x", 0.0121661748)];
     for rtol in [1e-3, 1e-4, 1e-5] {
         let mut block = example("viscoelastic_block");

@@ -19,7 +19,7 @@ fn mechanical(system: Value, end: f64) -> Solution {
     solution
 }
 
-/// Solves `x' = unit` and `y' = rate` up to the time 3, and returns `y(3)`.
+/// Solves `x' = unit` and `y' = rate` from zero up to the time 3, and returns `y(3)`, the integral of `rate`.
 fn integral(rate: &str, unit: f64) -> f64 {
     let states = json!({"x": {"initial": 0, "rate": unit.to_string()}, "y": {"initial": 0, "rate": rate}});
     let solution = solve(&json!({"problem": {"dvi": {"states": states}}, "time": {"end": 3},
@@ -37,8 +37,8 @@ fn a_particle_is_thrown_back_by_a_hill_however_narrow_in_any_units() {
                 "coordinates": {"x": {"initial": 0, "velocity": unit}}, "mass": [[1]], "potential": potential}},
                 "time": {"end": 4}, "method": {"atol": 1e-9 * unit}}));
             assert_trusted(&solution);
-            // The particle returns with its initial speed, after turning on the flank of the hill, at most a few
-            // widths before its top.
+            // The particle returns from the hill with its initial speed, after turning on the flank, at most a few
+            // widths before the top.
             assert!((last(&solution, "x_dot") / unit + 1.0).abs() < 2e-5, "{width}, {unit}");
             assert!((last(&solution, "x") / unit + 2.0).abs() < 5.0 * width + 1e-4, "{width}, {unit}");
         }
@@ -62,8 +62,8 @@ fn a_strip_adds_the_work_of_its_force() {
 
 #[test]
 fn a_magnet_below_a_floor_brakes_what_slides_over_it() {
-    // The normal force is 1 + 0.2 exp(..)/width, and the work of friction gives v^2 = 1 - 2 mu (x + 0.2 sqrt(pi))
-    // behind the magnet.
+    // While the body slides past the magnet, the normal force is 1 + 0.2 exp(..)/width, and the work of friction gives
+    // v^2 = 1 - 2 mu (x + 0.2 sqrt(pi)) behind the magnet.
     for width in [1e-2, 1e-3] {
         let system = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
             "mass": [[1, 0], [0, 1]], "forces": {"y": format!("-1 - {}*exp(-((x - 1)/{width})^2)", 0.2 / width)},
@@ -104,7 +104,7 @@ fn a_relay_that_slides_through_a_peak_keeps_its_energy() {
     }
 }
 
-/// A ripple that is small compared with its state, `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from `x = 40`:
+/// A state with a ripple that is small compared with it, `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from `x = 40`:
 /// steps over many periods change `x` little, and their error is that of the embedded formula, not of the full order.
 #[test]
 fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
@@ -209,7 +209,7 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
         "variables": {"v": {"inequality": "i"}}, "set": [{"nonnegative": ["v"]}]}},
         "time": {"end": 1000}, "output": {"times": [0, 731.31, 1000]}, "method": {"rtol": 1e-9}}));
     assert_trusted(&surge);
-    // The current obeys i' = 3 exp(-(s/w)^2) - 1 - i from the time at which the surge exceeds one; since it is at
+    // The current i obeys i' = 3 exp(-(s/w)^2) - 1 - i from the time at which the surge exceeds one; since it is at
     // most 0.0213, its decay adds only a term of the order of the width.
     let (width, leaves) = (0.01_f64, -0.01 * 3.0_f64.ln().sqrt());
     let count = 20_000;
@@ -237,8 +237,8 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
         "y": {"initial": 0.5, "plus": "-1", "minus": "1 - 2*exp(-((x - 731.3)/0.01)^2)"}}}},
         "time": {"end": 1000}, "output": {"times": [0, 731.3, 1000]}, "method": {"rtol": 1e-6}}));
     assert_trusted(&slide);
-    // Integral of 1 - 2 exp(-(x/w)^2) from the point at which it vanishes to the middle of the Gaussian: y = s - 2 w
-    // sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
+    // Reference for the slide: the integral of 1 - 2 exp(-(x/w)^2) from the point at which it vanishes to the middle of
+    // the Gaussian, y = s - 2 w sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
     let (s, erf) = (2.0_f64.ln().sqrt(), 0.760_968_108_550_488_5);
     let told = 0.01 * (s - PI.sqrt() * erf);
     let y = column(&slide, "y");

@@ -21,7 +21,8 @@ fn the_switching_circle_is_crossed_at_one() {
         assert!(error < 1e-9, "`{state}` is off by {error:e}");
     }
     assert!((events(&solution, "z")[0] - 1.0).abs() < 1e-10);
-    // The weight of the convex combination is 0 before the crossing and 1 after it, with no value in between.
+    // The weight of the convex combination of the two vector fields is 0 before the crossing of the surface and 1 after
+    // it, with no value in between.
     for (&t, &z) in solution.trajectory.t.iter().zip(column(&solution, "z")) {
         assert_eq!(z, if t < 1.0 { 0.0 } else { 1.0 }, "at {t}");
     }
@@ -57,7 +58,7 @@ fn the_relay_slides_with_the_share_that_holds_it() {
     let error = distance(&solution, "x", |t| (2.0 - 0.7 * t).max(0.0));
     assert!(error < 1e-10, "off by {error:e}");
     assert!((events(&solution, "z")[0] - reach).abs() < 1e-10);
-    // The sliding condition 0.3 = s = (1 - z) - z gives the weight z.
+    // In the sliding mode, 0.3 = s = (1 - z) - z determines the weight z of one of the two vector fields.
     assert!((last(&solution, "z") - 0.35).abs() < 1e-12);
 }
 

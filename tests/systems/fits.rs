@@ -24,7 +24,7 @@ fn caveats(solution: &Solution) -> Vec<&str> {
     solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect()
 }
 
-/// Returns times and data of `x = x_0 + a t` with residuals that no straight line can fit.
+/// Returns times and data of the line `x = x_0 + a t` with residuals that no straight line can fit.
 fn line() -> (Vec<f64>, Vec<f64>) {
     let t: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.5 + if i > 3 { 0.25 } else { 0.0 }).collect();
     let off = [0.3, -0.2, 0.1, 0.4, -0.5, 0.2, -0.1, 0.25];
@@ -44,7 +44,7 @@ fn a_straight_line_has_the_estimates_and_intervals_of_linear_regression() {
     let slope = t.iter().zip(&x).map(|(t, x)| (t - mean) * x).sum::<f64>() / spread;
     let first = x.iter().sum::<f64>() / m - slope * mean;
     let squares: f64 = t.iter().zip(&x).map(|(t, x)| (x - first - slope * t).powi(2)).sum();
-    // Student's t quantile at 97.5 % for 6 degrees of freedom.
+    // Student's t quantile at 97.5 % for 6 degrees of freedom, which scales the confidence intervals.
     let (variance, student) = (squares / (m - 2.0), 2.446_911_848_791_681);
     let (_, fit) = fitted(&json!({"problem": problem_of_a_line(), "time": {"end": 4}, "method": {"rtol": 1e-10},
         "fit": {"parameters": {"a": {}, "x.initial": {}}, "data": {"t": t, "x": x}}}));
@@ -129,7 +129,8 @@ fn friction_and_speed_of_a_belt_are_found_through_the_onset_of_slip() {
 
 #[test]
 fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
-    // The diode conducts until tan(wt) = -wRC; then v decays with the time constant RC.
+    // The diode of a rectifier conducts until tan(wt) = -wRC; then the capacitor voltage v decays with the time
+    // constant RC.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * std::f64::consts::PI);
     let off = (std::f64::consts::PI - (w * r * c).atan()) / w;
     let at = |t: f64| 10.0 * if t <= off { (w * t).sin() } else { (w * off).sin() * (-(t - off) / (r * c)).exp() };
@@ -240,8 +241,8 @@ fn of_several_starts_the_best_minimum_is_kept_and_the_others_told() {
 
 #[test]
 fn a_minimum_that_is_not_the_least_is_told_by_residuals_of_one_sign() {
-    // Data of x = cos 3t with errors of 1 %. From the frequency 1 the search ends in another local minimum; the
-    // standard deviation of the data is not given.
+    // Data of x = cos 3t with errors of 1 %. From the frequency 1 the search for the least loss ends in another local
+    // minimum; the standard deviation of the data is not given.
     let mut random = fastrand::Rng::with_seed(5);
     let t: Vec<f64> = (1..=120).map(|i| f64::from(i) / 10.0).collect();
     let x: Vec<f64> = t.iter().map(|t| (3.0 * t).cos() + 0.01 * normals(&mut random)[0]).collect();

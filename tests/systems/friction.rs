@@ -17,7 +17,8 @@ fn a_block_on_a_slope_stops_and_stays() {
     assert!(error < 1e-9, "the position is off by {error:e}");
     assert_eq!(events(&solution, "F").len(), 1);
     assert!((events(&solution, "F")[0] - stop).abs() < 1e-10);
-    // At rest, friction balances the component of the weight along the slope, and is less than its bound.
+    // For a block at rest on a slope, friction balances the component of the weight along the slope, and is less than
+    // its bound.
     assert!((last(&solution, "F") - g * theta.sin()).abs() < 1e-9);
 }
 
@@ -28,7 +29,7 @@ fn a_block_slides_on_above_the_friction_angle() {
     specification["problem"]["dvi"]["parameters"]["theta"] = json!(theta);
     specification["problem"]["dvi"]["states"]["v"]["initial"] = json!(0);
     let solution = solve(&specification);
-    // The acceleration on the slope is g (sin 35 deg - 0.5 cos 35 deg).
+    // The acceleration of the sliding block on the slope is g (sin 35 deg - 0.5 cos 35 deg).
     let acceleration = 1.608_844_063_366_257_5;
     assert!((last(&solution, "v") - 3.0 * acceleration).abs() < 1e-9, "v = {}", last(&solution, "v"));
 }
@@ -62,11 +63,11 @@ fn a_force_a_little_above_friction_moves_a_block_however_large_its_weight_is() {
                 "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": mu, "slip": ["x_dot"]}}]}},
             "time": {"end": end}}));
         let (found, exact) = (last(&solution, "x"), (force - mu * weight) * end * end / 2.0);
-        // The difference of the force and the friction bound is known up to the rounding error of either.
+        // The excess of the applied force over the friction bound is known up to the rounding error of either.
         let known = 1e-6 + 1e-15 * force / (force - mu * weight);
         assert!((found - exact).abs() <= known * exact, "{weight}, {mu}, {force}: {found} for {exact}");
     }
-    // A force at the friction bound, or below it by a relative 3e-7, moves nothing.
+    // A force on a block at the friction bound, or below it by a relative 3e-7, moves nothing.
     for force in [3.0, 3.0 - 1e-6] {
         let solution = solve(&json!({"problem": {"mechanical": {
                 "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
@@ -79,8 +80,8 @@ fn a_force_a_little_above_friction_moves_a_block_however_large_its_weight_is() {
 
 #[test]
 fn a_force_that_turns_just_within_friction_moves_nothing_and_costs_little() {
-    // A rotating force is at every time below the friction bound by the fraction d: the block stays at rest, and the
-    // steps are long.
+    // A force of rotating direction on a block is at every time below the friction bound by the fraction d: the block
+    // stays at rest, and the steps are long.
     for d in [1e-2, 1e-4, 1e-6] {
         let solution = solve(&json!({"problem": {"dvi": {"parameters": {"A": 1.0 - d},
             "states": {"x": {"initial": 0, "rate": "vx"}, "y": {"initial": 0, "rate": "vy"},

@@ -32,7 +32,7 @@ fn integrals_of_functions_that_jump_are_exact() {
         ("pulse(t, 500, 1e-3)", 1e3, 1e-3),
         ("if(t > 1 and t <= 3 or not t < 9, 2, -1)", 10.0, -1.0),
         ("if(mod(floor(t), 2) == 0, t, 0)", 4.0, 3.0),
-        // A sum of several functions whose edges coincide.
+        // The rate is a sum of several functions of time whose edges coincide.
         ("pwm(t, 0.2, 0.5) + sawtooth(t, 0.1) + (t >= 0.5) + floor(10*t)", 1.0, 0.5 + 0.5 + 0.5 + 4.5),
     ] {
         let solution = solve(&rate(text, end));
@@ -70,7 +70,7 @@ fn a_table_drives_an_oscillator() {
 
 #[test]
 fn no_step_passes_over_what_a_table_does() {
-    // A pulse of area 1 within two milliseconds, after 900 seconds at rest.
+    // A tabulated load with a pulse of area 1 within two milliseconds, after 900 seconds at rest.
     for (interpolation, y, area) in [("linear", [0, 0, 1000, 0, 0], 1.0), ("previous", [0, 0, 1000, 0, 0], 1.0)] {
         let mut document = rate("load(t)", 1e3);
         document["problem"]["dvi"]["tables"] =
@@ -81,8 +81,8 @@ fn no_step_passes_over_what_a_table_does() {
     // zero.
     let mut document = rate("load(t)", 2.0);
     document["problem"]["dvi"]["tables"] = json!({"load": {"x": [0, 1, 2], "y": [0, 1, 0], "interpolation": "pchip"}});
-    // Each half is a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2 and the slope 0 at the top: its integral is
-    // 1/2 + (2 - 0)/12.
+    // Each half of the tabulated load is a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2 and the slope 0 at the
+    // top: its integral is 1/2 + (2 - 0)/12.
     assert_near(last(&solve(&document), "x"), 2.0 * (0.5 + 2.0 / 12.0), 1e-10);
 }
 

@@ -14,23 +14,23 @@ pub fn solve(specification: &Value) -> Solution {
     solution
 }
 
-/// Returns the last value of a field of the trajectory.
+/// Returns the value of a field of the trajectory at the last output time.
 pub fn last(solution: &Solution, name: &str) -> f64 {
     *column(solution, name).last().unwrap_or_else(|| panic!("`{name}` has no values"))
 }
 
-/// Returns the values of a field of the trajectory.
+/// Returns the values of a field of the trajectory at all output times.
 pub fn column<'a>(solution: &'a Solution, name: &str) -> &'a [f64] {
     solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"))
 }
 
-/// Returns the largest distance of a field of the trajectory from a function of time.
+/// Returns the largest distance of a field of the trajectory from the function `exact` of time, over all output times.
 pub fn distance(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> f64 {
     let times = solution.trajectory.t.iter();
     times.zip(column(solution, name)).map(|(&t, &value)| (value - exact(t)).abs()).fold(0.0, f64::max)
 }
 
-/// Returns the times of the events of a variable.
+/// Returns the times of the events of a variable, contact or monitor.
 pub fn events(solution: &Solution, of: &str) -> Vec<f64> {
     solution.trajectory.events.iter().filter(|event| event.of == of).map(|event| event.t).collect()
 }

@@ -54,7 +54,7 @@ fn functions_and_text_agree() {
         let pairs = functions.field(name).unwrap().iter().zip(text.field(name).unwrap());
         pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{name}: {a} beside {b}"));
     }
-    // Conservation of energy, which is independent of the solver, gives speed^2 = -2 y.
+    // For the pendulum, conservation of energy, which is independent of the solver, gives speed^2 = -2 y.
     let at = |name: &str| functions.field(name).unwrap()[2];
     let energy = 0.5 * (at("u").powi(2) + at("w").powi(2)) + at("y");
     assert!(energy.abs() < 1e-7, "{energy}");
@@ -126,7 +126,7 @@ fn what_is_wrong_is_refused() {
         g[0] = z[0] + x[0];
     });
     assert_refused(&square, &plain, 1.0, "rate_not_affine", "/problem/dvi/states/x/rate");
-    // A bound that is NaN or otherwise invalid must not be treated as an infinite one.
+    // A bound of a variable that is NaN or otherwise invalid must not be treated as an infinite one.
     for (lower, upper) in [(f64::NAN, 1.0), (-1.0, f64::NAN), (f64::INFINITY, f64::INFINITY)] {
         let boxed = decay().variables(&["z"], Set::Box { lower, upper }).equations(|_t, _x, z, rates, g| {
             rates[0] = z[0];

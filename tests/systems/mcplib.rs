@@ -15,7 +15,7 @@ const PROBLEMS: [(&str, &str); 8] = [
     ("wallmcp", include_str!("mcplib/wallmcp.json")),
 ];
 
-/// Solves the problem of a data file, and asserts that the result is the solution in that file.
+/// Solves the complementarity problem of a data file, and asserts that the result is the solution in that file.
 fn assert_solved(name: &str, specification: &Value, exact: &Value) {
     let mut solution = solve(specification);
     assert!(solution.verdict.trusted, "{name}: {:?}", solution.verdict);
@@ -34,7 +34,7 @@ fn problems_of_the_collection_are_solved_from_their_starts() {
     }
 }
 
-/// In the economy of Scarf and Hansen a household owns one unit of labour, so that the price of labour is its
+/// In the model economy of Scarf and Hansen a household owns one unit of labour, so that the price of labour is its
 /// published income.
 #[test]
 fn the_economy_of_scarf_and_hansen_has_its_published_income() {

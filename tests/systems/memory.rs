@@ -16,7 +16,7 @@ pub fn gamma(x: f64) -> f64 {
     (std::f64::consts::TAU / x).sqrt() * (x * (x.ln() - 1.0) + series).exp()
 }
 
-/// A problem with one variable `u >= 0` and the fractional kernel of the exponent `alpha`.
+/// Specification of a problem with memory: one variable `u >= 0` and the fractional kernel of the exponent `alpha`.
 pub fn abel(alpha: f64, q: &str, end: f64, method: Value) -> Value {
     json!({
         "problem": {"convolution": {
@@ -57,7 +57,8 @@ fn the_inverse_of_abels_integral_is_half_a_power() {
 
 #[test]
 fn a_variable_starts_when_its_force_has_gone() {
-    // For q = (1-t)^m with m odd, the solution is u = Gamma(m+1)/Gamma(m+1-a) (t-1)_+^(m-a).
+    // Abel's equation with the kernel exponent a and q = (1-t)^m, m odd, has the solution u = Gamma(m+1)/Gamma(m+1-a)
+    // (t-1)_+^(m-a).
     for (alpha, m) in [(0.25, 3), (0.5, 3), (0.75, 3), (1.0, 3), (1.5, 5)] {
         let document = abel(alpha, &format!("(1 - t)^{m}"), 2.0, json!({"step": 0.005}));
         let solution = solve(&document);
@@ -81,7 +82,7 @@ fn the_step_is_halved_until_two_runs_agree() {
     let pairs = solution.trajectory.t.iter().zip(column(&solution, "u"));
     let total: f64 = pairs.map(|(t, u)| (u - factor * (t - 1.0).max(0.0).sqrt()).abs()).sum();
     let mean = total / solution.trajectory.t.len() as f64;
-    // The reported mean distance is at least that between the returned run and the previous, coarser run, and must
+    // The estimated mean distance is at least that between the returned run and the previous, coarser run, and must
     // exceed the error of the returned run.
     assert!(mean > 0.0 && mean < refinement.mean_distance[0].1, "{mean:e} against {refinement:?}");
     assert!(mean < 1e-4 * factor * 2.0_f64.sqrt());
@@ -89,7 +90,8 @@ fn the_step_is_halved_until_two_runs_agree() {
 
 #[test]
 fn exponent_one_is_the_complementarity_system_of_an_integral() {
-    // Skorokhod's reflection: from 0 <= z, 0 <= int z + q and complementarity, int z is the running maximum of -q.
+    // Reference by Skorokhod's reflection: from 0 <= z, 0 <= int z + q and complementarity, int z is the running
+    // maximum of -q.
     let q = "0.2 - sin(t) - 0.1*t";
     let solution = solve(&abel(1.0, q, 10.0, json!({"step": 0.005})));
     let system = solve(&json!({
@@ -130,7 +132,8 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
     let switches = events(&system, "z");
     assert_eq!(switches.len(), 7);
     for ((&t, w), found) in system.trajectory.t.iter().zip(column(&system, "w")).zip(column(&solution, "G_z")) {
-        // If `z` becomes positive between two stages, its bound may prevent the correction of `w` within the step.
+        // If `z` becomes positive between two stages of a step, its upper bound may prevent the correction of `w`
+        // within the step.
         let is_at_switch = switches.iter().any(|switch| (0.0..0.005).contains(&(t - switch)));
         let bound = if is_at_switch { 0.005 * 2.5 } else { 1e-5 };
         let exact = w - (2.0 * t).sin();
@@ -231,7 +234,7 @@ fn of_several_runs_the_most_accurate_is_returned() {
     assert!(error < 2e-5, "off by {error:e}");
     let refinement = solution.diagnostics.refinement.as_ref().expect("an estimate");
     assert!(refinement.scaled > 1.0 && solution.diagnostics.steps.accepted < 65_536, "{refinement:?}");
-    // The verdict reports that the tolerance is not reached.
+    // The verdict on the run reports that the tolerance is not reached.
     assert!(!solution.verdict.trusted);
     let because: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
     assert_eq!(because, ["local_error"]);

@@ -7,7 +7,8 @@ use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// A problem with one variable between 0 and 1 and the fractional kernel of the exponent `alpha`.
+/// Specification of a problem with memory: one variable between 0 and 1 and the fractional kernel of the exponent
+/// `alpha`.
 fn relaxation(alpha: f64, q: &str, end: f64, method: Value, times: usize) -> Value {
     json!({
         "problem": {"convolution": {
@@ -124,7 +125,7 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
 
 #[test]
 fn of_order_one_the_switches_are_those_of_an_integral() {
-    // With an exponent of one the problem is w' = u + q', which has no memory and which Radau IIA solves with an
+    // With a kernel exponent of one the problem is w' = u + q', which has no memory and which Radau IIA solves with an
     // inequality at every stage. It has hundreds of switches, some of them from pulses narrower than any mesh.
     let forces = [
         ("0.1 - 0.5*t - 0.25*sin(3*t)", 70.0, 130),
@@ -162,7 +163,8 @@ fn pulses_between_the_nodes_are_not_missed() {
             let q = format!("1 - 3*exp(-((t - 7.3)/{width:e})^2)");
             let solution = solve(&relaxation(alpha, &q, 10.0, json!({"rtol": 1e-6}), 11));
             assert_proven(&solution, 500);
-            // For exponents above one, the active set after a switch is not verified.
+            // For kernel exponents above one, the active set after a switch is not verified, so that the verdict does
+            // not trust the solution.
             assert_eq!(solution.verdict.trusted, alpha <= 1.0, "{:?}", solution.verdict);
             let first = *events(&solution, "u").first().expect("the pulse");
             let exact = 7.3 - width * 3.0_f64.ln().sqrt();
@@ -212,7 +214,8 @@ fn one_switch_has_a_closed_form_behind_it() {
     }
 }
 
-/// Exponent of a kernel, the switching times of its relaxation, and values of the variable between them as `(t, u)`.
+/// Exponent of a fractional kernel, the switching times of the solution, and values of the variable between them as
+/// `(t, u)`.
 type Reference = (f64, &'static [f64], &'static [(f64, f64)]);
 
 /// References for `q = 1.2 - cos(3t) - 1.4 sin(t)^2`, by another method in 30 digits: after a switch, the inverse of

@@ -175,7 +175,7 @@ fn a_switched_coil_freewheels_through_its_diode() {
     let error = distance(&solution, "i(L1)", exact);
     assert!(error < 1e-8, "off by {error:e}");
     let through = |t: f64| if is_closed(t) { 0.0 } else { exact(t) };
-    // A sample exactly at a switch may have the value before or after it.
+    // An output sample exactly at a switching time may have the value before or after the switch.
     let away = |t: f64| ends.iter().all(|end| (t - end).abs() > 1e-9) && t > 0.0;
     for (&t, &i) in solution.trajectory.t.iter().zip(column(&solution, "i(D1)")).filter(|(t, _)| away(**t)) {
         assert!((i - through(t)).abs() < 1e-8, "the diode carries {i} at {t}");

@@ -13,7 +13,8 @@ fn from_rest_the_solution_stays() {
     specification["problem"]["lcs"]["initial"] = json!([0, 0, 0]);
     let solution = solve(&specification);
     for (w, z) in [("w1", "z1"), ("w2", "z2"), ("w3", "z3")] {
-        // Rounding errors of z enter w quadratically; a solution that left the equilibrium would grow to ten.
+        // Rounding errors of z enter w quadratically; a solution that left the unstable equilibrium w = 0 would grow to
+        // ten.
         assert!(column(&solution, w).iter().all(|w| w.abs() < 1e-25));
         assert!(column(&solution, z).iter().all(|z| (z - 0.25).abs() < 1e-15));
     }
@@ -24,7 +25,7 @@ fn from_rest_the_solution_stays() {
 fn from_nearby_it_follows_the_spiral() {
     let start = 1e-6;
     let solution = solve(&example("reverse_zeno"));
-    // Phases of the spiral end at 1e-6 (2^k - 1): the first lasts 1e-6, and each is twice as long as the previous
+    // The phases of the spiral end at 1e-6 (2^k - 1): the first lasts 1e-6, and each is twice as long as the previous
     // one.
     let mut ends: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     ends.dedup();
@@ -33,7 +34,8 @@ fn from_nearby_it_follows_the_spiral() {
         let exact = start * (2.0_f64.powi(k as i32 + 1) - 1.0);
         assert!((end / exact - 1.0).abs() < 1e-12, "phase {k} ends at {end} instead of {exact}");
     }
-    // In the phase with z = e3, from T to 2T in the shifted time s = t + 1e-6: w1 = 2T - s, w2 = 2(s - T), w3 = 0.
+    // In the phase of the spiral with z = e3, from T to 2T in the shifted time s = t + 1e-6, w1 = 2T - s, w2 = 2(s - T)
+    // and w3 = 0.
     let (s, phase) = (10.0 + start, start * 2.0_f64.powi(23));
     assert!((column(&solution, "w1").last().expect("values") - (2.0 * phase - s)).abs() < 1e-9);
     assert!((column(&solution, "w2").last().expect("values") - 2.0 * (s - phase)).abs() < 1e-9);

@@ -16,7 +16,7 @@ fn assert_near(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance, "{found:?} instead of {expected:?}");
 }
 
-/// An oscillator `x'' = -4 x` from `x = 1`, whose solution is `x = cos 2t`.
+/// An oscillator `x'' = -4 x` from `x = 1`, whose solution is `x = cos 2t`, with the given `stop` conditions.
 fn oscillator(stop: &Value) -> Value {
     json!({"problem": {"dvi": {
         "parameters": {"k": 4, "v_belt": 0.5},
@@ -41,14 +41,14 @@ fn a_run_ends_where_a_monitor_rises_and_tells_what_else_is_watched() {
     assert_eq!(events(&solution, "through"), [ended.t]);
     assert!(solution.trajectory.events.iter().all(|event| event.kind == EventKind::Crossed));
     assert_eq!(solution.diagnostics.switches, 0);
-    // Output times are those of the grid up to the end, and the end itself.
+    // The output times are those of the requested grid up to the end of the run, and the end itself.
     assert_eq!(solution.trajectory.t, [0.0, ended.t]);
     assert_near(last(&solution, "x"), 0.0, 1e-9);
     assert_near(last(&solution, "twice"), 4.0, 1e-8);
     assert_near(last(&solution, "slip"), 1.5, 1e-8);
     assert_near(last(&solution, "action"), 4.0 * end, 1e-8);
     assert_near(last(&solution, "sliding"), -1.0 - 0.5 * end, 1e-8);
-    // Length of the path of x from 1 to -1 and back to zero.
+    // The integral `path` is the length of the path of x from 1 to -1 and back to zero.
     assert_near(last(&solution, "path"), 3.0, 1e-8);
     assert!(solution.trajectory.field("energy").is_none());
 }
@@ -66,7 +66,8 @@ fn what_is_only_told_changes_nothing() {
     found.iter().zip(expected).for_each(|(found, expected)| assert_near(*found, expected, 1e-9));
 }
 
-/// A monitor that changes its sign and back within one of the few long steps of the problem `x' = 1`.
+/// The function of a `stop` condition changes its sign and back within one of the few long steps of the problem `x' =
+/// 1`.
 #[test]
 fn what_changes_its_sign_and_back_within_a_step_is_seen() {
     for gap in [1e-1, 1e-3, 1e-6] {
@@ -169,7 +170,8 @@ fn other_parameters_are_bound_in_all_that_is_observed() {
     let specification = Specification::from_json(document.to_string().as_bytes()).expect("a specification");
     let bound = specification.with_parameters(&[("k", 1.0), ("v_belt", -1.5)]).expect("other values");
     let solution = dvi::solve(&bound, &dvi::problem::Control::new());
-    // With x = cos t and v = -sin t, the monitor v + 1.5 falls to 1 where sin t = 1/2.
+    // With x = cos t and v = -sin t, the monitored function v + 1.5 of the `stop` condition falls to 1 where sin t =
+    // 1/2.
     assert_near(solution.ended_by.as_ref().expect("an end").t, PI / 6.0, 1e-8);
     assert_near(last(&solution, "twice"), 1.0, 1e-8);
 }
@@ -219,7 +221,7 @@ fn what_is_wrong_is_told_with_its_place() {
     assert!(circle.iter().any(|(pointer, _)| pointer.starts_with(&at("definitions"))), "{circle:?}");
 }
 
-/// The integrands pass through 160 periods within the run, whose steps grow as the state `x` decays.
+/// The integrands pass through 160 periods within the run, whose steps become longer as the state `x` decays.
 #[test]
 fn integrals_of_fast_functions_of_time_are_exact() {
     let specification = json!({
@@ -419,7 +421,7 @@ fn rest_at_zero_is_no_touch() {
         {"when": "v", "label": "speed", "record": true}, {"when": "pwm(t, 3, 0.4)", "label": "pulse", "record": true}]}));
     let codes: Vec<&str> = solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect();
     assert!(!codes.contains(&"touch_uncertain"), "{codes:?}");
-    // The run covers a little more than three periods, and the block slips and stops in each.
+    // The run covers a little more than three periods of the force, and the block slips and stops in each.
     assert!(events(&solution, "speed").len() >= 6, "{:?}", events(&solution, "speed"));
 }
 
@@ -447,7 +449,7 @@ fn every_impact_of_a_ball_reaches_zero() {
     let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[1]],
             "potential": "9.81*y", "contacts": [{"name": "f", "gap": "y", "restitution": 0.6}]}},
         "time": {"end": 1.5}, "stop": [{"when": "y", "direction": "falling", "record": true, "label": "down"}]}));
-    // The k-th flight after the first fall lasts 0.6^k times twice that fall.
+    // The k-th flight of the ball after its first fall lasts 0.6^k times twice that fall.
     let fall = (2.0 / 9.81_f64).sqrt();
     let mut expected = vec![fall];
     while let Some(next) =
@@ -485,8 +487,8 @@ fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
 
 #[test]
 fn events_of_functions_with_jumps_are_those_of_their_formulas() {
-    // The period of the functions, a fraction of the end time, is such that edges coincide, up to rounding, with the
-    // end of the run and of its steps.
+    // The period of the monitored functions, a fraction of the end time, is such that edges coincide, up to rounding,
+    // with the end of the run and of its steps.
     let counted = |monitor: &str, end: f64| {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-0.1*x"}}}},
             "time": {"end": end}, "stop": [{"when": monitor, "record": true}], "output": {"times": {"count": 2}}}));
@@ -496,16 +498,17 @@ fn events_of_functions_with_jumps_are_those_of_their_formulas() {
     };
     for (end, n) in [(3.0, 5), (2.0, 13), (10.0, 200), (1e-6, 7), (7.0, 30)] {
         let period = end / f64::from(n);
-        // A sawtooth rises through 1/2 in the middle of each period, and falls at its end.
+        // A sawtooth wave as the monitored function rises through 1/2 in the middle of each period, and falls at its
+        // end.
         let found = counted(&format!("sawtooth(t, {period}) - 0.5"), end);
         assert_eq!(found.len(), 2 * n as usize - 1, "{end}, {n}");
         for (k, t) in found.iter().enumerate() {
             assert_near(*t, 0.5 * period * (k + 1) as f64, 1e-9 * end);
         }
-        // A triangle passes 1/5 twice in each period, and so does a pulse train pass 1/2.
+        // A triangular wave passes 1/5 twice in each period, and a pulse train passes 1/2 twice in each period.
         assert_eq!(counted(&format!("triangle(t, {period}) - 0.2"), end).len(), 2 * n as usize, "{end}, {n}");
         assert_eq!(counted(&format!("pwm(t, {period}, 0.4) - 0.5"), end).len(), 2 * n as usize - 1, "{end}, {n}");
-        // A function that jumps between positive values has no zero, and a constant has none.
+        // A monitored function that jumps between positive values has no zero crossing, and a constant has none.
         for monitor in [
             format!("if(sawtooth(t, {period}) < 0.2, 1, 2)"),
             format!("if(mod(t, {period}) > {}, x, x + 1)", 0.3 * period),

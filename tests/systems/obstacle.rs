@@ -8,7 +8,7 @@ use dvi::specification::{EXAMPLES, Specification};
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// Returns the value of a field at an output time `t`.
+/// Returns the value of an output field at an output time `t`.
 fn at(solution: &Solution, field: &str, t: f64) -> f64 {
     let k = solution.trajectory.t.iter().position(|&told| (told - t).abs() < 1e-12);
     column(solution, field)[k.unwrap_or_else(|| panic!("no output at t = {t}"))]
@@ -16,8 +16,8 @@ fn at(solution: &Solution, field: &str, t: f64) -> f64 {
 
 #[test]
 fn the_oxygen_front_follows_the_table() {
-    // Reference: position of the front and concentration at the surface from an integral equation, to seven digits
-    // (Hansen and Hougaard 1974).
+    // Reference for the oxygen diffusion problem: position of the front and concentration at the surface from an
+    // integral equation, to seven digits (Hansen and Hougaard 1974).
     let table = [
         (0.04, 0.9991799, 0.27432417),
         (0.05, 0.9967929, 0.24768675),
@@ -50,8 +50,8 @@ fn every_example_with_an_obstacle_meets_its_inequality_to_ten_digits() {
 
 #[test]
 fn the_american_put_has_its_price_and_its_exercise_boundary() {
-    // The reference value 6.0903705 is from a binomial tree with extrapolation, and from collocation of the integral
-    // equation.
+    // The reference value 6.0903705 of the option price is from a binomial tree with extrapolation, and from
+    // collocation of the integral equation.
     let solution = solve(&example("american_put"));
     let error = last(&solution, "price") - 6.0903705;
     assert!(error.abs() < 1e-4, "off by {error:e}");
@@ -113,7 +113,8 @@ fn the_stefan_problem_has_its_similarity_solution() {
 
 #[test]
 fn a_string_comes_to_rest_on_a_parabola() {
-    // The string is straight from its ends, and touches the obstacle 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
+    // An elastic string is straight from its ends, and touches the obstacle 1/4 - x^2 tangentially at |x| = 1 -
+    // sqrt(3)/2.
     let solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [-1, 1]}, "elements": 150, "diffusion": 1, "obstacle": "1/4 - x^2", "initial": "1 - x^2",
@@ -187,7 +188,7 @@ fn an_obstacle_above_mirrors_one_below() {
     assert!(column(&above, "pressure").iter().all(|pressure| *pressure <= 0.0), "it pulls");
 }
 
-/// A quarter of a membrane of radius 2 over a hemisphere of radius 1, computed on a square inside it.
+/// A quarter of a membrane of radius 2 over a hemispherical obstacle of radius 1, computed on a square inside it.
 fn hemisphere(elements: u64, mass: &str) -> Value {
     json!({
         "problem": {"obstacle": {
@@ -204,12 +205,13 @@ fn hemisphere(elements: u64, mass: &str) -> Value {
 
 #[test]
 fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
-    // The membrane at rest is u = sqrt(1 - r^2) up to the radius r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 -
-    // ln(a/2)) = 1.
+    // The membrane at rest is u = sqrt(1 - r^2) up to the radius r = a of the contact, then a^2/sqrt(1 - a^2) ln(2/r),
+    // with a^2 (1 - ln(a/2)) = 1.
     for mass in ["lumped", "consistent"] {
         let errors = [14, 28, 56].map(|elements| {
             let solution = solve(&hemisphere(elements, mass));
-            // The area of contact is accurate to a third of an element along its boundary.
+            // The area of contact between membrane and hemisphere is accurate to a third of an element along its
+            // boundary.
             let (a, h) = (0.6979651482233735, 1.4 / elements as f64);
             let error = last(&solution, "contact") - FRAC_PI_4 * a * a;
             assert!(error.abs() < FRAC_PI_2 * a * h / 3.0, "{mass}: area off by {error:e} on {elements}");
@@ -234,7 +236,7 @@ fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it(
         }},
         "time": {"end": 1}
     }));
-    // The discrete steady solution is exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
+    // The discrete steady solution of the boundary layer is exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
     for probe in ["first", "last"] {
         assert!((last(&solution, probe) - 1.0).abs() < 1e-6, "{probe}: {}", last(&solution, probe));
         assert!(column(&solution, probe).iter().all(|u| (-1e-3..1.001).contains(u)), "{probe} overshoots");
@@ -319,7 +321,8 @@ fn an_obstacle_that_moves_is_not_stepped_over() {
     assert!(worst < 1e-3, "off by {worst:e}");
 }
 
-/// A problem on the unit interval without flux through its ends, with the members `data`, up to the time `end`.
+/// An obstacle problem on the unit interval without flux through its ends, with the members `data`, up to the time
+/// `end`.
 fn slab(data: &Value, end: f64, rtol: f64) -> Value {
     let mut problem =
         json!({"domain": {"x": [0, 1]}, "elements": 20, "diffusion": 1, "initial": 1, "probes": {"p": [0]}});
@@ -330,7 +333,7 @@ fn slab(data: &Value, end: f64, rtol: f64) -> Value {
     })
 }
 
-/// The integral to `t` of `exp(-((t - 50)/width)^2)`, for times well before or after the bump.
+/// The integral from 0 to `t` of the Gaussian `exp(-((t - 50)/width)^2)`, for times well before or after its maximum.
 fn bump(t: f64, width: f64) -> f64 {
     if t > 50.0 { std::f64::consts::PI.sqrt() * width } else { 0.0 }
 }
@@ -341,7 +344,8 @@ fn a_bump_of_a_coefficient_between_the_stages_of_a_long_step_is_seen() {
         let solution = solve(&slab(&json!({"reaction": format!("exp(-((t-50)/{width})^2)")}), 100.0, rtol));
         let error = last(&solution, "p") - (-bump(100.0, width)).exp();
         assert!(error.abs() < 100.0 * rtol, "reaction of width {width} at {rtol:e} off by {error:e}");
-        // On a grid of n elements, cos(pi x) decays at the rate (2 n sin(pi / (2 n)))^2.
+        // On a grid of n elements, the solution cos(pi x) of the heat equation decays at the rate (2 n sin(pi / (2
+        // n)))^2, times the diffusion coefficient.
         let data = json!({"diffusion": format!("1e-4 + exp(-((t-50)/{width})^2)"), "initial": "cos(pi*x)"});
         let solution = solve(&slab(&data, 100.0, rtol));
         let rate = (40.0 * (std::f64::consts::PI / 40.0).sin()).powi(2);

@@ -54,7 +54,8 @@ fn a_driven_oscillator_has_its_amplitude_and_its_multipliers() {
 
 #[test]
 fn a_free_period_is_found_with_the_orbit() {
-    // Reference for van der Pol's equation at mu = 1: series in forty digits (Amore and others 2018).
+    // Reference for the periodic orbit of van der Pol's equation at mu = 1: series in forty digits (Amore and others
+    // 2018).
     let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
             "x": {"initial": 2, "rate": "v"}, "v": {"initial": 0, "rate": "(1 - x^2)*v - x"}}}},
         "periodic": {"period": {"free": 6.3, "phase": "v"}}, "method": {"rtol": 1e-11, "atol": 1e-13}}));
@@ -66,7 +67,8 @@ fn a_free_period_is_found_with_the_orbit() {
 
 #[test]
 fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
-    // The diode blocks from tan(wt) = -wRC on, and conducts again when 10 sin(wt) meets the decaying exponential.
+    // The diode of the rectifier blocks from tan(wt) = -wRC on, and conducts again when 10 sin(wt) meets the decaying
+    // exponential.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * PI);
     let orbit = orbit_of(json!({"problem": {"circuit": {"components": [
             {"voltage_source": {"name": "V", "nodes": ["in", "0"], "volts": "10*sin(100*pi*t)"}},
@@ -90,7 +92,7 @@ fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
     );
 }
 
-/// A buck converter with ideal switches and a resistive load.
+/// A circuit: a buck converter with ideal switches and the load resistance `ohms`.
 fn buck(ohms: f64) -> Value {
     json!({"problem": {"circuit": {"parameters": {"period": 2e-5, "duty": 0.4}, "components": [
             {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 12}},
@@ -107,8 +109,8 @@ fn buck(ohms: f64) -> Value {
 fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     let orbit = orbit_of(buck(2.0));
     assert!(orbit.shots <= 5, "{}", orbit.shots);
-    // In continuous conduction the duty ratio gives the mean output, and the multipliers are exp(lambda T), of
-    // modulus exp(-T/(2RC)).
+    // In continuous conduction of the converter the duty ratio gives the mean output voltage, and the multipliers are
+    // exp(lambda T), of modulus exp(-T/(2RC)).
     assert_near(orbit.over_period["v(out)"].mean.unwrap(), 0.4 * 12.0, 1e-11);
     let [re, im] = orbit.multipliers[0];
     assert_near(re.hypot(im), (-0.5_f64).exp(), 1e-9);
@@ -148,8 +150,8 @@ fn what_has_no_orbit_says_why() {
 
 #[test]
 fn a_state_of_rest_has_its_eigenvalues() {
-    // From z >= 0 and z + y - 1 >= 0, z = 1 - y where y < 1, so that y' = -3y + 1 has the steady state 1/3; x' = x -
-    // x^3 has the steady state 1.
+    // The variable z with z >= 0 and z + y - 1 >= 0 is 1 - y where y < 1, so that y' = -3y + 1 has the steady state
+    // 1/3; x' = x - x^3 has the steady state 1.
     let rest = |specification: Value| {
         let solution = solve(&specification);
         assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
@@ -165,7 +167,7 @@ fn a_state_of_rest_has_its_eigenvalues() {
     assert_near(found.eigenvalues[1][0], -3.0, 1e-9);
     assert_eq!(found.stable, Some(true));
 
-    // An oscillator with an unstable equilibrium and a time scale of 1e6.
+    // The steady state of an oscillator whose equilibrium is unstable and whose time scale is 1e6.
     let found = rest(json!({"problem": {"dvi": {"states": {
         "x": {"initial": 3, "rate": "1e-6*v"}, "v": {"initial": 1, "rate": "1e-6*(0.2*v - x + 2)"}}}}, "steady_state": {}}));
     assert_near(found.states["x"], 2.0, 1e-12);
@@ -194,7 +196,7 @@ fn the_state_of_rest_is_that_which_a_run_comes_to() {
             "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}));
         assert_near(found.states["x"], 2.0 * f64::signum(from), 1e-12);
     }
-    // The fast state x first brings the solution near a saddle, which y then leaves.
+    // The fast state x first brings the solution near a saddle point, which the state y then leaves.
     for from in [1e-3, -1e-3] {
         let found = rest(json!({"states": {"x": {"initial": 1, "rate": "-10*x"},
             "y": {"initial": from, "rate": "y*(1 - y^2)"}}}));
@@ -230,8 +232,8 @@ fn what_never_rests_says_why() {
     }
 }
 
-/// Asserts that the multipliers of an orbit are right or that the solution is not trusted; with `is_trusted`, that
-/// they are right and trusted.
+/// Asserts that the Floquet multipliers of a periodic orbit are right or that the solution is not trusted; with
+/// `is_trusted`, that they are right and trusted.
 #[track_caller]
 fn assert_multipliers(specification: &Value, exact: &[[f64; 2]], is_trusted: bool) {
     let solution = solve(specification);
@@ -256,13 +258,14 @@ fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit()
                 "states": {"x": {"initial": x, "plus": rate("-"), "minus": rate("+")}}}},
             "periodic": {"period": "2*pi"}, "method": {"rtol": 1e-10}, "output": {"times": {"count": 3}}})
     };
-    // The orbit is odd: half a period later it is its negative. This symmetry gives the phase at which the orbit is
-    // zero.
+    // The periodic orbit is odd: half a period later it is its negative. This symmetry gives the phase ph of the drive
+    // at which the orbit is zero at t = 0.
     let phase_at_zero = |k: f64| {
         // Between its zeros the orbit is x = A cos(t + ph) + B sin(t + ph) + F/k + C exp(k t), with x(0) = x(pi) = 0.
         let (a, b) = (-k / (1.0 + k * k), 1.0 / (1.0 + k * k));
         let steady = 0.3 / k;
-        // The condition for the phase is a cos ph + b sin ph = f with f = -(F/k) (e^(k pi) - 1)/(e^(k pi) + 1).
+        // The condition for the phase ph of the drive is a cos ph + b sin ph = f with f = -(F/k) (e^(k pi) - 1)/(e^(k
+        // pi) + 1).
         let f = -steady * (0.5 * k * PI).tanh();
         (b.atan2(a), (f / a.hypot(b)).acos())
     };
@@ -275,7 +278,7 @@ fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit()
             }
             let exact = (TAU * k).exp() * ((c - 0.3) / (c + 0.3)).powi(2);
             assert_multipliers(&dry(k, phase, 0.0), &[[exact, 0.0]], true);
-            // The orbit for a drive whose phase is a quarter of a period later.
+            // The periodic orbit for a drive whose phase is a quarter of a period later.
             let x = solve(&dry(k, phase, 0.0)).trajectory.field("x").expect("x")[1];
             assert!(x.abs() < 1e-6, "half of a period later it is zero as well: {x}");
             let above = 0.5;
@@ -357,7 +360,7 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
         resonance(1e-6),
         resonance(1e-9),
         with_friction,
-        // Equations whose rates have one sign have no orbit.
+        // Periodic problems whose rates have one sign have no orbit.
         one(1.0, "exp(-x)"),
         one(1.5, "1/x+0*t"),
         one(1.5, "ln(2+x^2)/(1+x^2)*(1.5+sin(2*pi*t))"),
@@ -374,7 +377,7 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
     assert_near(orbit.start["x"], 1.01, 1e-5);
     assert_near(orbit.multipliers[0][0], (-2e-2_f64).exp(), 1e-4);
     assert_eq!(orbit.stable, Some(true));
-    // Every starting point of an undamped oscillator lies on an orbit.
+    // Every starting point of an undamped oscillator lies on a periodic orbit.
     let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
             "x": {"initial": 1, "rate": "y"}, "y": {"initial": 0, "rate": "-x"}}}}, "periodic": {"period": "2*pi"}}));
     assert_near(orbit.start["x"], 1.0, 1e-12);
@@ -386,8 +389,8 @@ fn a_steady_state_that_its_equations_do_not_determine_is_told() {
     let solved = |states: Value| solve(&json!({"problem": {"dvi": {"states": states}}, "steady_state": {}}));
     let is_told =
         |solution: &Solution| solution.verdict.caveats.iter().any(|caveat| caveat.code == "steady_state_uncertain");
-    // A system without equilibrium, one of a continuum of equilibria, and a triple root, which the tolerances
-    // determine only to 1e-4.
+    // Steady-state problems: a system without equilibrium, one with a continuum of equilibria, and one with a triple
+    // root, which the tolerances determine only to 1e-4.
     for (from, rate) in [(800.0, "exp(-x)"), (25.0, "1 - tanh(x)"), (3.0, "0*x"), (1.0, "-x^3")] {
         let solution = solved(json!({"x": {"initial": from, "rate": rate}}));
         assert!(is_told(&solution), "{rate}: {:?}", solution.verdict);
@@ -409,8 +412,8 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
         json!({"dvi": {"states": {"x": {"initial": x, "rate": rate}}, "variables": {"z": {"inequality": inequality}},
             "set": [{"nonnegative": ["z"]}]}})
     };
-    // Double and fourfold roots, and the equations x' = -|x| and x' = -x + 3 max(0, x) at their kinks: all are stable
-    // on one side only.
+    // Steady states at double and fourfold roots, and those of x' = -|x| and x' = -x + 3 max(0, x) at their kinks: all
+    // are stable on one side only.
     for problem in
         [one(2.0, "-(x-1)^2"), one(3.0, "-(x-2)^4"), with_z("-x-2*z", "z+x", 1.0), with_z("-x+3*z", "z-x", -1.0)]
     {
@@ -433,8 +436,8 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
 
 #[test]
 fn orbits_that_runs_return_to_from_far_around_are_said_to_be_uncertain() {
-    // Weak damping contracts x to the orbit 5 + sin t by a relative 1e-9 per unit of time; without damping every
-    // starting point lies on an orbit.
+    // Weak damping contracts x to the periodic orbit 5 + sin t by a relative 1e-9 per unit of time; without damping
+    // every starting point lies on an orbit.
     for (rate, is_uncertain) in [("cos(t) - 1e-9*(x - 5)", true), ("cos(t)", true), ("cos(t) - (x - 5)", false)] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": rate}}}},
             "periodic": {"period": "2*pi"}}));
@@ -456,7 +459,7 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
         let mean = orbit.over_period[name].mean.unwrap();
         assert!((mean - exact).abs() < 1e-8, "{name}: {mean} for {exact}");
     }
-    // The root mean square of z is undefined since z contains an impulse; all other means exist.
+    // The root mean square of z over a period is undefined since z contains an impulse; all other means exist.
     assert!(lifted.verdict.trusted, "{:?}", lifted.verdict);
     assert!(
         lifted.verdict.caveats.iter().any(|caveat| caveat.code == "mean_undefined" && caveat.message.contains("`z`"))

@@ -20,7 +20,7 @@ fn the_pendulum_reaches_its_reference_and_keeps_its_length() {
         let error = (last(&solution, name) - digits(&reference[k])).abs();
         assert!(error < 3e-7, "`{name}` is off by {error:e}");
     }
-    // The reported tension is computed from the states; the stage value would be of lower order.
+    // The reported tension of the rod is computed from the states; the stage value would be of lower order.
     let tension = last(&solution, "tension") - digits(&reference[4]);
     assert!(tension.abs() < 3e-6, "the tension is off by {tension:e}");
     for (x, y) in column(&solution, "x").iter().zip(column(&solution, "y")) {

@@ -47,8 +47,8 @@ fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
 
 #[test]
 fn commuters_leave_as_vickrey_says() {
-    // Reference: Arnott, de Palma, Lindsey 1990, with N = 6000, s = 3000, alpha = 6.4, beta = 3.9, gamma = 15.21,
-    // t* = 9.
+    // Reference for the equilibrium of departure times: Arnott, de Palma, Lindsey 1990, with N = 6000, s = 3000, alpha
+    // = 6.4, beta = 3.9, gamma = 15.21, t* = 9.
     let (first, last_arrival, on_time) = (7.408_163_265_306_122, 9.408_163_265_306_122, 8.029_974_489_795_919);
     let (early, late) = (7680.0, 888.477_556_866_719);
     let solution = solve(&example("bottleneck"));
@@ -114,8 +114,8 @@ fn twenty_routes_carry_what_their_least_cost_says() {
         assert!((column(&solution, "least")[k] - below).abs() < 1e-8, "{} {below}", column(&solution, "least")[k]);
         for i in 1..=20 {
             let found = column(&solution, &format!("h[{i}]"))[k];
-            // The flow is the cube root of the excess of the cost over the free cost, and so is the error of the flow
-            // where that excess is small.
+            // The flow on a route is the cube root of the excess of its cost over the free cost, and so is the error of
+            // the flow where that excess is small.
             let bound = 120.0 * 1e-8_f64.cbrt().min(1e-8 / (below - 10.0 - f64::from(i)).max(1e-8)) + 1e-6;
             assert!((found - flow(below, i)).abs() < bound, "t = {t}, route {i}: {found} {}", flow(below, i));
         }

@@ -1,11 +1,11 @@
-//! Relays whose output enters only the second or third derivative of their signal. Their output is bounded, so that
-//! no state jumps, whatever the index: they are solved as posed.
+//! Relays whose output enters only the second or third derivative of their input signal. Their output is bounded, so
+//! that no state jumps, whatever the index: they are solved as posed.
 
 use super::harness::{column, events, last, solve};
 use dvi::analysis::Uniqueness;
 use serde_json::{Value, json};
 
-/// A problem with the given states, as name, initial value and rate, and a relay `u in Sgn(signal)`.
+/// Specification of a problem with the given states, as name, initial value and rate, and a relay `u in Sgn(signal)`.
 fn relay(states: &[(&str, f64, &str)], signal: &str, end: f64, method: Value) -> Value {
     let states: serde_json::Map<String, Value> = states
         .iter()
@@ -82,8 +82,8 @@ fn certificates_are_lost_where_a_run_leaves_what_they_hold_for() {
         assert_eq!(caveat, !analysis.uniqueness.is_certified(), "{}", analysis.because);
         analysis.uniqueness
     };
-    // With the rate sqrt(x) from 1, x = 1 + t + t^2/4 stays above one, where the rate is Lipschitz. With sqrt(|x|)
-    // from -1/16, x reaches zero at t = 1/2, where the solution may stay at rest.
+    // Two rates whose uniqueness is tested: with the rate sqrt(x) from 1, x = 1 + t + t^2/4 stays above one, where the
+    // rate is Lipschitz; with sqrt(|x|) from -1/16, x reaches zero at t = 1/2, where the solution may stay at rest.
     assert_eq!(certified("sqrt(x)", 1.0), Uniqueness::LocallyUnique);
     assert_eq!(certified("sqrt(abs(x))", -0.0625), Uniqueness::ExistsNotCertified);
     assert_eq!(certified("1 + heaviside(x - 0.5)", 0.0), Uniqueness::NotCertified);

@@ -134,13 +134,13 @@ fn breaks_and_bounds_that_follow_a_parameter() {
 fn jumps_of_periodic_functions_follow_their_arguments() {
     let end = 2.05_f64;
     let cases = [
-        // Four complete pulses of the width p/2 each, and the beginning of a fifth.
+        // The rate is a train of four complete pulses of the width p/2 each, and the beginning of a fifth.
         ("pwm(t, 0.5, p)", 0.37, 2.0),
-        // Steps at t = p + 1/2 and t = p + 3/2.
+        // The rate has steps at t = p + 1/2 and t = p + 3/2.
         ("round(t - p)", 0.3, -2.0),
-        // Steps at t = k/p for k = 1, .., 4.
+        // The rate has steps at t = k/p for k = 1, .., 4.
         ("floor(p*t)", 2.0, 2.5),
-        // The remainder of t falls from p to 0 at t = p and at t = 2 p.
+        // The rate, the remainder of t divided by p, falls from p to 0 at t = p and at t = 2 p.
         ("mod(t, p)", 0.75, -(2.0 * end - 2.25) + 2.25),
         ("sawtooth(t, p)", 0.75, 3.0 - end * end / (2.0 * 0.75 * 0.75)),
         // The rate is nonzero up to p - 0.2, from p to p + 0.8, and from p + 1 on.
@@ -196,8 +196,8 @@ fn a_rectifier_that_conducts_until_its_current_dies() {
     assert!(t("di/de").abs() < 1e-8 && t("di/dl").abs() < 1e-8);
 }
 
-/// All quantities of a converter with ideal switches are proportional to its source; the edges of the switch depend
-/// on the period and the duty ratio.
+/// All voltages and currents of a converter with ideal switches are proportional to its source voltage; the edges of
+/// the switch depend on the period and the duty ratio.
 #[test]
 fn a_converter_whose_switch_follows_parameters() {
     let problem = json!({"circuit": {"parameters": {"period": 2e-5, "duty": 0.4, "E": 12}, "components": [
@@ -225,7 +225,8 @@ fn a_converter_whose_switch_follows_parameters() {
             };
             let difference = (moved(change) - moved(-change)) / (2.0 * change);
             let slope = last(&derived, &format!("d{name}/d{parameter}"));
-            // The error of the difference quotient is mainly due to the rounding of times.
+            // The error of the difference quotient with which the sensitivity is compared is mainly due to the rounding
+            // of times.
             assert!((slope / difference - 1.0).abs() < 1e-4, "{name} by {parameter}: {slope} for {difference}");
         }
     }
@@ -279,7 +280,7 @@ fn what_cannot_be_differentiated_is_refused_with_its_place() {
     assert_eq!((errors[0].pointer.as_str(), errors[0].code), ("/sensitivities", "conflict"));
 }
 
-/// Whether a column agrees with a closed form at all output times, to 1 %.
+/// Whether a field of the solution agrees with a closed form at all output times, to 1 %.
 fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool {
     let pairs = solution.trajectory.t.iter().zip(column(solution, name));
     pairs.into_iter().all(|(&t, &found)| (found - exact(t)).abs() <= 1e-2 * exact(t).abs().max(1e-2))
@@ -287,7 +288,8 @@ fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool 
 
 #[test]
 fn steps_resolve_derivatives_where_the_states_rest() {
-    // The state rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 = exp(-40 t).
+    // The state x' = -40 (x - 1) rests at 1, where steps of any length are exact, but perturbations decay: dx/dx0 =
+    // exp(-40 t).
     for x in [1, 2] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "-40*(x-1)"}}}},
             "time": {"end": 0.5}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 0.1, 0.25, 0.5]}}));
@@ -306,7 +308,7 @@ fn steps_resolve_derivatives_where_the_states_rest() {
     let pairs = solution.trajectory.t.iter().zip(found);
     let error = pairs.fold(0.0_f64, |most, (t, found)| most.max((found - 1.0 + (-1e3 * t).exp()).abs()));
     assert!(solution.verdict.trusted && error < 1e-5, "{error:e} {:?}", solution.verdict);
-    // An unstable equilibrium, from which perturbations grow by exp(10).
+    // The unstable equilibrium zero of x' = x, from which perturbations grow by exp(10).
     let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "x"}}}},
         "time": {"end": 10}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 5, 10]}}));
     let last = column(&solution, "dx/dx.initial")[2];

@@ -20,7 +20,7 @@ fn a_block_in_the_plane_slides_straight_and_stops() {
     assert!((last(&solution, "x") - 0.6 * way).abs() < 1e-6 && (last(&solution, "y") - 0.8 * way).abs() < 1e-6);
     let times = events(&solution, "Fx");
     assert!(times.len() == 1 && (times[0] - stop).abs() < 1e-6, "{times:?}");
-    // While the body slides, friction is at its bound and opposes the motion; at rest it is zero.
+    // While the body slides, the friction force is at its bound and opposes the motion; at rest it is zero.
     for (&t, (&fx, &fy)) in
         solution.trajectory.t.iter().zip(column(&solution, "Fx").iter().zip(column(&solution, "Fy")))
     {
@@ -33,7 +33,7 @@ fn a_block_in_the_plane_slides_straight_and_stops() {
 
 #[test]
 fn a_radius_that_varies_with_time_and_state_is_followed() {
-    // The normal force grows with time, so that the speed decreases with |v|' = -mu g (1 + t).
+    // The normal force on the body grows with time, so that the speed decreases with |v|' = -mu g (1 + t).
     let mut specification = example("friction_disk");
     specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("mu*m*g*(1 + t)");
     let solution = solve(&specification);
@@ -52,8 +52,8 @@ fn a_radius_that_varies_with_time_and_state_is_followed() {
 #[test]
 fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     let solution = solve(&example("three_regions"));
-    // The solution moves along -d1 to the line between the first two regions, then slides along it at half speed to
-    // the origin.
+    // The solution of the Filippov system moves in its first region to the line between the first two regions, then
+    // slides along that line at half speed to the origin.
     let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
     let x = |t: f64| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 };
     let y = |t: f64| if t < line { 1.0 } else { (origin - t).max(0.0) * 3.0_f64.sqrt() / 4.0 };
@@ -75,7 +75,7 @@ fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     assert!((events(&solution, "z3")[0] - origin).abs() < 1e-5);
 }
 
-/// A problem whose set is a square, written as a box and as a polyhedron.
+/// A differential variational inequality whose set is a square, written as a box and as a polyhedron.
 #[test]
 fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
     let system = |block: Value| {
@@ -243,7 +243,7 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let expected: Vec<f64> = phases.map(|phase| phase / omega).collect();
     let square = json!({"A": [[1, 0], [-1, 0], [0, 1], [0, -1]], "b": [1, 1, 1, 1], "of": ["z1", "z2"]});
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": 1}});
-    // If the solution is on an edge of the square, z2 stays constant, and x2 moves.
+    // If the multiplier z is on an edge of the square, its component z2 stays constant, and x2 moves.
     for (name, set, drives) in [
         ("ball", ball, ["0.6006*sin(40*t)", "0.8008*sin(40*t)"]),
         ("square", json!({"polyhedron": square}), ["1.001*sin(40*t)", "0.3*sin(40*t)"]),

@@ -12,7 +12,8 @@ fn sparse(rows: usize, columns: usize, entries: &[(usize, usize, f64)]) -> Value
     json!({"shape": [rows, columns], "entries": entries})
 }
 
-/// Returns the nonzeros of the matrix of `c (x_{i-1} - 2 x_i + x_{i+1})`.
+/// Returns the nonzeros of the `n` by `n` matrix with the rows `c (x_{i-1} - 2 x_i + x_{i+1})`, as row, column and
+/// value.
 fn chain(n: usize, c: f64) -> Vec<(usize, usize, f64)> {
     let row = |i: usize| [(i, i.wrapping_sub(1), c), (i, i, -2.0 * c), (i, i + 1, c)];
     (0..n).flat_map(row).filter(|&(_, j, _)| j < n).collect()
@@ -62,7 +63,8 @@ fn a_full_matrix_of_middling_size_decays_along_its_eigenvectors() {
     assert!((last(&solution, "x80") - ones + across).abs() < 1e-9);
 }
 
-/// A system of `copies` independent relays with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]`, `G = -x`.
+/// Specification of a system of `copies` independent relays with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]`, `G
+/// = -x`.
 fn relays(copies: usize) -> Value {
     let diagonal = |value: f64| sparse(copies, copies, &(0..copies).map(|i| (i, i, value)).collect::<Vec<_>>());
     let names: Vec<String> = (1..=copies).map(|k| format!("z{k}")).collect();
@@ -121,8 +123,8 @@ fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_pla
         assert!((value("x61") - t.sin()).abs() < 1e-7, "{} at {t}", value("x61") - t.sin());
         assert!((value("x62") - exact(t)).abs() < 1e-7, "{} at {t}", value("x62") - exact(t));
         assert!((value("z62") - exact(t) - t.cos()).abs() < 1e-7);
-        // The hidden constraint determines the variable with the order of the states: cos t = z - 2 sin t + the sum
-        // of the two neighbouring states.
+        // The hidden constraint of an even row determines its variable z with the order of the states: cos t = z - 2
+        // sin t + the sum of the two neighbouring states.
         let z = t.cos() + 2.0 * t.sin() - 2.0 * exact(t);
         assert!((value("z61") - z).abs() < 1e-7, "{} instead of {z} at {t}", value("z61"));
     }

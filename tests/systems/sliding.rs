@@ -44,22 +44,22 @@ struct Twisting {
 }
 
 impl Twisting {
-    /// Returns the ratio of `|x'|` at consecutive zeros of `x`.
+    /// Returns the ratio of `|x'|` at consecutive zeros of `x` in the twisting algorithm.
     fn ratio(&self) -> f64 {
         ((self.a - self.b) / (self.a + self.b)).sqrt()
     }
 
-    /// Returns the time from one zero of `x`, with the speed `v`, to the next zero.
+    /// Returns the time from one zero of `x`, passed with the speed `v`, to the next zero.
     fn swing(&self, v: f64) -> f64 {
         v / (self.a + self.b) + self.ratio() * v / (self.a - self.b)
     }
 
-    /// Returns the time at which the state comes to rest, after infinitely many switches.
+    /// Returns the time at which the twisting algorithm comes to rest, after infinitely many switches.
     fn rest(&self) -> f64 {
         self.swing(self.v) / (1.0 - self.ratio())
     }
 
-    /// Returns `x'` at the time `t`, computed from one zero of `x` to the next.
+    /// Returns `x'` of the twisting algorithm at the time `t`, computed from one zero of `x` to the next.
     fn velocity(&self, t: f64) -> f64 {
         let (mut begin, mut v, mut sign) = (0.0, self.v, 1.0);
         while begin + self.swing(v) <= t && v > 1e-300 {
@@ -112,8 +112,8 @@ fn twisting_comes_to_rest_where_its_switches_accumulate() {
 
 #[test]
 fn super_twisting_comes_to_rest_at_a_root() {
-    // At rest B(x) = -k sqrt|x| vanishes, so that the multiplier has no effect on x: x = 0, w = 0 and u = 0 have
-    // codimension three.
+    // At rest the gain B(x) = -k sqrt|x| of the controller vanishes, so that the multiplier has no effect on x: x = 0,
+    // w = 0 and u = 0 have codimension three.
     for (k, l, start) in [(2.1, 1.7, 0.4), (1.5, 1.1, 1.0), (3.0, 4.0, 2.0)] {
         let solution = solve(&json!({
             "problem": {"dvi": {
@@ -155,8 +155,8 @@ fn terminal_sliding_ends_at_the_root() {
 
 #[test]
 fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() {
-    // For v' = max(a sin t - v, 0) from v = 1, the current begins at arcsin(1/a); the small excess is a parabola
-    // about its maximum, during which v follows the linear equation.
+    // For a diode that charges a capacitor, v' = max(a sin t - v, 0) from v = 1, the current begins at arcsin(1/a); the
+    // small excess is a parabola about its maximum, during which v follows the linear equation.
     for excess in [1e-4, 3e-5_f64] {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 1, "rate": "i"}},
                 "variables": {"i": {"inequality": format!("i - ({}*sin(t) - v)", 1.0 + excess)}},
@@ -164,7 +164,7 @@ fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() 
         let found = events(&solution, "i");
         assert_eq!(found.len(), 2, "{excess:e}: {found:?}");
         assert!((found[0] - (1.0 / (1.0 + excess)).asin()).abs() < 1e-6, "{excess:e}: {found:?}");
-        // To leading order the current ends as long after the maximum as it began before it.
+        // To leading order the current of the diode ends as long after the maximum as it began before it.
         let width = 2.0 * (2.0 * excess).sqrt();
         assert!(((found[1] - found[0]) / width - 1.0).abs() < 0.02, "{excess:e}: {found:?}");
         assert!(solution.verdict.trusted, "{excess:e}: {:?}", solution.verdict);

@@ -31,7 +31,7 @@ fn assert_slopes(problem: &Value, end: f64, of: &str, exact: &[(&str, f64)]) {
     }
 }
 
-/// The problem `x' = z`, where `z` is the projection of `a` onto a set.
+/// The differential variational inequality `x' = z`, where `z` is the projection of the constant vector `a` onto a set.
 fn projection(set: &Value, count: usize, parameters: &Value) -> Value {
     let mut problem = json!({"parameters": parameters, "states": {}, "variables": {}, "set": [set]});
     for k in 1..=count {
@@ -76,8 +76,8 @@ fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest
 
 #[test]
 fn derivatives_go_on_where_a_point_comes_to_the_boundary_and_leaves_it() {
-    // The variable is z = a sin t up to |z| = r at t1 = arcsin(r/a), then has |z| = r until pi - t1: x = 2 a (1 - cos
-    // t1) + r (pi - 2 t1) at t = pi.
+    // The variable of a ball constraint is z = a sin t up to |z| = r at t1 = arcsin(r/a), then has |z| = r until pi -
+    // t1: x = 2 a (1 - cos t1) + r (pi - 2 t1) at t = pi.
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": "r"}});
     let problem = json!({"parameters": {"a": 5, "r": 3}, "set": [ball],
         "states": {"x1": {"initial": 0, "rate": "z1"}, "x2": {"initial": 0, "rate": "z2"}},
@@ -89,7 +89,7 @@ fn derivatives_go_on_where_a_point_comes_to_the_boundary_and_leaves_it() {
 
 #[test]
 fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
-    // For v' = -mu v/|v| from v0, the point rests after |v0|/mu, and has moved by x = v0 |v0|/(2 mu).
+    // For a point with friction, v' = -mu v/|v| from v0, rest begins at |v0|/mu, after the distance x = v0 |v0|/(2 mu).
     let problem = json!({"parameters": {"mu": 2, "u": 3, "w": 4},
         "set": [{"ball": {"of": ["f1", "f2"], "radius": "mu"}}],
         "states": {"x1": {"initial": 0, "rate": "v1"}, "x2": {"initial": 0, "rate": "v2"},
@@ -101,7 +101,7 @@ fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
     for name in ["dv1/du", "dv2/du", "dv1/dmu"] {
         assert!(column(&solution, name).last().is_some_and(|slope| slope.abs() < 1e-9), "{name}");
     }
-    // Before the point stops, its velocity is v = v0 (1 - mu t/|v0|).
+    // Before friction stops the point, its velocity is v = v0 (1 - mu t/|v0|).
     assert_slopes(&problem, 1.0, "v1", &[("mu", -0.6), ("u", 1.0 - 2.0 / 5.0 + 2.0 * 9.0 / 125.0)]);
 }
 
@@ -125,8 +125,8 @@ fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
         let solution =
             solve(&json!({"problem": {"dvi": problem}, "time": {"end": 9}, "method": {"rtol": 1e-8, "atol": 1e-10},
             "output": {"times": {"count": 9}}, "sensitivities": {"to": ["F", "R", "u"]}}));
-        // If the exponent of that power is small, the direction turns too fast to be resolved by steps, and the
-        // verdict may doubt the solution.
+        // If the exponent of the power of the remaining time is small, the direction of the velocity turns too fast to
+        // be resolved by steps, and the verdict may doubt the solution.
         assert!(solution.verdict.trusted || force < 2.0, "{force}: {:?}", solution.verdict);
         assert!((last(&solution, "y") - top / below).abs() < 1e-8, "{force}");
         for (name, exact) in [("dy/dF", of_force), ("dy/dR", of_friction), ("dy/du", of_speed)] {
@@ -138,7 +138,8 @@ fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
 
 #[test]
 fn switches_at_one_time_that_commute_have_their_own_derivatives() {
-    // Two blocks stop at t = 2, each after the distance v^2/(2 mu), and two signs in one sum change at t = 1.
+    // Two blocks stopped by friction rest from t = 2 on, each after the distance v^2/(2 mu), and two signs in one sum
+    // change at t = 1.
     let problem = json!({"parameters": {"mu1": 1, "mu2": 2, "v1": 2, "v2": 4, "a1": -1, "a2": -2},
         "set": [{"box": {"of": ["p1", "p2", "s1", "s2"], "lower": -1, "upper": 1}}],
         "states": {"w1": {"initial": "v1", "rate": "-mu1*p1"}, "w2": {"initial": "v2", "rate": "-mu2*p2"},

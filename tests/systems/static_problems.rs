@@ -15,8 +15,8 @@ fn problem(variables: &[(&str, &str, f64)], set: Value) -> Value {
     json!({"problem": {"vi": {"variables": variables, "set": set}}})
 }
 
-/// A complementarity problem with nonnegative variables `x1`, `x2`, .., given the rows of its function and a starting
-/// point.
+/// Specification of a nonlinear complementarity problem with nonnegative variables `x1`, `x2`, .., given the rows of
+/// its function and a starting point.
 fn complementarity(rows: &[&str], start: &[f64]) -> Value {
     let names: Vec<String> = (1..=rows.len()).map(|i| format!("x{i}")).collect();
     let variables: Vec<(&str, &str, f64)> =
@@ -51,8 +51,8 @@ fn assert_point(found: &StaticSolution, exact: &[f64], tolerance: f64) {
     }
 }
 
-/// Cournot-Nash equilibrium of firms that sell at the price `p(Q) = (5000/Q)^(1/g)`, with the marginal costs `c +
-/// (q/L)^(1/b)`.
+/// Specification of the Cournot-Nash equilibrium of firms that sell at the price `p(Q) = (5000/Q)^(1/g)`, with the
+/// marginal costs `c + (q/L)^(1/b)`.
 fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, start: f64) -> Value {
     let firms = costs.len();
     let total = (1..=firms).map(|i| format!("x{i}")).collect::<Vec<_>>().join(" + ");
@@ -72,8 +72,8 @@ fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, star
 
 #[test]
 fn firms_in_a_market_come_to_their_published_equilibrium() {
-    // Reference: Murphy, Sherali and Soyster 1982, with the figures of Harker 1984; further digits by Newton's method
-    // in an independent program.
+    // Reference for the Cournot equilibrium: Murphy, Sherali and Soyster 1982, with the figures of Harker 1984; further
+    // digits by Newton's method in an independent program.
     let specification = cournot(&[10.0, 8.0, 6.0, 4.0, 2.0], 5.0, &[1.2, 1.1, 1.0, 0.9, 0.8], 1.1, 10.0);
     let (solution, found) = solved(&specification);
     let exact = [
@@ -208,7 +208,8 @@ fn colvilles_first_problem_has_its_published_prices_and_quantities() {
 
 #[test]
 fn dantzigs_transport_has_its_published_cost_and_several_plans() {
-    // Dantzig 1963, section 3.3: two plants, three markets, and a least cost of 153.675 thousand dollars.
+    // The transport problem of Dantzig 1963, section 3.3: two plants, three markets, and a least cost of 153.675
+    // thousand dollars.
     let cost = [[0.225, 0.153, 0.162], [0.225, 0.162, 0.126]];
     let mut variables = Vec::new();
     for (i, row) in cost.iter().enumerate() {
@@ -234,7 +235,8 @@ fn dantzigs_transport_has_its_published_cost_and_several_plans() {
     assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
 }
 
-/// Braess' network: three routes with the travel demand 6; `u` is the common travel time.
+/// Specification of the traffic equilibrium in Braess' network: three routes with the travel demand 6; `u` is the
+/// common travel time.
 fn braess(bridge: bool) -> Value {
     let mut variables = vec![("h1", "10*(h1 + h3) + 50 + h1 - u", 0.0), ("h2", "50 + h2 + 10*(h2 + h3) - u", 0.0)];
     variables.push(("h3", if bridge { "10*(h1 + h3) + 10 + h3 + 10*(h2 + h3) - u" } else { "h3 + 1000" }, 0.0));
@@ -389,7 +391,7 @@ fn what_vanishes_at_infinity_only_is_no_solution() {
         json!([{"nonnegative": ["x1", "x2"]}]),
     ));
     assert_eq!(code, "vi_unsolved");
-    // Multiple roots, also of functions that are flat around them, are solutions.
+    // Multiple roots of the equation, also of functions that are flat around them, are accepted as solutions.
     for (row, start, exact, tolerance) in [
         ("1 - cos(x1)", 0.0, 0.0, 1e-12),
         ("1 - cos(x1)", 1.0, 0.0, 1e-4),

@@ -6,7 +6,8 @@ use crate::systems::reference::{digits, example, read, smooth};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// Returns a problem of `tests/reference/smooth.json` as a specification with the relative tolerance `rtol`.
+/// Returns a smooth initial value problem of `tests/reference/smooth.json` as a specification with the relative
+/// tolerance `rtol`.
 fn specification(problem: &Value, rtol: f64) -> Value {
     let mut specification = smooth(problem);
     let atol = rtol * problem["atol_factor"].as_f64().expect("a factor");
@@ -14,20 +15,20 @@ fn specification(problem: &Value, rtol: f64) -> Value {
     specification
 }
 
-/// Returns the problem of the given name in `tests/reference/smooth.json`.
+/// Returns the initial value problem of the given name in `tests/reference/smooth.json`.
 fn problem(name: &str) -> Value {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     let found = problems.as_array().and_then(|problems| problems.iter().find(|problem| problem["name"] == name));
     found.unwrap_or_else(|| panic!("no problem `{name}`")).clone()
 }
 
-/// Solves a problem, and returns its error at the end, `max_i |y_i - reference_i| / max(|reference_i|, floor_i)`,
-/// divided by `rtol`.
+/// Solves a smooth initial value problem, and returns its error at the end, `max_i |y_i - reference_i| /
+/// max(|reference_i|, floor_i)`, divided by `rtol`.
 fn error(problem: &Value, rtol: f64) -> f64 {
     distance(problem, &solve(&specification(problem, rtol))) / rtol
 }
 
-/// Returns the largest relative error of the final states of a trajectory.
+/// Returns the largest relative error of the final states of a solution, compared with the reference.
 fn distance(problem: &Value, solution: &Solution) -> f64 {
     let reference = problem["reference"].as_array().expect("a reference");
     let errors = reference.iter().enumerate().map(|(i, exact)| {

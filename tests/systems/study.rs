@@ -1,4 +1,4 @@
-//! Studies of error versus run time, on problems with known errors.
+//! Studies of error versus run time (work-precision studies), on problems with known errors.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -30,7 +30,7 @@ fn fixed_steps_show_the_order_of_their_stages() {
         let [observed] = orders(&series.runs)[..] else { panic!("{series:?}") };
         assert!((observed - order).abs() < 0.15, "{}: {observed} for {order}", series.method);
     }
-    // Implicit Euler damps the oscillation by 1 / sqrt(1 + (w h)^2) per step.
+    // In each step of size h, implicit Euler damps the oscillation by 1 / sqrt(1 + (w h)^2).
     let coarse = &found.series[0].runs[0];
     let damping = (1.0_f64 + 0.15 * 0.15).powf(-10.0);
     let angle = 20.0 * 0.15_f64.atan();
@@ -94,7 +94,7 @@ fn time_stepping_through_impacts_is_of_first_order_in_a_study() {
 
 #[test]
 fn a_run_that_fails_is_a_row_without_an_error() {
-    // The solution is 1/(1 - t), which blows up at t = 1.
+    // The solution of x' = x^2 from 1 is 1/(1 - t), which blows up at t = 1.
     let problem = json!({"dvi": {"states": {"x": {"initial": 1, "rate": "x^2"}}}});
     let document = json!({"problem": problem, "time": {"end": 2}, "study": {"rtol": [1e-4, 1e-6]}});
     let specification = Specification::from_json(document.to_string().as_bytes()).expect("a right specification");

@@ -51,7 +51,7 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
         let exact = fall * (1.0 + e[row]) / (1.0 - e[row]);
         assert!((first[row] - fall).abs() <= 1e-9 * fall, "row {row}: {} for {fall}", first[row]);
         assert!((rest[row] - exact).abs() <= 1e-5 * exact, "row {row}: {} for {exact}", rest[row]);
-        // The largest speed is that before the first impact, where the velocity jumps.
+        // The largest speed of the ball is that before the first impact, where the velocity jumps.
         let impact = (2.0 * g * h[row]).sqrt();
         assert!((speed[row] - impact).abs() <= 1e-7 * impact, "row {row}: {} for {impact}", speed[row]);
         // The integral of the height over the first fall, of the duration T from the height h, is 2/3 h T, and over
@@ -101,7 +101,7 @@ fn the_map_of_modes_of_a_belt_has_the_known_borders() {
 
 #[test]
 fn reducers_are_those_of_the_solution_and_not_of_output_times() {
-    // The solution is x = cos t, v = -sin t, up to t = 5 pi/2.
+    // The solution of the oscillator is x = cos t, v = -sin t, up to t = 5 pi/2.
     let end = 5.0 * FRAC_PI_2;
     let row = table(&json!({
         "problem": {"dvi": {"parameters": {"w": 1}, "definitions": {"energy": "(x^2 + v^2)/2"}, "integrals": {"E": "x^2"},
@@ -115,7 +115,8 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
             "E": {"final": "E"}, "at": {"at": {"t": 1.25, "of": "x - v"}}, "energy": {"max": "energy"},
             "zeros": {"count": {"kind": "crossed", "of": "zero"}}, "second": {"time_of_last": "crossed"},
             "slope": {"final": "dx/dw"}}}}));
-    // The derivative dx/dw of cos(sqrt(w) t) at w = 1 is -t/2 sin t.
+    // Each quantity that the sweep collects, with its exact value; the derivative dx/dw of cos(sqrt(w) t) at w = 1 is
+    // -t/2 sin t.
     let told = [
         ("initial", 2.0),
         ("final", -1.0),
@@ -140,7 +141,7 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
     assert!((third - third.round()).abs() < 1e-9, "{third}");
 }
 
-/// Means of integrands with a peak or a pulse that is narrow compared with a step.
+/// Means over time of integrands with a peak or a pulse that is narrow compared with a step.
 #[test]
 fn means_of_narrow_features_are_exact() {
     for (name, over, expression, exact) in [
@@ -180,7 +181,7 @@ fn integrals_and_means_take_the_impulses_of_jumps() {
 
 #[test]
 fn extremes_between_the_times_that_are_examined_are_found() {
-    // The state is x = t, and every peak has the height 1.
+    // The state is x = t, and every peak of the collected expression has the height 1.
     for peak in
         ["pulse(t, 0.6, 0.01)", "pulse(t, 0.6, 1e-7)", "max(0, 1 - abs(t - 0.618)/0.01)", "exp(-((x - 0.618)/1e-4)^2)"]
     {
@@ -198,7 +199,8 @@ fn extremes_between_the_times_that_are_examined_are_found() {
 
 #[test]
 fn extremes_are_found_where_a_run_begins_at_a_jump() {
-    // The sawtooth comes to 1 in each of its periods, while the state rises from 1 to 1.15 and returns.
+    // The sawtooth comes to 1 in each of its periods, while the state rises from 1 to 1.15 and returns: the exact value
+    // is the maximum of the expression.
     for (expression, exact) in
         [("sawtooth(t, 0.1)^4*p", 1.0), ("sawtooth(t, 0.1)^2/x", 1.0), ("mod(t, 0.05)/0.05/x", 1.0)]
     {
@@ -266,8 +268,8 @@ fn means_have_the_order_of_their_points() {
     }
 }
 
-/// A sweep in which the equations of some members have another structure (`k = 0`, an exponent `p`), and in which
-/// some members fail.
+/// Specification of a sweep in which the equations of some members have another structure (`k = 0`, an exponent `p`),
+/// and in which some members fail.
 fn mixed() -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1, "f": 1, "p": 1},
@@ -297,7 +299,7 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     let part = |cut: &[usize]| dvi::study::sweep(&specification, cut[0]..cut[1], NonZeroUsize::MIN, &control);
     let mut parts: Vec<Solution> = cuts.windows(2).map(part).collect();
     parts.reverse();
-    // Merges the parts of the sweep after writing each as JSON and reading it back, as the program does.
+    // Merges the results of the parts of the sweep after writing each as JSON and reading it back, as the program does.
     let read_back = |part: &Solution| encodings::read_json(json_of(part).as_bytes()).unwrap().table.unwrap();
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();
@@ -377,7 +379,7 @@ fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
     assert_eq!(json_of(&dvi::study::merge(parts).unwrap()), whole);
 }
 
-/// Solves a specification with the field `x` alone, and returns its final value.
+/// Solves a specification with the output field `x` alone, and returns its final value.
 fn x_at_the_end(specification: &Value) -> f64 {
     let mut specification = specification.clone();
     specification["output"]["fields"] = json!(["x"]);

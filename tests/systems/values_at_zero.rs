@@ -19,7 +19,7 @@ fn derived(problem: &Value, to: &[&str]) -> dvi::solution::Solution {
     solution
 }
 
-/// Bernoulli's equation `x' = a x^2 - b x` from 1, at `a = 0`.
+/// Specification of Bernoulli's equation `x' = a x^2 - b x` from the initial value 1, at `a = 0`.
 fn bernoulli() -> Value {
     json!({"dvi": {"parameters": {"a": 0, "b": 1}, "states": {"x": {"initial": 1, "rate": "a*x^2 - b*x"}}}})
 }
@@ -34,7 +34,7 @@ fn the_derivative_by_the_coefficient_of_an_absent_term() {
 
 #[test]
 fn the_derivative_of_a_motion_by_a_damping_that_is_absent() {
-    // A damped oscillator: x = exp(-c t/2) (cos wt + c/2w sin wt), w^2 = k - c^2/4.
+    // A damped oscillator with the damping c has x = exp(-c t/2) (cos wt + c/2w sin wt), w^2 = k - c^2/4.
     let problem = json!({"mechanical": {"parameters": {"c": 0, "k": 4}, "mass": [[1]],
         "coordinates": {"x": {"initial": 1, "velocity": 0}}, "forces": {"x": "-k*x - c*x_dot"}}});
     let solution = solve(&json!({"problem": problem, "time": {"end": 1}, "sensitivities": {"to": ["c"]},
@@ -83,7 +83,7 @@ fn a_fit_of_an_exponent_that_begins_at_a_whole_number() {
 
 #[test]
 fn a_branch_over_a_parameter_that_is_zero_in_the_problem() {
-    // Equilibria 0 = a x - x^3 + 1/10, from a = -1 to 1.
+    // The branch of equilibria 0 = a x - x^3 + 1/10, from a = -1 to 1.
     let problem =
         json!({"dvi": {"parameters": {"a": 0}, "states": {"x": {"initial": 0.1, "rate": "a*x - x^3 + 0.1"}}}});
     let solution = solve(&json!({"problem": problem, "method": {"rtol": 1e-10, "atol": 1e-12},
@@ -163,7 +163,7 @@ fn the_derivative_by_the_amplitude_of_a_fast_force_that_is_not_there() {
 
 #[test]
 fn the_derivative_of_the_impulse_of_friction_that_holds_a_force_that_is_not_there() {
-    // The body sticks with F = A sin wt: the derivative of the integral of F by A is (1 - cos wt)/w.
+    // The body sticks with the friction force F = A sin wt: the derivative of the integral of F by A is (1 - cos wt)/w.
     let problem = json!({"dvi": {"parameters": {"A": 0, "w": 3}, "states": {"v": {"initial": 0, "rate": "A*sin(w*t) - F"},
         "J": {"initial": 0, "rate": "F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]}});

@@ -71,7 +71,7 @@ impl Answer {
         columns::view(&slf.get().solution.trajectory.t, slf.clone().into_any())
     }
 
-    /// The column with this name, or None.
+    /// The column with this name of the trajectory or of the sweep's table, or None.
     fn column<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
         let (solution, owner) = (&slf.get().solution, slf.clone().into_any());
         match &solution.table {
@@ -80,15 +80,15 @@ impl Answer {
         }
     }
 
-    /// The largest difference between the fields as functions of time and the run, relative to the largest values of
-    /// the fields; None if the solve has not kept these functions.
+    /// The largest difference between the interpolants of the fields in time and the values of the run, relative to the
+    /// largest values of the fields; None if the solve has not kept interpolants.
     #[getter]
     fn deviation(&self) -> Option<f64> {
         self.solution.dense.as_ref().map(|dense| dense.deviation)
     }
 
-    /// The fields at the given times, one array per field in the order of `names`; None if the solve has not kept the
-    /// fields as functions of time, or if a time lies outside the run.
+    /// The fields at the given times by interpolation, one array per field in the order of `names`; None if the solve
+    /// has not kept interpolants, or if a time lies outside the run.
     fn at<'py>(&self, py: Python<'py>, times: Vec<f64>) -> Option<Vec<Bound<'py, PyArray1<f64>>>> {
         let dense = self.solution.dense.as_ref()?;
         let evaluate = || {

@@ -35,7 +35,7 @@ fn over<'py, T: Element, D: Dimension>(
     frozen(unsafe { PyArray::borrow_from_array(values, owner) })
 }
 
-/// Makes an array read-only.
+/// Makes a numpy array read-only.
 fn frozen<T: Element, D: Dimension>(array: Bound<'_, PyArray<T, D>>) -> PyResult<Bound<'_, PyAny>> {
     let writer = array.try_readwrite().map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     Ok(writer.make_nonwriteable().as_any().clone())

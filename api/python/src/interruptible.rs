@@ -89,7 +89,7 @@ impl Ended {
     }
 }
 
-/// Signals the end of the work when it is dropped.
+/// A guard that signals the end of the work when it is dropped.
 struct Mark<'a>(&'a Ended);
 
 impl Drop for Mark<'_> {

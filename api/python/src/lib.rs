@@ -41,7 +41,7 @@ fn catalogue() -> PyResult<String> {
     text(&::specification::catalogue())
 }
 
-/// The name and the text of each example.
+/// The name and the JSON text of each example specification.
 #[pyfunction]
 fn examples() -> Vec<(&'static str, &'static str)> {
     ::specification::EXAMPLES.iter().map(|example| (example.name, example.text)).collect()

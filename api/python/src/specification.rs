@@ -40,8 +40,8 @@ impl Specification {
         self.0.label()
     }
 
-    /// A summary of the problem without a solve: its sizes, statements of the theory about it, and the sizes that an
-    /// expansion would have, as JSON.
+    /// A summary of the problem without a solve, as JSON: its sizes, statements of the theory about it, and the method,
+    /// the memory and the parts of the solver that a solve would use.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
         text(&py.detach(|| self.0.summary()))
     }

@@ -11,12 +11,12 @@ use vi::coulomb::Grip;
 pub struct Size {
     /// The number of contacts; a contact patch counts twice, by its force and its torque.
     pub contacts: usize,
-    /// The number of 3 x 3 blocks of `W`, if `W` is assembled.
+    /// The number of 3 x 3 blocks of the Delassus operator `W`, if `W` is assembled.
     pub blocks: usize,
     /// Whether all contacts are point contacts coupled through bodies alone, so that a large island needs only the
     /// factors of `W`.
     pub has_factors: bool,
-    /// The admissible set of friction; `None` without friction.
+    /// The admissible set of friction impulses; `None` without friction.
     pub friction: Option<Cone>,
 }
 
@@ -24,7 +24,7 @@ pub struct Size {
 /// the scaled problem, and in the layout of the Gauss-Seidel sweeps.
 const BLOCK: usize = size_of::<Matrix3<f64>>() + size_of::<usize>();
 const COPIES: usize = 4;
-/// Bytes of a block of `W` during assembly.
+/// Bytes of a block of `W` during assembly, with its row and column index.
 const ENTRY: usize = size_of::<(usize, usize, Matrix3<f64>)>();
 /// Bytes of the factors of a contact, both as given and as scaled, with its diagonal block of `W`.
 const FACTORS: usize = 2 * size_of::<(Grip, [u32; 2])>() + 2 * size_of::<Matrix3<f64>>();
@@ -37,7 +37,7 @@ const DENSE: usize = 4;
 const PIVOTED: usize = 2;
 
 impl Size {
-    /// Returns the bytes needed to solve for the impulses.
+    /// Returns the bytes of memory needed to solve for the contact impulses of the island.
     pub fn bytes(&self) -> usize {
         let in_factors = self.has_factors && is_factored(self.contacts, self.friction);
         let operator = if in_factors {
@@ -53,9 +53,10 @@ impl Size {
     fn dense_numbers(&self) -> usize {
         let square = |n: usize| n.saturating_mul(n);
         match self.friction {
-            // Unknowns of a contact: the normal impulse, one impulse for each corner, and the slip.
+            // Unknowns of a contact in complementary pivoting: the normal impulse, one impulse for each corner, and the
+            // slip.
             Some(Cone::Polyhedral(corners)) => PIVOTED * square(self.contacts.saturating_mul(corners + 2)),
-            // A single contact is solved in closed form.
+            // A contact problem of a single contact is solved in closed form.
             _ if self.contacts < 2 => 0,
             _ => DENSE * square(3 * self.contacts.min(MOST_FACTORISED)),
         }

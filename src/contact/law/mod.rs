@@ -40,24 +40,24 @@ use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Factored, Limits, Proxim
 /// The admissible set of friction impulses, for `mu r_n = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cone {
-    /// The unit disk: Coulomb's law itself.
+    /// The unit disk: Coulomb's law itself, without approximation of its friction cone.
     Quadratic,
     /// A regular polygon with this number of corners, the first in the direction of the first tangent; two corners are
     /// a segment, for motion in a plane.
     Polyhedral(usize),
 }
 
-/// The Delassus operator `W`.
+/// The Delassus operator `W` of the contacts, which maps impulses to velocity changes.
 #[derive(Clone, Copy, Debug)]
 pub enum Delassus<'a> {
-    /// `W` by its 3 x 3 blocks.
+    /// The Delassus operator `W` by its 3 x 3 blocks.
     Blocks(&'a BlockMatrix),
-    /// `W` by its factors, for many contacts; see [`is_factored`].
+    /// The Delassus operator `W` by its factors, for many contacts; see [`is_factored`].
     Factors(&'a Factored),
 }
 
 impl Delassus<'_> {
-    /// Returns the product `W r` with the contact impulses `r`.
+    /// Returns the product `W r` of the Delassus operator with the contact impulses `r`.
     pub fn product(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         match self {
             Self::Blocks(blocks) => (0..r.len()).map(|k| blocks.row_product(k, r)).collect(),
@@ -65,7 +65,7 @@ impl Delassus<'_> {
         }
     }
 
-    /// Returns the diagonal block `W_kk` of contact `k`.
+    /// Returns the diagonal block `W_kk` of the Delassus operator for contact `k`.
     fn diagonal(&self, k: usize) -> Matrix3<f64> {
         match self {
             Self::Blocks(blocks) => *blocks.diagonal(k),
@@ -90,25 +90,25 @@ pub struct Contacts<'a> {
     pub mu: &'a [f64],
     /// The coefficient of restitution of each contact, from 0 to 1.
     pub restitution: &'a [f64],
-    /// The admissible set of friction of each contact.
+    /// The admissible set of friction impulses of each contact.
     pub cone: &'a [Cone],
     /// The role of each row, force or torque; empty if all contacts are point contacts. The torque of a patch has no
     /// gap and no restitution.
     pub roles: &'a [Role],
-    /// The step size `h`.
+    /// The step size `h`, in which contacts may close.
     pub h: f64,
 }
 
-/// Result and cost of solving the contact law.
+/// The outcome and the cost of solving the contact law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// The outcome of the last contact problem.
+    /// The outcome of the last contact problem solved: whether its solution was found.
     pub outcome: Outcome,
-    /// The name of the solver that found the solution.
+    /// The name of the solver that found the solution of the contact problem.
     pub solver: &'static str,
     /// The number of contact problems solved.
     pub solves: u64,
-    /// The total number of pivots or iterations.
+    /// The total number of pivots or iterations of the solvers of the contact law.
     pub iterations: u64,
     /// The residual of the contact law, relative to the larger of velocities and impulses.
     pub residual: f64,
@@ -145,7 +145,7 @@ impl Report {
         };
     }
 
-    /// Adds the solves and iterations of an earlier solve to the report.
+    /// Adds the solves and iterations of an earlier solve of the contact law in the same step to the report.
     #[must_use]
     pub fn after(self, earlier: &Self) -> Self {
         Self { solves: self.solves + earlier.solves, iterations: self.iterations + earlier.iterations, ..self }
@@ -166,7 +166,7 @@ impl Report {
     }
 }
 
-/// Returns the larger of two residuals, either of which may be missing.
+/// Returns the larger of two residuals of the contact law, either of which may be missing.
 pub fn worse_of(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     a.into_iter().chain(b).reduce(f64::max)
 }
@@ -183,11 +183,11 @@ pub struct Law {
     inelastic: Vec<Vector3<f64>>,
 }
 
-/// Relative residual up to which an iterate is accepted as a solution.
+/// Relative residual up to which an iterate of a solver of the contact law is accepted as a solution.
 pub const UNSOLVED: f64 = 1e-6;
 
-/// Iteration limit of the slowest solver; a step that reaches it is reported as unsolved. Of 379 hard problems of
-/// heaps, a tenfold limit solved no more.
+/// Iteration limit of the slowest solver of the contact law; a step that reaches it is reported as unsolved. Of 379
+/// hard problems of heaps, a tenfold limit solved no more.
 const MOST_ITERATIONS: usize = 300;
 
 /// Largest number of contacts of one island for which a dense matrix is factorised; larger ones take seconds.
@@ -205,7 +205,7 @@ pub fn is_factored(contacts: usize, friction: Option<Cone>) -> bool {
 /// The admissible set of a contact that can slip in one direction only: a segment.
 const SEGMENT: Cone = Cone::Polyhedral(2);
 
-/// An energy below this fraction of `sum |r| |u|` is rounding.
+/// An energy below this fraction of `sum |r| |u|`, with contact impulses `r` and velocities `u`, is rounding.
 const ROUNDING: f64 = 1e-13;
 
 impl Law {
@@ -227,8 +227,8 @@ impl Law {
         }
     }
 
-    /// Computes the contact impulses, starting from those in `r`. Only a report with [`Outcome::Solved`] is a
-    /// solution.
+    /// Computes the contact impulses, starting from the impulses in `r`, which it overwrites. Only a report with
+    /// [`Outcome::Solved`] is a solution.
     pub fn impulses(&mut self, contacts: &Contacts<'_>, r: &mut [Vector3<f64>], control: &Control) -> Report {
         let mut report = Report::none();
         self.closing.clear();
@@ -301,7 +301,8 @@ impl Law {
         }
     }
 
-    /// Moves impulses that add energy towards those without restitution, until they add none.
+    /// Moves contact impulses that add energy towards the impulses of the step without restitution, until they add
+    /// none.
     fn spend_no_more_than_there_is(
         &mut self,
         contacts: &Contacts<'_>,
@@ -325,7 +326,7 @@ impl Law {
         let (middle, _) = contacts.dissipation(&middle);
         let curvature = 2.0 * (start + newton - 2.0 * middle);
         let slope = newton - start - curvature;
-        // The larger root of start + slope s + curvature s^2 = least, in the form that does not cancel.
+        // The larger root of start + slope s + curvature s^2 = least, by the formula that has no cancellation.
         let discriminant = (slope * slope - 4.0 * curvature * (start - least)).max(0.0).sqrt();
         let part = if slope > 0.0 {
             -0.5 * (slope + discriminant) / curvature
@@ -352,7 +353,7 @@ impl Contacts<'_> {
         self.restitution[k] > 0.0 && self.before[k].x < 0.0
     }
 
-    /// Whether row `k` is the torque of a patch.
+    /// Whether row `k` of the contact law is the torque of a contact patch.
     fn is_torque(&self, k: usize) -> bool {
         self.roles.get(k) == Some(&Role::Torque)
     }
@@ -362,7 +363,8 @@ impl Contacts<'_> {
         self.gap[k] <= 0.0 || self.gap[k] + self.h * u_n < 0.0
     }
 
-    /// Returns the dissipation `-<r, u+ + u->/2`, and the size of its terms.
+    /// Returns the energy `-<r, u+ + u->/2` that the contact impulses `r` dissipate, and the sum of the absolute values
+    /// of its terms.
     fn dissipation(&self, r: &[Vector3<f64>]) -> (f64, f64) {
         self.after(r).iter().zip(self.before).zip(r).fold((0.0, 0.0), |(sum, size), ((after, before), r)| {
             (sum - 0.5 * r.dot(&(after + before)), size + r.norm() * (after.norm() + before.norm()))

@@ -25,7 +25,7 @@ pub struct Polyhedral {
     unknowns: Vec<(usize, Unknown)>,
     /// The diagonal of the scaling matrix `D`, one entry for each contact.
     units: Vec<f64>,
-    /// The solution of the last problem, the starting point of the next.
+    /// The solution of the last complementarity problem, the starting point of the next.
     z: Vec<f64>,
 }
 
@@ -33,7 +33,7 @@ pub struct Polyhedral {
 enum Unknown {
     /// The normal impulse `c_n` or a component of `beta`, with the direction of the impulse.
     Impulse(Vector3<f64>),
-    /// The slip speed `lambda`.
+    /// The slip speed `lambda` of the contact.
     Slip,
 }
 

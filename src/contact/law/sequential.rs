@@ -7,7 +7,8 @@ use super::{Contacts, Delassus};
 use nalgebra::Vector3;
 use vi::coulomb::{Role, solve_contact, solve_patch};
 
-/// Largest number of strikes per contact; beyond it the simultaneous impact law takes over.
+/// Largest number of strikes (impulses of a single contact) per contact in one sequential impact; beyond it the
+/// simultaneous impact law takes over.
 const STRIKES: usize = 1000;
 
 /// Approach velocities below this fraction of the largest velocity before the impacts are treated as zero.

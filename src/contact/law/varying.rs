@@ -11,7 +11,7 @@
 
 use nalgebra::Vector3;
 
-/// Largest number of solves of the contact law for one step.
+/// Largest number of solves of the contact law for one step with varying coefficients of friction.
 const ROUNDS: usize = 60;
 
 /// Tolerance on the error of a coefficient of friction, which has no unit, at which iterations end: the contact law
@@ -30,7 +30,8 @@ pub fn admissible(mu: f64) -> Option<f64> {
 #[derive(Clone, Debug, Default)]
 pub struct Coefficients {
     rounds: usize,
-    /// The coefficients of friction of the last iteration, and their errors.
+    /// The coefficients of friction of the last secant iteration, and their errors: the coefficient at the end
+    /// velocities less the assumed one.
     last: Option<(Vec<f64>, Vec<f64>)>,
 }
 
@@ -41,7 +42,7 @@ impl Coefficients {
     pub fn settle(&mut self, mu: &mut Vec<f64>, due: Vec<f64>, r: &[Vector3<f64>]) -> Option<f64> {
         self.rounds += 1;
         let off: Vec<f64> = due.iter().zip(&*mu).map(|(due, used)| due - used).collect();
-        // Coefficients of contacts without an impulse have no effect.
+        // Coefficients of contacts without an impulse have no effect on the step: leave them out of the error.
         let acting = |&i: &usize| r[i].x > 0.0;
         let farthest = (0..off.len()).filter(acting).map(|i| off[i].abs()).fold(0.0, f64::max);
         if farthest <= SETTLED {

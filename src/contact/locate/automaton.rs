@@ -22,12 +22,14 @@ const RECUTS: usize = 6;
 /// Counters of the attempts at one step.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The number of cuts of the step for hidden violations: those between the points at which the step was
+    /// The number of cuts so far of the step for hidden violations: those between the points at which the step was
     /// evaluated.
     rounds: usize,
-    /// The number of cuts of the step at monitors seen violated.
+    /// The number of cuts so far of the step at monitors (event functions) whose violation was seen at an evaluated
+    /// point.
     recuts: usize,
-    /// Whether the step was cut at a monitor seen violated, and has not been searched for events since.
+    /// Whether the step was cut at a monitor (event function) seen violated, and has not been searched for events
+    /// since.
     is_recut: bool,
 }
 
@@ -40,16 +42,16 @@ pub struct Part {
     is_cut: bool,
 }
 
-/// The first violation within a step.
+/// The first violation of the contact mode found within a step: of a monitor (event function), a gap or a joint.
 pub enum Found {
     /// A monitor is violated in a step whose stages are only as accurate as the monitor's tolerance: whether a gap
     /// closes must be decided with a tighter tolerance.
     Seen(Violation),
-    /// A monitor is violated in an accurate step.
+    /// A monitor (event function) is violated in a step whose stages are accurate enough to locate the event.
     Monitor(Violation),
     /// A gap or a joint is violated between the points at which the step was evaluated.
     Hidden(Hidden),
-    /// The step was searched for violations up to this time only.
+    /// The step was searched for violations of gaps and monitors up to this time only.
     Unsearched(f64),
 }
 
@@ -108,7 +110,8 @@ impl Automaton for SmoothPhase<'_, '_> {
             Search::Ends(Violation { t, .. }) | Search::Until(t) => t,
         };
         if std::mem::take(&mut attempts.is_recut) && matches!(found, Search::Clear) {
-            // The violation was an error of the longer step: the cut step does not have it.
+            // The violation of the monitor was an error of the longer step before its cut: the cut step does not have
+            // it.
             self.located.h = Some(GROWTH * (end - begin));
         }
         let enclosed = self.hidden(begin, until);
@@ -205,15 +208,15 @@ impl Automaton for SmoothPhase<'_, '_> {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Whether a gap, at rest at the beginning of the step, may seem to close there only because of errors in the
-    /// polynomials of a long step.
+    /// Whether a gap, at rest at the beginning of the step, may seem to close at that time only because of errors in
+    /// the polynomials of a long step.
     fn may_be_error(&mut self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
         let Ending::Impact(k) = violation.ending else { return false };
         let begins = violation.t - step.begin <= SMALLEST * (step.end - step.begin);
         if !begins || violation.seen >= step.end || attempts.recuts >= RECUTS {
             return false;
         }
-        // Until the step is accepted, `state` is the state at its beginning.
+        // Until the step is accepted, `located.state` is the state at its beginning.
         self.located.evaluate_constraints();
         let v = &self.located.state.v;
         self.located.normal(k, v).abs() <= self.located.rounding(k, v)

@@ -13,10 +13,11 @@ use super::mode::Status;
 use super::smooth_phase::SmoothPhase;
 use numerics::{Interval, is_seen};
 
-/// Largest number of parts of one step; beyond it undecided parts are not halved further.
+/// Largest number of parts of one step; beyond it, parts not proven to represent the dependence on time are not halved
+/// further.
 const MOST_PARTS: usize = 400;
 
-/// The shortest part of a step, relative to the step.
+/// The shortest part into which a step is halved, relative to the step.
 const SMALLEST: f64 = 1e-9;
 
 /// A burst of time-dependent forces was missed if slopes of velocities in the middle of a part differ from the
@@ -24,12 +25,12 @@ const SMALLEST: f64 = 1e-9;
 /// polynomial is one order less accurate than its end values.
 const OFF: f64 = 10.0;
 
-/// A partition of a step in time.
+/// A partition of a step into parts in time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Parts {
-    /// The times at which the parts end, except for the last part.
+    /// The times at which the parts of the step end, except for the last part.
     pub ends: Vec<f64>,
-    /// Whether the points of every part represent the dependence on time within it.
+    /// Whether the points of every part represent the dependence on time within that part, as enclosures prove.
     pub are_decided: bool,
 }
 
@@ -79,7 +80,8 @@ impl SmoothPhase<'_, '_> {
         let drift = rows.clone().map(|row| constraints.size(row, &of_v));
         let bias = rows.map(|row| constraints.size(row, &of_v) / h);
         let forces: Vec<f64> = forces.collect();
-        // The tolerance of a coefficient of friction follows from those of the forces, divided by its normal force.
+        // The tolerance on the dependence on time of a coefficient of friction follows from those of the forces,
+        // divided by its normal force.
         let structure = &self.located.structure;
         let varying = (0..self.mode.len()).filter(|&k| structure.contacts[k].varies);
         let coefficient = |k: usize| {
@@ -143,8 +145,8 @@ impl SmoothPhase<'_, '_> {
         None
     }
 
-    /// Whether the slopes of velocities at the time `t` differ from the accelerations by more than `multiple`
-    /// tolerances over `length`.
+    /// Whether the slopes of velocities at the time `t` differ from the accelerations that the mode equations give by
+    /// more than `multiple` tolerances over `length`.
     fn is_off(&mut self, t: f64, length: f64, multiple: f64) -> bool {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -155,8 +157,8 @@ impl SmoothPhase<'_, '_> {
         (0..n).any(|i| (slopes[n + i] - self.watch.a[i]).abs() * length > multiple * tolerances[i])
     }
 
-    /// Returns the cut of a step whose velocity slopes were found to differ from the accelerations at the time
-    /// `seen`.
+    /// Returns the cut of a step whose velocity slopes were found to differ from the accelerations of the mode
+    /// equations at the time `seen`.
     fn before(&mut self, begin: f64, seen: f64, length: f64) -> Hidden {
         let (mut clear, mut off) = (begin, seen);
         for _ in 0..HALVINGS {

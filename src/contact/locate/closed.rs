@@ -16,8 +16,8 @@ use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the monitors of closed contacts are proven to stay positive over the step; if not, also a time at
-    /// which one of them is violated, if one was found.
+    /// Whether the monitors (event functions) of closed contacts are proven to stay positive over the step; if not,
+    /// also a time at which one of them is violated, if one was found.
     pub(super) fn forces_within(&mut self, begin: f64, end: f64) -> (bool, Option<f64>) {
         if !self.mode.iter().any(|status| status.is_closed()) {
             return (true, None);
@@ -45,8 +45,8 @@ impl SmoothPhase<'_, '_> {
         (true, None)
     }
 
-    /// Returns the lowest admissible value of each monitor: zero, or the monitor's value at the beginning of the step
-    /// if that is negative, less a multiple of the monitor's noise.
+    /// Returns the lowest admissible value of each monitor (event function) of the contact mode: zero, or the monitor's
+    /// value at the beginning of the step if that is negative, less a multiple of the monitor's noise.
     fn levels(&mut self, begin: f64) -> Vec<f64> {
         let mut monitors = Vec::new();
         self.monitors_at(begin, &mut monitors);
@@ -66,7 +66,8 @@ impl SmoothPhase<'_, '_> {
     fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
         let slips = self.mode.iter().any(|status| matches!(status, Status::Slip(_)));
         let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
-        // Slip monitors need values at the ends of the interval; the other monitors are decided by enclosures alone.
+        // Slip monitors need values at the ends of the interval; the other monitors have their sign decided by
+        // enclosures alone.
         if slips {
             self.monitors_at(a, &mut first);
             self.monitors_at(b, &mut last);

@@ -11,7 +11,7 @@ use super::mode::{Status, held};
 use crate::velocity_step::Probed;
 use nalgebra::Vector2;
 
-/// Rounding error of velocities and impulses of a probe, relative to the largest.
+/// Rounding error of velocities and impulses of a probe (trial) step, relative to the largest velocity or impulse.
 const ROUNDING: f64 = 1e-13;
 
 /// Relative tolerance within which a friction impulse counts as at its bound.
@@ -22,8 +22,8 @@ const AT_BOUND: f64 = 1e-9;
 const DETERMINED: f64 = 1e-9;
 
 impl EventDriven<'_> {
-    /// Sets contacts that stick in `mode` to slipping if they are driven past their friction in a direction that no
-    /// other contact holds.
+    /// Sets contacts that stick in `mode` to slipping if the other forces drive them past their friction bound in a
+    /// direction that no other contact holds.
     pub(super) fn release_driven(&mut self, probed: &[Probed], mode: &mut [Status]) {
         let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.change));
         // In a plane, the sign of a slip is known once the slip exceeds the residual. In 3D, the direction errors of
@@ -52,8 +52,8 @@ impl EventDriven<'_> {
     }
 }
 
-/// Whether a slip exceeds both rounding and the error `unsolved` of the solver of the contact law, and is opposed by
-/// friction at its bound.
+/// Whether the slip of a contact at the end of the probe step exceeds both rounding and the error `unsolved` of the
+/// solver of the contact law, and is opposed by friction at its bound.
 fn is_driven(probed: &Probed, unsolved: f64) -> bool {
     let (friction, slip) = (Vector2::new(probed.r.y, probed.r.z), slip(probed));
     let most = probed.mu * probed.r.x;

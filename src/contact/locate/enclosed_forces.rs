@@ -24,7 +24,7 @@ const FEEDBACK: f64 = 0.5;
 
 /// Enclosures of accelerations and contact forces over a box of times and states.
 pub(super) struct Forces {
-    /// Enclosures of the accelerations.
+    /// Enclosures of the accelerations, one per coordinate.
     pub a: Vec<Interval>,
     /// Enclosures of the multipliers of all rows of `J`; those of sliding friction are not updated.
     pub lambda: Vec<Interval>,
@@ -34,12 +34,12 @@ pub(super) struct Forces {
 }
 
 impl Forces {
-    /// Encloses the slip of contact `k` in a direction, with velocities `v`.
+    /// Encloses the slip of contact `k` in the given tangential direction, for velocities `v`.
     pub fn slip(&self, equations: &ModeEquations, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.drift, v, equations.shape().tangents(k), direction)
     }
 
-    /// Encloses the rate of the slip of contact `k` in a constant direction.
+    /// Encloses the rate of the slip of contact `k` in a constant tangential direction.
     pub fn slip_rate(&self, equations: &ModeEquations, k: usize, direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.bias, &self.a, equations.shape().tangents(k), direction)
     }
@@ -52,7 +52,8 @@ impl Forces {
     }
 }
 
-/// The inverse `K_m^-1` in blocks: accelerations `a` and multipliers `l` by forces `r` and by biases `w`.
+/// The inverse of the matrix `K_m` of the mode equations at the middle of a box, in blocks: accelerations `a` and
+/// multipliers `l` by forces `r` and by biases `w`.
 pub(crate) struct Inverse {
     a_by_r: DMatrix<f64>,
     a_by_w: DMatrix<f64>,
@@ -121,7 +122,7 @@ impl ModeEquations {
         let (r, w) = self.residuals(t, x, m, &dynamics, &friction);
         let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
         let rows = self.rows();
-        // The columns of `G`, one for each held row.
+        // The columns of `G` (generalised forces of unit multipliers), one for each held row.
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &friction)).collect();
         let inverse = solved.whole_inverse();
         let (mut da, mut dl) = inverse.apply(&r, &w);
@@ -311,7 +312,8 @@ impl ModeEquations {
         (r, w)
     }
 
-    /// Encloses the residuals `r` and `w` by interval evaluation of their definitions.
+    /// Encloses the residuals `r` (force balance) and `w` (held accelerations) of the mode equations by interval
+    /// evaluation of their definitions.
     fn residuals_of(&self, dynamics: &DynamicsRange, friction: &[Friction]) -> (Vec<Interval>, Vec<Interval>) {
         let n = self.shape().coordinates;
         let rows = self.rows();

@@ -11,17 +11,18 @@ use super::monitors::Ending;
 use super::smooth_phase::SmoothPhase;
 use radau::ALLOWED;
 
-/// Number of bisections for the time at which a gap turns back.
+/// Number of bisections for the time at which the gap of a grazing contact turns from closing to opening.
 const HALVINGS: usize = 40;
 
-/// A grazing contact.
+/// A contact that grazed: its gap nearly or just touched zero without an impact, or with a weak one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grazed {
-    /// The time of grazing.
+    /// The time at which the contact grazed.
     pub t: f64,
-    /// The index of the contact.
+    /// The index of the contact that grazed.
     pub contact: usize,
-    /// The possible error of the normal velocity of the contact, in units of the tolerance.
+    /// The possible error of the normal velocity of the contact, as it may touch or not, in units of the tolerance of
+    /// that velocity.
     pub change: f64,
 }
 
@@ -32,7 +33,7 @@ impl SmoothPhase<'_, '_> {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
-            // The largest opening of the gap from which it closes.
+            // The largest opening of the gap, since the last contact, from which it closes.
             let mut highest = self.located.highest[k].or_wider(&first);
             let closes = ending == Some(Ending::Impact(k));
             let (t, nearest) = if closes {
@@ -104,14 +105,16 @@ struct Gap {
 /// The largest opening of a gap since the last contact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Opening {
-    /// The largest value of the gap.
+    /// The largest value of the gap since the last contact.
     gap: f64,
-    /// The largest quotient of the gap and its gradient: a distance, whichever function of the distance the gap is.
+    /// The largest quotient since the last contact of the gap and the size of its gradient: a distance, whichever
+    /// function of the distance the gap is.
     distance: f64,
 }
 
 impl Opening {
-    /// Returns the larger of the opening and a gap.
+    /// Returns the largest opening so far with its maxima raised to those of the gap at a later time, where that is
+    /// larger.
     fn or_wider(self, gap: &Gap) -> Self {
         Self { gap: self.gap.max(gap.gap), distance: self.distance.max(gap.gap / gap.gradient) }
     }

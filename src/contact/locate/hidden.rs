@@ -16,28 +16,30 @@
 use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
-/// Largest number of parts enclosed for held constraints: the mode equations keep them, but enclosures seldom prove
-/// it.
+/// Largest number of parts enclosed to prove that the held constraints stay at zero: the mode equations keep them
+/// there, but enclosures seldom prove it.
 const MOST_HELD: usize = 64;
 
-/// Largest number of parts of one step; a step with parts undecided by then is not proven free of violations.
+/// Largest number of parts of one step; a step with parts on which violations are then neither proven nor excluded is
+/// not proven free of violations.
 pub(super) const MOST_PARTS: usize = 200;
 
-/// Number of bisections for the time at which a violation begins.
+/// Number of bisections for the time at which a violation of a gap or joint begins.
 pub(super) const HALVINGS: usize = 24;
 
-/// First step after a cut, as a fraction of the distance to the violation.
+/// First step after the cut of a step, as a fraction of the time from the cut to the violation that was seen.
 pub(super) const NEXT: f64 = 0.25;
 
-/// Fraction of the tolerance at which a violation begins: the motion of the cut step is smooth up to its end.
+/// Fraction of the tolerance of a gap or joint beyond which a violation of it counts as begun, for the time of a cut:
+/// the motion of the cut step is smooth up to its end.
 const FAINT: f64 = 1e-3;
 
-/// The cut of a step with a violation between its points.
+/// The cut of a step with a violation of a gap or joint between its points of evaluation.
 #[derive(Clone, Copy)]
 pub struct Hidden {
-    /// The time at which to cut the step.
+    /// The time at which to cut the step, before the violation.
     pub until: f64,
-    /// The size of the next step.
+    /// The size of the next step, after the cut.
     pub next: f64,
 }
 
@@ -45,11 +47,11 @@ pub struct Hidden {
 pub(super) enum Enclosed {
     /// It is proven that no open gap closes.
     Proven,
-    /// No violation was found, but none is excluded.
+    /// No violation of a gap or joint was found, but none is excluded.
     Undecided,
-    /// A violation was found, and the step is to be cut.
+    /// A violation of a gap or joint was found, and the step is to be cut before it.
     Violated(Hidden),
-    /// A violation was found that lasts from the beginning of the step.
+    /// A violation of a gap or joint was found that has lasted since the beginning of the step.
     Missed,
 }
 
@@ -83,7 +85,7 @@ impl SmoothPhase<'_, '_> {
             }
             let most = if open { MOST_PARTS } else { MOST_HELD };
             if enclosed + parts.len() < most && a < middle && middle < b {
-                // Take the widest part first, and the earliest among parts of equal width.
+                // Take the widest part of the step first, and the earliest among parts of equal width.
                 parts.insert(0, (middle, b));
                 parts.insert(0, (a, middle));
                 parts.sort_by(|x, y| (x.1 - x.0).total_cmp(&(y.1 - y.0)));

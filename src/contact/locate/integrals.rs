@@ -22,13 +22,14 @@ const WEIGHTS: [f64; 5] = [
 ];
 const OF_THREE: [f64; 5] = [0.202_964_438_547_983_2, 0.0, 0.594_071_122_904_033_6, 0.0, 0.202_964_438_547_983_2];
 
-/// The order of the three-node rule divided by that of the five-node rule.
+/// The order of accuracy of the three-node rule divided by that of the five-node rule.
 const ORDERS: f64 = 0.4;
 
-/// The share of the relative tolerance left to quadrature.
+/// The share of the relative tolerance of the run left to the quadrature of impulses and work.
 const SHARE: f64 = 0.1;
 
-/// The smallest part that is halved, relative to the interval, and the largest number of parts.
+/// The smallest part of the interval of integration that is halved, relative to the interval, and the largest number of
+/// parts.
 const SMALLEST: f64 = 1e-9;
 const MOST_PARTS: usize = 4096;
 
@@ -60,7 +61,7 @@ impl Integrals {
         self.drives += weight * other.drives;
     }
 
-    /// Returns the scales of impulses and of energies: the sums of the absolute values.
+    /// Returns the scales of impulses and of energies: the sums of the absolute values of each.
     fn sizes(&self) -> [f64; 2] {
         let impulses = self.impulses.iter().map(Vector3::norm).sum();
         [impulses, self.friction.abs() + self.forces.abs() + self.drives.abs()]

@@ -43,10 +43,10 @@ use grazing::Opening;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, EventKind, Mechanical, MechanicalStructure};
 
-/// The one-step method for smooth motion.
+/// The one-step method for smooth motion between events: Radau IIA.
 pub(crate) type Method<'l> = radau::Radau<'l>;
 
-/// Velocities below this fraction of the sum of their absolute terms are rounding.
+/// Velocities below this fraction of the sum of the absolute values of their terms are rounding errors.
 const ROUNDING: f64 = 1e-11;
 
 /// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe
@@ -73,16 +73,16 @@ const LONGEST_PASS: f64 = 1e4;
 /// The first step of time stepping without a mode if there was no probe step, as a fraction of the remaining time.
 const UNPROBED: f64 = 1e-9;
 
-/// Number of events at one time after which time stepping takes over.
+/// Number of events at one and the same time after which time stepping takes over.
 const MAX_EVENTS_AT_ONE_TIME: usize = 8;
 
 /// An event-driven run: the data that persist from mode to mode.
 pub struct EventDriven<'p> {
     /// The integrator of steps at the level of velocities.
     pub step: VelocityStep<'p>,
-    /// The current state.
+    /// The current state of the run.
     pub state: State,
-    /// The state at the beginning of the last step.
+    /// The state at the beginning of the last step of the run.
     pub last: State,
     /// Accumulated impulse of each contact since the start of the run.
     pub impulses: Vec<Vector3<f64>>,
@@ -92,19 +92,19 @@ pub struct EventDriven<'p> {
     pub energy: Energy,
     /// The energy balance at the beginning of the last step.
     pub energy_before: Energy,
-    /// Contact events of the last step.
+    /// The contact events (impact, lift-off, stick or slip) of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// The number of steps of the run.
+    /// The number of steps that the run has made.
     pub accepted: u64,
     /// The number of steps made by time stepping.
     pub passes: u64,
     /// The number of accumulations of impacts.
     pub accumulations: u64,
-    /// The largest violations of joints and gaps so far.
+    /// The largest violations of joints and gaps in the run so far.
     pub violations: Violations,
-    /// The accumulation of impacts whose replacement removed the most energy, if any.
+    /// The accumulation of impacts whose replacement by one impact without restitution removed the most energy, if any.
     pub passed: Option<Passed>,
-    /// Counts of steps by the result of their enclosures.
+    /// Counts of steps by the result of enclosing events within them.
     pub screening: Screening,
     /// The grazing contact with the largest possible error of its normal velocity, if any.
     pub grazed: Option<Grazed>,
@@ -112,7 +112,7 @@ pub struct EventDriven<'p> {
     pub(crate) transition: Option<Transition>,
     /// Whether a contact grazed within the last step or at its end.
     pub(crate) grazes: bool,
-    /// The largest opening of each gap since its last contact.
+    /// The largest opening of each gap since the contact was last closed.
     highest: Vec<Opening>,
     /// The status of each contact; `None` where time stepping takes over.
     pub(crate) mode: Option<Vec<Status>>,
@@ -125,12 +125,12 @@ pub struct EventDriven<'p> {
     pub(crate) structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
-    /// The longest time between two impacts of each contact.
+    /// The longest time between two successive impacts of each contact so far.
     longest_flight: Vec<f64>,
     pub(crate) radau: radau::Settings,
     /// The last step size of Radau IIA, with which the next mode starts.
     h: Option<f64>,
-    /// The next step size of time stepping; zero after smooth motion.
+    /// The next step size of time stepping; zero if the last step was smooth motion.
     pass: f64,
     stalls: usize,
     end: f64,
@@ -139,22 +139,22 @@ pub struct EventDriven<'p> {
 /// Counts of steps of smooth motion, by the result of enclosing events within them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Screening {
-    /// Steps proven free of events.
+    /// The number of steps proven free of events.
     pub proven: u64,
-    /// Steps that are neither proven free of events nor found to have one.
+    /// The number of steps that are neither proven free of events nor found to have one.
     pub undecided: u64,
-    /// Steps with a violation that could not be located, or with forces that the law of contact excludes.
+    /// The number of steps with a violation that could not be located, or with forces that the law of contact excludes.
     pub missed: u64,
 }
 
 /// An accumulation of impacts that was replaced by one impact without restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed {
-    /// The time of the accumulation.
+    /// The time of the accumulation of impacts.
     pub t: f64,
     /// The index of the contact with the repeated impacts.
     pub contact: usize,
-    /// The energy that the replacement removed.
+    /// The energy that the replacement by one impact without restitution removed.
     pub energy: f64,
     /// Whether the contact has restitution 1: its impacts lose no energy and have no limit.
     pub is_elastic: bool,
@@ -222,7 +222,8 @@ impl<'p> EventDriven<'p> {
         self.state.t >= self.end
     }
 
-    /// Returns the relative tolerance, and the absolute tolerances of `q` and `v`; `None` for a constant step size.
+    /// Returns the relative tolerance of smooth motion, and the absolute tolerances of `q` and `v`; `None` for a
+    /// constant step size.
     pub fn tolerances(&self) -> Option<(f64, &[f64])> {
         self.radau.step.is_none().then_some((self.radau.rtol, &self.radau.atol))
     }
@@ -234,7 +235,8 @@ impl<'p> EventDriven<'p> {
         (self.last.t, end)
     }
 
-    /// Handles the end of a mode: applies the law of impact, records events, and selects the next mode.
+    /// Handles the event that ends a contact mode: applies the law of impact, records events, and selects the next
+    /// mode.
     fn switch_mode(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
@@ -309,13 +311,15 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Records the transition that begins at the current state.
+    /// Records the transition between contact modes that begins at the current state; `mode` is the contact mode before
+    /// it.
     fn note_transition(&mut self, mode: Vec<Status>, ending: Option<Ending>) {
         let (before, grazes) = (self.state.clone(), self.grazes);
         self.transition = Some(Transition { before, mode, ending, impact: None, grazes });
     }
 
-    /// Records the accumulation that removed the most energy; contacts with restitution 1 take precedence.
+    /// Records an accumulation of impacts, keeping the one whose replacement removed the most energy; contacts with
+    /// restitution 1 take precedence.
     fn note_passed(&mut self, contact: usize, energy: f64) {
         let is_elastic = self.structure.contacts[contact].restitution == 1.0;
         let passed = Passed { t: self.state.t, contact, energy, is_elastic };
@@ -336,7 +340,7 @@ impl<'p> EventDriven<'p> {
         passed < zeno.max(ROUNDING_OF_TIME * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
-    /// Applies the impact law to all closed contacts if one of them approaches; returns whether one does.
+    /// Applies the impact law to all closed contacts if one of them approaches; returns whether one approaches.
     fn apply_impact_law(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.evaluate_constraints();
         let State { t, v, .. } = &self.state;
@@ -381,7 +385,8 @@ impl<'p> EventDriven<'p> {
         (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
     }
 
-    /// Projects the state onto the constraints that a mode holds.
+    /// Projects the state onto the constraints that a contact mode holds at zero: joints, closed gaps, and slips of
+    /// sticking contacts.
     fn project_onto_constraints(&mut self, mode: &[Status]) -> Result<(), ContactError> {
         let rows = held(&self.structure, mode);
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
@@ -410,7 +415,8 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Makes one step of time stepping if no mode is known, and tries to select a mode.
+    /// Makes one step of time stepping where no contact mode is known, and tries to select the mode of the motion after
+    /// it.
     fn step_over(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
@@ -449,13 +455,13 @@ impl<'p> EventDriven<'p> {
         self.constraints.velocity(self.structure.normal(k), v)
     }
 
-    /// Returns the rounding error of the normal velocity of contact `k`.
+    /// Returns the rounding error of the normal velocity of contact `k` at velocities `v`.
     fn rounding(&self, k: usize, v: &[f64]) -> f64 {
         ROUNDING * self.constraints.terms(self.structure.normal(k), v)
     }
 
-    /// Selects the mode of the continued motion by a probe, and projects `q` and `v` onto its constraints; leaves the
-    /// mode unset if there is none.
+    /// Selects the mode of the motion after the event by a probe step, and projects `q` and `v` onto its constraints;
+    /// leaves the mode unset if there is none.
     fn select_mode(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
         self.mode = None;
         self.evaluate_constraints();
@@ -472,7 +478,8 @@ impl<'p> EventDriven<'p> {
             let scales = Scales { atol: of_v, reached: &reached, left: self.end - self.state.t };
             let (h, probed) = match self.step.probe(&self.state, scales, &candidates, control) {
                 Ok(Some(found)) => found,
-                // Painleve's paradox, or a contact law without a solution for steps of the length of the probe.
+                // No mode: Painleve's paradox, or a contact law without a solution for steps of the length of the
+                // probe.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };

@@ -8,9 +8,9 @@ use problem::MechanicalStructure;
 pub enum Status {
     /// The contact is open and carries no force.
     Open,
-    /// The contact is closed, without friction.
+    /// The contact is closed, without friction, and may carry a normal force.
     Frictionless,
-    /// The contact is closed and sticks.
+    /// The contact is closed and sticks: its slip velocity is zero.
     Stick,
     /// The contact is closed and slips in this direction. The direction is constant in a plane; in 3D it follows the
     /// slip.
@@ -32,7 +32,8 @@ impl Status {
     }
 }
 
-/// Returns the rows of `J` held by a mode: joints, normals of closed contacts, tangents of sticking contacts.
+/// Returns the rows of `J` (constraint Jacobian) that a contact mode holds: joints, normals of closed contacts,
+/// tangents of sticking contacts.
 pub fn held(structure: &MechanicalStructure, mode: &[Status]) -> Vec<usize> {
     let closed = (0..mode.len()).filter(|&k| mode[k].is_closed()).map(|k| structure.normal(k));
     let stuck = (0..mode.len()).filter(|&k| mode[k] == Status::Stick).flat_map(|k| structure.tangents(k));

@@ -36,7 +36,8 @@ const DEPENDENT: f64 = 1e-11;
 /// singular values are of the size of the drift squared.
 const RISEN: f64 = 1e-6;
 
-/// A velocity counts as constrained if forces change it by less than this fraction of their effect without constraints.
+/// A velocity along rows of `J` counts as constrained if forces change it by less than this fraction of their effect
+/// without constraints.
 const CONSTRAINED_TOL: f64 = 1e-9;
 
 /// Smallest weight of a contact in the metric of the multipliers, as a fraction of the largest load.
@@ -52,20 +53,20 @@ pub struct ModeEquations {
     least: Vec<f64>,
     rows: Vec<usize>,
     metric: Metric,
-    /// The rank of the held rows at the beginning of the mode.
+    /// The rank of the held rows of `J` at the beginning of the mode.
     rank: Option<usize>,
-    /// The factors of `M` and `C M^-1 G` at the last evaluation.
+    /// The factors of `M` and `C M^-1 G` at the last evaluation of the mode equations.
     last: Option<Solved>,
     constraints: Constraints,
     mass: DMatrix<f64>,
     gamma: Vec<f64>,
     f: Vec<f64>,
     sensitivity: Sensitivity,
-    /// The accelerations `a` at the last evaluation.
+    /// The accelerations `a` at the last evaluation of the mode equations.
     pub a: Vec<f64>,
-    /// The multipliers `lambda` of every row of `J` at the last evaluation.
+    /// The multipliers `lambda` of every row of `J` at the last evaluation of the mode equations.
     pub lambda: Vec<f64>,
-    /// The coefficient of friction of each closed contact at the last evaluation.
+    /// The coefficient of friction of each closed contact at the last evaluation of the mode equations.
     pub mu: Vec<f64>,
 }
 
@@ -128,13 +129,14 @@ impl Solved {
     }
 }
 
-/// The held rows `C`, and the generalised forces `G` of their multipliers.
+/// The rows `C` of `J` that the contact mode holds, and the generalised forces `G` of their multipliers.
 struct Held {
     c: DMatrix<f64>,
     g: DMatrix<f64>,
 }
 
-/// The reference loads of the held rows, and the square roots of the weights in the metric of the multipliers.
+/// The reference loads of the held rows, and the square roots of the weights of the metric in which the multipliers are
+/// least.
 #[derive(Clone, Default)]
 struct Metric {
     load: DVector<f64>,
@@ -211,7 +213,7 @@ impl ModeEquations {
         (self.rank, self.last) = (rank, None);
     }
 
-    /// Returns the mode with its reference loads and slip speeds.
+    /// Returns the contact mode with its reference loads and slip speeds.
     pub(crate) fn setting(&self) -> ModeSetting {
         ModeSetting {
             mode: self.mode.clone(),
@@ -222,17 +224,17 @@ impl ModeEquations {
         }
     }
 
-    /// Returns the structure of the mechanical system.
+    /// Returns the structure (sizes, joints and contacts) of the mechanical system.
     pub fn shape(&self) -> &MechanicalStructure {
         &self.shape
     }
 
-    /// Returns the status of each contact.
+    /// Returns the status (open, frictionless, stick or slip) of each contact in the mode.
     pub fn mode(&self) -> &[Status] {
         &self.mode
     }
 
-    /// Returns the rows of `J` held by the mode.
+    /// Returns the rows of `J` (constraint Jacobian) that the mode holds.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
@@ -247,7 +249,7 @@ impl ModeEquations {
         self.last.as_ref()
     }
 
-    /// Returns the constraints at the last evaluation.
+    /// Returns the constraints (gaps, joints and their Jacobian) at the last evaluation of the mode equations.
     pub fn constraints(&self) -> &Constraints {
         &self.constraints
     }
@@ -279,7 +281,7 @@ impl ModeEquations {
         self.last.as_ref().map(|solved| solved.mass.solve(&j).dot(&j) * impulse)
     }
 
-    /// Returns the mechanical system.
+    /// Returns the mechanical system whose equations these are.
     pub fn problem(&mut self) -> &mut dyn Mechanical {
         &mut *self.problem
     }
@@ -340,8 +342,8 @@ impl ModeEquations {
         self.gamma[row] + dot(self.constraints.row(row), &self.a)
     }
 
-    /// Whether other constraints prevent the slip of contact `k` at the last evaluation: the contact point stays at
-    /// rest although its friction is at the bound.
+    /// Whether other constraints prevent any change of the slip of contact `k` at the last evaluation: the contact
+    /// point stays at rest although its friction is at the bound.
     pub fn is_slip_held(&self, k: usize, v: &[f64]) -> bool {
         let Some(direction) = self.direction(k, v) else { return false };
         let others = self.rows.iter().any(|&row| row != self.shape.normal(k));
@@ -374,7 +376,8 @@ impl ModeEquations {
         }
     }
 
-    /// Evaluates the constraints alone at a state: all that monitors need in a mode that holds no row.
+    /// Evaluates the constraints alone of the mechanical system at a state: all that monitors need in a mode that holds
+    /// no row.
     pub fn evaluate_constraints(&mut self, t: f64, q: &[f64]) {
         self.problem.constraints(t, q, &mut self.constraints);
     }
@@ -497,8 +500,9 @@ impl ModeEquations {
     }
 }
 
-/// Returns the inverse of a matrix, or for a singular one the pseudo-inverse with rows and columns scaled by `scale`;
-/// and the rank. If the rank was deficient `before`, it stays so until the matrix is clearly regular.
+/// Returns the inverse of the matrix `C M^-1 G` of a contact mode, or for a singular one the pseudo-inverse with rows
+/// and columns scaled by `scale`; and the rank. If the rank was deficient `before`, it stays so until the matrix is
+/// clearly regular.
 fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) -> Option<(DMatrix<f64>, usize)> {
     let n = matrix.nrows();
     if n == 0 {
@@ -509,7 +513,7 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     }
     let before = before.unwrap_or(n);
     let least = if before < n { RISEN } else { DEPENDENT };
-    // The rank is determined without the metric, whose scales may differ as widely as the loads.
+    // Determine the rank without the scaling by `scale`, whose entries may differ as widely as the loads.
     let pivoted = Pivoted::new(matrix.clone());
     let rank = pivoted.rank(least);
     if rank == n {

@@ -15,25 +15,25 @@ pub enum Ending {
     Detachment(usize),
     /// The friction of a sticking contact exceeds its bound; the slip begins in this direction.
     StickToSlip(usize, Vector2<f64>),
-    /// The slip of a contact stops.
+    /// The slip of a sliding contact stops.
     SlipToStick(usize),
 }
 
-/// The value of a monitor, with its noise level and rate.
+/// The value of a monitor (event function) of a contact mode, with its noise level and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// The value of the monitor, positive while the mode lasts.
+    /// The value of the monitor, positive while the contact mode lasts.
     pub value: f64,
     /// The rounding error of the value: below `-noise` the monitor is violated.
     pub noise: f64,
-    /// The rate of change of the value, if known.
+    /// The rate of change of the value of the monitor, if known.
     pub rate: Option<f64>,
     /// The event that a violation of the monitor indicates.
     pub ending: Ending,
 }
 
 impl Monitor {
-    /// Whether the value of the monitor is zero up to rounding, or negative.
+    /// Whether the value of the monitor (event function) is zero up to rounding, or negative.
     pub fn is_on_bound(&self) -> bool {
         self.value <= self.noise
     }
@@ -104,7 +104,8 @@ pub fn monitors(
                 out.push(Monitor { value, noise, rate: None, ending: Ending::StickToSlip(k, away) });
             }
             Status::Slip(direction) => {
-                // A contact point that other constraints keep at rest does not slip, so that its slip cannot stop.
+                // A contact point that other constraints keep at rest does not slip, so that the event at which slip
+                // stops cannot occur.
                 let is_held = equations.is_slip_held(k, v);
                 let value = if is_held { f64::INFINITY } else { equations.slip(k, v).dot(&direction) };
                 let terms = |row| constraints.terms(row, v).max(constraints.size(row, reached_v));

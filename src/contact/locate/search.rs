@@ -20,66 +20,70 @@ use super::monitors::{Ending, Monitor};
 use super::smooth_phase::SmoothPhase;
 use numerics::Bracket;
 
-/// Initial partition of a step, the golden section: no part is a multiple of another, as periods of the motion might
-/// be.
+/// Initial partition of a step in the search for events, by the golden section: no part is a multiple of another, as
+/// periods of the motion might be.
 const PARTED: f64 = 0.381_966_011_250_105;
 
-/// Largest admissible deviation of a monitor from its parabola, relative to the parabola (`DOUBT`) or, once violated,
-/// to the monitor's range (`BENT`).
+/// Largest admissible deviation of a monitor (event function) from the parabola through three of its values, relative
+/// to the parabola (`DOUBT`) or, once violated, to the monitor's range (`BENT`).
 const DOUBT: f64 = 0.5;
 const BENT: f64 = 0.1;
 
-/// Deviations of a monitor from its parabola below this multiple of the monitor's noise are ignored.
+/// Deviations of a monitor (event function) from the parabola through three of its values below this multiple of the
+/// monitor's noise are ignored.
 pub(super) const NOISE: f64 = 16.0;
 
-/// A 3D slip has stopped if it is below this fraction of its value halfway to the stop.
+/// A 3D slip has stopped if it is below this fraction of its value halfway between the beginning of the step and the
+/// stop.
 const STOPPED: f64 = 1e-6;
 
-/// The smallest part of a step that is halved, relative to the step (`SMALLEST`) and to the time (`ROUNDING_OF_TIME`,
-/// the resolution of the clock).
+/// The smallest part of a step that is halved in the search for events, relative to the step (`SMALLEST`) and to the
+/// time (`ROUNDING_OF_TIME`, the resolution of the clock).
 pub(super) const SMALLEST: f64 = 1e-6;
 pub(super) const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
 
-/// A monitor jumps if it falls by this fraction of its change between two points within the resolution of time.
+/// A monitor (event function) counts as jumping if it falls by this fraction of its change between two points within
+/// the resolution of time.
 const JUMP: f64 = 1e-3;
 
-/// Largest number of sampling points within one step; the remainder of the step is left to the next.
+/// Largest number of sampling points of the search for events within one step; the remainder of the step is left to the
+/// next.
 const MOST_POINTS: usize = 1000;
 
-/// Result of the search for the end of a mode in a step.
+/// Result of the search of a step for the event that ends the contact mode.
 #[derive(Clone, Copy)]
 pub(super) enum Search {
-    /// The mode lasts throughout the step.
+    /// The contact mode lasts throughout the step.
     Clear,
-    /// The mode ends within the step.
+    /// The contact mode ends within the step, at this violation of a monitor.
     Ends(Violation),
-    /// The mode lasts until this time at least; the remainder of the step becomes another step.
+    /// The contact mode lasts until this time at least; the remainder of the step becomes another step.
     Until(f64),
 }
 
-/// The violation of a monitor within a step, with the event that it indicates.
+/// The violation of a monitor (event function) within a step, with the event that it indicates.
 #[derive(Clone, Copy)]
 pub struct Violation {
     pub t: f64,
     /// A later time at which the monitor was seen violated.
     pub seen: f64,
     pub index: usize,
-    /// The reference value of the monitor: its value at the root.
+    /// The reference value of the monitor: the value that it has at its root, the event.
     pub origin: f64,
-    /// The slope of the monitor at its root.
+    /// The slope of the monitor at its root, the event.
     pub slope: f64,
     /// Whether the monitor jumps, as when a force sets in.
     pub jumps: bool,
     pub ending: Ending,
 }
 
-/// The reference value from which a monitor is measured.
+/// The reference value from which a monitor (event function) is measured, in the search for its change of sign.
 #[derive(Clone, Copy)]
 enum Origin {
     /// Zero, or the value of the monitor at the beginning of the step if negative: drift is no violation until it
     /// grows.
     Floor(f64),
-    /// The value of the monitor at the beginning of the step, a root that is divided out.
+    /// The value of the monitor at the beginning of the step, a root there that is divided out of the monitor.
     Root(f64),
 }
 
@@ -89,7 +93,8 @@ impl Origin {
         if monitor.is_on_bound() && rises { Self::Root(monitor.value) } else { Self::Floor(monitor.value.min(0.0)) }
     }
 
-    /// Measures a monitor from its reference value, after the time `passed` since the beginning of the step.
+    /// Measures a monitor (event function) from its reference value, after the time `passed` since the beginning of the
+    /// step.
     fn measure(self, monitor: &mut Monitor, passed: f64) {
         match (self, monitor.rate) {
             (Self::Root(value), Some(rate)) if passed > 0.0 => {
@@ -168,7 +173,7 @@ impl SmoothPhase<'_, '_> {
         Search::Clear
     }
 
-    /// Returns the initial parts of a step, the last part first.
+    /// Returns the initial parts of a step for the search for events, the last part first.
     fn parts(&mut self, start: &Start, mut first: Point, h: f64, end: f64) -> Vec<[Point; 3]> {
         // The monitor of a force at its bound has no known rate, and hence no known sign behind the beginning of the
         // step: sample it slightly later.
@@ -201,7 +206,8 @@ impl SmoothPhase<'_, '_> {
         start.measure(t, monitors)
     }
 
-    /// Finds the root at which a monitor falls to its reference value between two points, by the Illinois method.
+    /// Finds the root at which a monitor (event function) falls to its reference value between two points, by the
+    /// Illinois method.
     fn root(&mut self, index: usize, start: &Start, pair: &[Point]) -> Violation {
         let (left, right) = (&pair[0], &pair[1]);
         let at = |point: &Point| (point.t, point.monitors[index].value);
@@ -236,7 +242,8 @@ impl SmoothPhase<'_, '_> {
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
         let (Origin::Floor(origin) | Origin::Root(origin)) = start.origins[index];
-        // A known rate of the monitor is more accurate than a difference quotient.
+        // Take the known rate, if there is one, as the slope: the rate of the monitor is more accurate than a
+        // difference quotient.
         Violation {
             t,
             seen: right.t,
@@ -248,8 +255,8 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// Returns the end of the mode that was found; or, if a slip in 3D has not stopped but only turned by a right
-    /// angle, the time up to which its direction is valid.
+    /// Returns the end of the contact mode that was found at a root; or, if a slip in 3D has not stopped but only
+    /// turned by a right angle, the time up to which its direction is valid.
     fn end_at(&mut self, begin: f64, found: Violation) -> Search {
         if let Ending::SlipToStick(k) = found.ending
             && found.t > begin
@@ -264,14 +271,14 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// Whether a monitor decreases between two points and is violated at the second.
+/// Whether a monitor (event function) decreases between two points and is violated at the second.
 fn falls(pair: &[Point], index: usize) -> bool {
     let (left, right) = (&pair[0].monitors[index], &pair[1].monitors[index]);
     right.value < -right.noise && right.value < left.value
 }
 
-/// Whether five points decide the sign of a monitor up to the point of index `seen - 1`, and the number of its sign
-/// changes.
+/// Whether five points decide the sign of a monitor (event function) up to the point of index `seen - 1`, and the
+/// number of its sign changes.
 fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let monitor = |i: usize| &five[i].monitors[index];
     let value = five.each_ref().map(|point| point.monitors[index].value);
@@ -284,7 +291,8 @@ fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let mut rest = (value[1] - parabola(0.25)).abs().max((value[3] - parabola(0.75)).abs());
     for i in 0..5 {
         if let Some(rate) = monitor(i).rate {
-            // Allow for the deviation of the rate at this point, as if it persisted up to the next point.
+            // Allow for the deviation of the monitor's rate at this point from that of the parabola, as if it persisted
+            // up to the next point.
             rest = rest.max(0.25 * (h * rate - linear - 0.5 * i as f64 * square).abs());
         }
     }

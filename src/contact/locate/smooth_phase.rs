@@ -16,7 +16,7 @@ use numerics::Interval;
 use problem::{Control, Mechanical};
 use radau::Settings;
 
-/// Two copies of the mode equations: for integration, and for evaluation of monitors within a step.
+/// Two copies of the mode equations: for integration, and for evaluation of monitors (event functions) within a step.
 pub struct ModeEvaluators {
     main: ModeEquations,
     watch: ModeEquations,
@@ -37,7 +37,8 @@ const REFINEMENTS: usize = 6;
 const MOST_REFINEMENTS: usize = 60;
 const TAKEN_OFF: f64 = 0.25;
 
-/// The largest change of the event time in one refinement, as a fraction of the time since the step began.
+/// The largest change of the event time in one refinement of a located event, as a fraction of the time since the step
+/// began.
 const NEAR: f64 = 0.5;
 
 /// A 3D slip may grow by at most the factor `GROWTH` in a step; the time at which it has grown by that factor, where
@@ -45,7 +46,7 @@ const NEAR: f64 = 0.5;
 pub(super) const GROWTH: f64 = 4.0;
 const GROWN: f64 = 1e-6;
 
-/// The relative tolerance on the stages of a cut step.
+/// The relative tolerance on the stages of the implicit method in a step that is cut at an event.
 const CUT_RTOL: f64 = 1e-11;
 
 /// Drift of held constraints that ends a phase, as a fraction of the gap below which a contact is closed; also the
@@ -54,7 +55,7 @@ const DRIFT: f64 = 0.1;
 
 /// A run of the one-step method within one contact mode.
 pub struct SmoothPhase<'l, 'p> {
-    /// The event-driven run to which the phase belongs.
+    /// The event-driven run to which the smooth phase belongs.
     pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
     pub(crate) method: Option<Method<'l>>,
@@ -64,7 +65,7 @@ pub struct SmoothPhase<'l, 'p> {
     /// The partition in time of the last step, so fine that the points of each part represent the explicit dependence
     /// on time.
     pub(super) parts: Parts,
-    /// The largest sizes of the states in the last step.
+    /// The largest absolute value of each coordinate and velocity in the last step.
     pub(super) reached: Vec<f64>,
     /// A time in the last step, with the impulses and the work from the beginning of the step to that time.
     pub(super) acted: (f64, Integrals),
@@ -104,7 +105,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         Self { mode, method, watch, control, over: false, parts, reached, acted, located }
     }
 
-    /// Whether the contact mode, or the run, has ended.
+    /// Whether the contact mode of this smooth phase, or the run, has ended.
     pub fn is_over(&self) -> bool {
         self.over || self.located.is_done()
     }
@@ -123,14 +124,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         hybrid::advance(self)
     }
 
-    /// Whether the step to the time `t` ended at a breakpoint in time while a contact is closed.
+    /// Whether the step that ended at the time `t` ended at a breakpoint in time while a contact is closed.
     pub(super) fn is_behind_break(&self, t: f64) -> bool {
         let ends_there = |method: &Method<'_>| method.t() == t && method.begins_anew() && !method.is_done();
         self.mode.iter().any(|status| status.is_closed()) && self.method.as_ref().is_some_and(ends_there)
     }
 
-    /// Updates the slip directions of the mode, which the monitors of slip-stick transitions refer to, to those of
-    /// the current 3D slips: a slip may turn by any angle.
+    /// Updates the slip directions of the mode, which the monitors of slip-stick transitions refer to, to the
+    /// directions of the current 3D slips: a slip may turn by any angle.
     pub(super) fn follow_slips(&mut self) {
         let EventDriven { structure, constraints, state, .. } = &*self.located;
         for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
@@ -194,7 +195,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// Evaluates the monitors of the contact mode at a time within the last step.
+    /// Evaluates the monitors (event functions) of the contact mode at a time within the last step.
     pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
@@ -244,7 +245,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             return t;
         }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
-        // Measure the monitor from zero, dropping its drift, unless the whole arc is no larger than the drift.
+        // Measure the monitor from zero, dropping its drift, unless the time to the root without the drift is far from
+        // the present event time.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
         let mut last = f64::INFINITY;
@@ -259,7 +261,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             slope = values[index].rate.unwrap_or(slope);
             let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
-            // Stop the refinement if the monitor does not fall, or if its root is far from the present event time.
+            // Stop the refinement if the monitor does not fall towards its root, or if its root is far from the present
+            // event time.
             let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
             let stalls = attempt >= REFINEMENTS && change.abs() > (1.0 - TAKEN_OFF) * last;
             if slope >= 0.0 || !is_near(change, t) || settled || stalls {
@@ -271,13 +274,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         t
     }
 
-    /// Solves the step anew up to the time `t`; returns whether the solve succeeded.
+    /// Solves the step anew up to the time `t`, with a tighter tolerance; returns whether the solve succeeded.
     pub(super) fn cut_at(&mut self, t: f64) -> bool {
         let tighter = (CUT_RTOL / self.located.radau.rtol).min(1.0);
         self.method.as_mut().is_some_and(|method| method.cut_at(t, tighter))
     }
 
-    /// Advances the state from `begin` to `t`, and adds the work and the impulses in between.
+    /// Advances the state from `begin` to `t`, and adds the work and the impulses of the contacts in between to those
+    /// of the run.
     pub(super) fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -299,8 +303,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         energy.close(energies.kinetic, energies.potential);
     }
 
-    /// Records violations of joints and gaps at a time within the last step; the mode equations must have been
-    /// evaluated at that time.
+    /// Records the largest violations of joints and gaps at a time within the last step; the mode equations must have
+    /// been evaluated at that time.
     pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
         let EventDriven { radau, violations, .. } = &mut *self.located;
         if violations.joints().is_empty() && violations.gaps().is_empty() {
@@ -331,7 +335,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.at(t, &mut x);
         q.copy_from_slice(&x[..q.len()]);
         v.copy_from_slice(&x[q.len()..]);
-        // Output times increase: continue the integrals from the last output.
+        // Output times increase: continue the integrals of contact forces and powers from the last output time.
         let from = if t >= self.acted.0 { self.acted.0 } else { begin };
         let part = self.integrals(from, t);
         if from == begin {

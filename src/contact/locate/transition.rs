@@ -21,12 +21,12 @@ pub struct Transition {
     pub grazes: bool,
 }
 
-/// An instantaneous impact.
+/// An instantaneous impact at the end of a smooth arc.
 #[derive(Clone, Debug)]
 pub struct Impact {
     /// The impulses of the sequential impact law in their order, each with its contact.
     pub strikes: Vec<(usize, Vector3<f64>)>,
-    /// The impulses and velocities of all contacts.
+    /// The impulses and velocities of all contacts in the impact.
     pub contacted: Contacted,
     /// Whether contacts rebound with their restitution; otherwise they come to rest.
     pub rebounds: bool,

@@ -11,7 +11,7 @@ use problem::Mechanical;
 use radau::{AdjointWork, IntegralWeights, StoredStep, Swept};
 use std::rc::Rc;
 
-/// Record of a forward run for the backward sweep.
+/// Part of the record of an event-driven run that the backward sweep of the adjoint reads.
 enum Record {
     Arc {
         step: Box<StoredStep>,
@@ -35,7 +35,7 @@ impl Record {
 /// directions.
 pub type IntegrandJump<'a> = &'a mut dyn FnMut(&Jumped) -> Option<DVector<f64>>;
 
-/// The adjoint of the derivatives along an event-driven motion.
+/// The adjoint (backward sweep) of the derivatives of the states along an event-driven motion.
 pub struct Adjoint {
     /// Derivatives along a basis of the states, followed by the directions.
     basis: Tangents,
@@ -45,12 +45,13 @@ pub struct Adjoint {
     mode: Rc<ModeSetting>,
     records: Vec<Record>,
     bytes: usize,
-    /// Cost counters of the adjoint.
+    /// Cost counters of the adjoint of the run.
     pub work: AdjointWork,
 }
 
 impl Directions {
-    /// Returns a basis of `q` and `v`, followed by these directions with zero derivatives of the initial states.
+    /// Returns the directions of differentiation along a basis of `q` and `v`, followed by these directions with zero
+    /// derivatives of the initial states.
     fn with_basis(self) -> Self {
         let (states, count) = (self.initial.nrows(), self.count());
         let mut initial = DMatrix::zeros(states, states + count);
@@ -97,12 +98,12 @@ impl Adjoint {
         Ok(adjoint)
     }
 
-    /// Returns the number of bytes of the stored steps.
+    /// Returns the number of bytes of memory of the steps stored for the backward sweep.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// Sets the contact mode to that of a smooth phase that begins.
+    /// Sets the contact mode of the derivatives to that of a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
         self.basis.adopt_mode(phase);
         self.mode = Rc::new(phase.watch.setting());
@@ -143,7 +144,8 @@ impl Adjoint {
         Ok(())
     }
 
-    /// Stores a transition; its map is already composed with that of an earlier transition at the same time.
+    /// Stores a transition between contact modes for the backward sweep; its map is already composed with that of an
+    /// earlier transition at the same time.
     fn note_passage(&mut self, gained: Option<DVector<f64>>) {
         let before = match self.records.pop() {
             Some(Record::Passage { gained, .. }) => gained,
@@ -175,7 +177,8 @@ impl Adjoint {
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
     ) -> Result<Swept, NoDerivative> {
         let mut swept = Swept::default();
-        // The adjoint states (derivatives of the number) behind the transition at the end of an arc.
+        // The adjoint states (derivatives of the differentiated quantity with respect to the states) behind the
+        // transition at the end of an arc.
         let mut behind: Option<DVector<f64>> = None;
         let mut states = DVector::from_column_slice(by_states);
         let mut gradient = DVector::from_column_slice(by_directions);
@@ -207,7 +210,8 @@ impl Adjoint {
         Ok(swept)
     }
 
-    /// Carries the row of derivatives of the number with respect to the states backwards over one step.
+    /// Carries the row of derivatives of the differentiated quantity with respect to the states backwards over one
+    /// step.
     fn step_back(
         &mut self,
         stored: &StoredStep,

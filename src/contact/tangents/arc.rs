@@ -16,22 +16,22 @@ use radau::{LastStep, Tableau};
 /// Tolerance for a time at the end of a step, relative to the step size: rounding of the clock.
 const AT_END: f64 = 1e-9;
 
-/// The derivatives of the states along the last step.
+/// The derivatives of the states along the last step, with respect to the directions.
 pub(super) struct Arc {
     begin: f64,
     h: f64,
     tableau: &'static Tableau,
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
-    /// The derivative of the slope that the collocation polynomial lacks at the beginning of the step, times the step
-    /// size.
+    /// The derivative of the difference between the slope of the motion and that of the collocation polynomial at the
+    /// beginning of the step, times the step size.
     pub lacking: DMatrix<f64>,
     /// The absolute values of the terms that add up to the derivatives in the step: a scale for their rounding
     /// errors.
     pub terms: DMatrix<f64>,
 }
 
-/// Returns the derivatives of the rates `x' = (v, a)` with respect to `x` and to the directions.
+/// Returns the derivatives of the rates `x' = (v, a)` with respect to `x` and to the directions of differentiation.
 fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, p) = (columns.coordinates, columns.directions);
     let mut by_x = DMatrix::zeros(2 * n, 2 * n);
@@ -42,7 +42,8 @@ fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f6
     (by_x, by_directions)
 }
 
-/// Returns the time slopes of the derivatives `now` of a state; `None` if the mode equations are singular.
+/// Returns the time slopes of the derivatives `now` of a state with respect to the directions; `None` if the mode
+/// equations are singular.
 pub(super) fn slopes_at(
     equations: &mut ModeEquations,
     (t, x): (f64, &[f64]),
@@ -55,7 +56,7 @@ pub(super) fn slopes_at(
 }
 
 impl Arc {
-    /// Differentiates a step of Radau IIA, from the derivatives `before` at its beginning.
+    /// Differentiates a step of Radau IIA, given the derivatives `before` of the states at its beginning.
     pub fn new(
         step: LastStep<'_>,
         before: &DMatrix<f64>,
@@ -124,9 +125,9 @@ pub(super) fn weights_at(tableau: &Tableau, theta: f64) -> (Vec<f64>, Option<f64
 
 /// The equations `K dX = (dx_n, .., dx_n) + C` of the derivatives `dX` of the stages of a step.
 pub(super) struct ArcEquations {
-    /// The matrix `K` of the stage equations.
+    /// The matrix `K` of the equations for the derivatives of the stages.
     pub matrix: DMatrix<f64>,
-    /// The right-hand side `C`, one column per direction.
+    /// The right-hand side `C` of the equations for the derivatives of the stages, one column per direction.
     pub by_directions: DMatrix<f64>,
     /// The derivatives of the rates `(v, a)` at the beginning of the step, with respect to the states and to the
     /// directions.
@@ -136,7 +137,8 @@ pub(super) struct ArcEquations {
 }
 
 impl ArcEquations {
-    /// Builds the stage equations in the mode of `equations`; returns `None` if the mode equations are singular.
+    /// Builds the equations of the derivatives of the stages in the contact mode of `equations`; returns `None` if the
+    /// mode equations are singular.
     pub fn new(step: LastStep<'_>, equations: &mut ModeEquations, directions: &mut Directions) -> Option<Self> {
         let LastStep { t, h, y, z, tableau } = step;
         let columns = Columns { coordinates: y.len() / 2, directions: directions.count() };

@@ -6,25 +6,25 @@ use crate::locate::{Ending, ModeEquations, Status};
 use nalgebra::{DMatrix, RowDVector};
 use problem::{EventKind, MechanicalStructure};
 
-/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate, which is rounding: grazing within
-/// the tolerances is detected by the run itself.
+/// A monitor (event function) crosses zero if its rate exceeds this fraction of the terms of the rate, which is
+/// rounding: grazing within the tolerances is detected by the run itself.
 const TRANSVERSAL: f64 = 1e-13;
 
-/// Derivatives below this fraction of the largest derivatives so far are rounding errors.
+/// Derivatives of the states below this fraction of the largest derivatives so far are rounding errors.
 const CANCELLED: f64 = 1e-9;
 
 /// Smallest relative difference between successive flight times that counts as a decrease: flights that do not get
 /// shorter have no limit.
 const SHORTER: f64 = 1e-6;
 
-/// The time of an event with its derivatives.
+/// The time of an event with its derivatives with respect to the directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EventSlope {
     /// The time of the event.
     pub t: f64,
-    /// The kind of event.
+    /// The kind of event whose time is differentiated.
     pub kind: TimedEvent,
-    /// The index of the contact.
+    /// The index of the contact at which the event occurs.
     pub contact: usize,
     /// The derivatives of the event time, one per direction.
     pub slopes: Vec<f64>,
@@ -32,19 +32,20 @@ pub struct EventSlope {
     pub transversality: f64,
 }
 
-/// An event whose time has derivatives.
+/// An event whose time has derivatives with respect to the directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimedEvent {
-    /// A contact event.
+    /// A contact event: impact, lift-off, stick or slip.
     Contact(EventKind),
-    /// The limit of accumulating impacts.
+    /// The limit of accumulating impacts of a contact.
     Accumulation,
 }
 
-/// A monitor at its event: its rate of change along the motion, and its derivatives at a fixed time.
+/// A monitor (event function) at the event that it indicates: its rate of change along the motion, and its derivatives
+/// at a fixed time.
 pub(super) struct Crossed {
     pub rate: f64,
-    /// The sum of the absolute values of the terms of the rate.
+    /// The sum of the absolute values of the terms of the rate of the monitor.
     pub terms: f64,
     /// The derivatives of the monitor at a fixed time, one per direction.
     pub slopes: RowDVector<f64>,
@@ -53,8 +54,8 @@ pub(super) struct Crossed {
 }
 
 impl Crossed {
-    /// Evaluates the monitor of the event `ending` at a state with velocities and accelerations `rates`; `now` are
-    /// the derivatives of the states, and `largest` the largest derivatives so far along the run.
+    /// Evaluates the monitor (event function) of the event `ending` at a state with velocities and accelerations
+    /// `rates`; `now` are the derivatives of the states, and `largest` the largest derivatives so far along the run.
     pub fn at(
         ending: Ending,
         equations: &ModeEquations,
@@ -91,7 +92,8 @@ impl Crossed {
         let own = gradient.columns(2 * columns.coordinates, columns.directions);
         let by_state = gradient.columns(0, 2 * columns.coordinates);
         let terms = by_state.iter().zip(rates).map(|(by, rate)| (by * rate).abs()).sum::<f64>() + time.abs();
-        // Where terms cancel, rounding errors of the size of the largest derivatives so far remain.
+        // Where terms of the monitor's derivatives cancel, rounding errors of the size of the largest derivatives so
+        // far remain.
         let sizes = by_state.abs() * (now.abs() + largest * CANCELLED) + own.abs();
         Self {
             rate: by_state.iter().zip(rates).map(|(by, rate)| by * rate).sum::<f64>() + time,
@@ -101,22 +103,22 @@ impl Crossed {
         }
     }
 
-    /// Extrapolates the monitor to a time `ahead` of the present one, given the rates of change of its rate and of
-    /// its derivatives.
+    /// Extrapolates the rate and the derivatives of the monitor (event function) to a time `ahead` of the present one,
+    /// given the rates of change of its rate and of its derivatives.
     pub fn move_to(&mut self, ahead: f64, of_rate: f64, of_slopes: &RowDVector<f64>) {
         self.rate += ahead * of_rate;
         self.slopes += of_slopes * ahead;
     }
 
-    /// Returns the derivatives of the time at which the monitor crosses zero.
+    /// Returns the derivatives of the time at which the monitor (event function) crosses zero.
     pub fn times(&self) -> Result<RowDVector<f64>, NoDerivative> {
         let times = &self.slopes * (-1.0 / self.rate);
         let is_crossed = self.rate.abs() > TRANSVERSAL * self.terms && times.iter().all(|time| time.is_finite());
         if is_crossed { Ok(times) } else { Err(NoDerivative::Grazing) }
     }
 
-    /// Whether the monitor remains zero to first order if the event time changes by `times`, one change per
-    /// direction.
+    /// Whether the monitor (event function) remains zero to first order if the event time changes by `times`, one
+    /// change per direction.
     pub fn agrees(&self, times: &RowDVector<f64>, tolerance: f64) -> bool {
         (0..times.len()).all(|p| {
             let moved = self.rate * times[p];
@@ -135,7 +137,7 @@ pub(super) fn kind(ending: Ending) -> EventKind {
     }
 }
 
-/// Returns the contact whose event ends a contact mode.
+/// Returns the contact of the event that ends a contact mode.
 pub(super) fn contact(ending: Ending) -> usize {
     match ending {
         Ending::Impact(k) | Ending::Detachment(k) | Ending::StickToSlip(k, _) | Ending::SlipToStick(k) => k,
@@ -166,7 +168,7 @@ pub(super) struct Flights {
 }
 
 impl Flights {
-    /// Records the time of an impact with its derivatives.
+    /// Records the time of an impact of a contact with its derivatives.
     pub fn note(&mut self, t: f64, times: &RowDVector<f64>) {
         if self.last.len() == 3 {
             self.last.remove(0);
@@ -174,7 +176,7 @@ impl Flights {
         self.last.push((t, times.clone()));
     }
 
-    /// Returns the time of the limit of the impacts, and its derivatives: the time of the last impact plus the
+    /// Returns the time of the limit of accumulating impacts, and its derivatives: the time of the last impact plus the
     /// geometric series `T rho/(1 - rho)` of flights, each `rho` times as long as the one before.
     pub fn limit(&self) -> Option<(f64, RowDVector<f64>)> {
         let [(t0, s0), (t1, s1), (t2, s2)] = self.last.as_slice() else { return None };

@@ -14,7 +14,7 @@ use crate::velocity_step::State;
 use hybrid::Shift;
 use nalgebra::DMatrix;
 
-/// The resolution of the clock, relative to the time, within which a jump is located.
+/// The resolution of the clock, relative to the time, within which a jump of a monitor (event function) is located.
 const CLOCK: f64 = 64.0 * f64::EPSILON;
 
 impl Tangents {
@@ -61,15 +61,15 @@ impl Tangents {
         self.keep_to_constraints(&to, located, (&unmoved, &rates), &times)?;
         for ending in endings {
             let (kind, contact) = (TimedEvent::Contact(kind(ending)), contact(ending));
-            // A monitor that jumps across its bound crosses it at an infinite rate.
+            // A monitor (event function) that jumps across its bound crosses it at an infinite rate.
             self.events.push(EventSlope { t: *t, kind, contact, slopes: slopes.clone(), transversality: f64::MAX });
         }
         self.instant = Some(Instant { times: times.clone(), happened: vec![true; n] });
         Ok(Some(times))
     }
 
-    /// Whether the force whose monitor belongs to the event `ending` is off its bound at the last evaluation, by more
-    /// than rounding.
+    /// Whether the contact force whose monitor (event function) indicates the event `ending` is off its bound at the
+    /// last evaluation, by more than rounding.
     fn has_slack(&self, ending: Ending) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));
@@ -83,7 +83,8 @@ impl Tangents {
         slack > ON_BOUND * forces && equations.mode()[contact(ending)] != Status::Open
     }
 
-    /// Returns the derivatives of the time of a breakpoint between two times; `None` if there is no breakpoint.
+    /// Returns the derivatives of the time of a breakpoint in time that lies between two times, one per direction;
+    /// `None` if there is no breakpoint.
     pub(super) fn break_slopes(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let shifts = self.directions.shifted.iter_mut().map(|shifted| {
             let shifted = shifted.as_mut()?;

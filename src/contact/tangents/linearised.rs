@@ -54,7 +54,7 @@ pub(super) struct Terms {
     pub acceleration: DMatrix<f64>,
     /// Derivatives of the contact and joint velocities `u`, one row per row of `J`.
     pub velocity: DMatrix<f64>,
-    /// Derivatives of the values of joints and gaps.
+    /// Derivatives of the values of joints and gaps, one per row.
     pub values: DMatrix<f64>,
 }
 
@@ -101,12 +101,13 @@ impl Terms {
 /// gaps.
 pub(super) struct Linearised {
     pub a: DMatrix<f64>,
-    /// The absolute values of the terms of the derivatives of accelerations: by forces, and by the reactions to them.
+    /// The absolute values of the terms of the derivatives of accelerations: by the forces, and by the contact and
+    /// joint forces that react to them.
     pub terms: DMatrix<f64>,
     pub lambda: DMatrix<f64>,
     pub velocity: DMatrix<f64>,
     pub values: DMatrix<f64>,
-    /// Whether the multipliers of the mode are not unique.
+    /// Whether the multipliers (contact and joint forces) of the contact mode are not unique.
     pub is_redundant: bool,
 }
 

@@ -48,9 +48,9 @@ const CONTINUOUS: f64 = 1e-9;
 /// the velocities `u`, and of the values of joints and gaps, one row each.
 pub type TermsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
-/// The directions of differentiation, one per column.
+/// The directions of differentiation (parameters and initial values), one per column.
 pub struct Directions {
-    /// The derivatives of the initial `q` and `v`.
+    /// The derivatives of the initial `q` and `v`, one direction per column.
     pub initial: DMatrix<f64>,
     /// Writes the derivatives of the terms of the equations of motion (balance of forces, accelerations and
     /// velocities of contacts and joints, their values) with respect to the directions.
@@ -61,14 +61,14 @@ pub struct Directions {
     pub restitution: DMatrix<f64>,
     /// For each direction, the size of its parameter; zero for initial values, or if it is unknown.
     pub sizes: Vec<f64>,
-    /// For each direction, the system with its parameter shifted, used to differentiate event functions of time;
-    /// `None` if these do not depend on the parameter.
+    /// For each direction, the system with the parameter of the direction shifted, used to differentiate event
+    /// functions of time; `None` if these do not depend on the parameter.
     pub shifted: Vec<Option<ShiftedMotion>>,
 }
 
-/// A mechanical system with one parameter above and below its value.
+/// A mechanical system with one parameter shifted above and below its value.
 pub struct ShiftedMotion {
-    /// Size of the shift of the parameter.
+    /// Size of the shift of the parameter, in its unit.
     pub by: f64,
     /// The systems with the parameter above and below its value.
     pub systems: [Box<dyn Mechanical>; 2],
@@ -91,7 +91,7 @@ impl Directions {
 /// A jump of the states at an event whose time may depend on the directions.
 #[derive(Clone, Debug)]
 pub struct Jumped {
-    /// The time of the jump.
+    /// The time of the jump of the states.
     pub t: f64,
     /// The states `q` and `v` before the jump.
     pub before: Vec<f64>,
@@ -113,15 +113,15 @@ pub struct Tangents {
     /// The absolute values of the terms that add up to the derivatives of `q` and `v` in the last step and the
     /// transition at its end.
     terms: DMatrix<f64>,
-    /// The derivatives along the last smooth arc.
+    /// The derivatives of the states along the last smooth arc.
     arc: Option<Arc>,
     reached: f64,
-    /// The transition at the time reached, if there was one.
+    /// The transition between contact modes at the time reached, if there was one.
     instant: Option<Instant>,
     flights: Vec<Flights>,
     events: Vec<EventSlope>,
-    /// Whether the directions are a basis of the states and parameters. Some directions of a basis violate contacts
-    /// and joints that hold: the monitors of one event need not agree along them.
+    /// Whether the directions are a basis of the states and parameters. Some directions of a basis violate contacts and
+    /// joints that hold: the monitors (event functions) of one event need not agree along them.
     is_basis: bool,
     /// Number of central differences, one for each direction, at breakpoints in time.
     differences: u64,
@@ -141,7 +141,7 @@ impl Tangents {
         Self::begin_along(problem, (directions, false), (located, transition.as_ref()))
     }
 
-    /// Begins at the start of a run, along directions that may be a basis of the states and parameters.
+    /// Begins the derivatives at the start of a run, along directions that may be a basis of the states and parameters.
     fn begin_along(
         problem: Box<dyn Mechanical>,
         (directions, is_basis): (Directions, bool),
@@ -175,8 +175,8 @@ impl Tangents {
         Ok(tangents)
     }
 
-    /// Sets the contact mode to that of a smooth phase that begins, and bounds the first step of the phase by the
-    /// slopes of the derivatives.
+    /// Sets the contact mode of the derivatives to that of a smooth phase that begins, and bounds the first step of the
+    /// phase by the slopes of the derivatives.
     pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.adopt_mode(phase);
         let Some(radau) = &mut phase.method else { return };

@@ -5,7 +5,7 @@ use radau::NoDerivative as NoSmoothDerivative;
 /// The reason why a motion with impacts has no derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoDerivative {
-    /// A smooth arc has no derivative.
+    /// A smooth arc between events has no derivative.
     #[error(transparent)]
     Smooth(#[from] NoSmoothDerivative),
     /// A gap touches zero without an impact (grazing).
@@ -13,7 +13,7 @@ pub enum NoDerivative {
         "a contact is touched and not struck (grazing): the velocity after it changes by the root of what is changed before"
     )]
     Grazing,
-    /// Several contacts meet at one time.
+    /// Several contacts have their events at one time.
     #[error(
         "several contacts meet at one time, and which is the first depends on what is changed: the motion after them differs \
          with their order"
@@ -30,7 +30,7 @@ pub enum NoDerivative {
          derivative"
     )]
     Limited,
-    /// Impacts without energy loss accumulate.
+    /// Impacts without energy loss (restitution 1) accumulate, so that their limit has no derivative.
     #[error("impacts with a restitution of 1 crowd, which have no limit")]
     Elastic,
     /// The derivative of the initial state leads off a contact or joint that holds at the start.
@@ -39,7 +39,7 @@ pub enum NoDerivative {
          keeps it, or begin apart from it"
     )]
     OffContact,
-    /// Contact forces are not unique.
+    /// Contact forces are not unique, and with them the time of an event.
     #[error(
         "contacts share a load in more than one way, so that the time at which one of them gives way is not unique"
     )]
@@ -50,13 +50,13 @@ pub enum NoDerivative {
          of that passage no derivatives are made"
     )]
     AtBreak,
-    /// The steps to store exceed the allowed memory.
+    /// The steps that the adjoint would store exceed the allowed memory.
     #[error(
         "the steps before it take {mebibytes} MiB, and adjoint mode stores no more of a motion with impacts; a shorter time \
          takes less, and forward mode stores none"
     )]
     TooLong {
-        /// The allowed memory, in MiB.
+        /// The memory that the adjoint may use for stored steps, in MiB.
         mebibytes: usize,
     },
     /// Time stepping took over from smooth motion.

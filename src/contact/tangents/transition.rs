@@ -17,7 +17,7 @@ const ALIKE: f64 = 1e-6;
 const OFF: f64 = 1e3;
 const MOST_OFF: f64 = 0.1;
 
-/// A monitor counts as zero if its value is below this fraction of the size of its terms.
+/// A monitor (event function) counts as zero if its value is below this fraction of the size of its terms.
 pub(super) const ON_BOUND: f64 = 1e-6;
 
 /// Sets of coordinates that one event moves together: bodies coupled by masses, joints, or contacts with an impulse.
@@ -26,8 +26,8 @@ struct Islands {
 }
 
 impl Islands {
-    /// Builds the islands; `groups` are the rows of `J` that act together: those of a joint, or of all directions of
-    /// a contact.
+    /// Builds the islands of coordinates that move together at an event; `groups` are the rows of `J` that act
+    /// together: those of a joint, or of all directions of a contact.
     fn new(mass: &DMatrix<f64>, constraints: &Constraints, groups: impl Iterator<Item = Vec<usize>>) -> Self {
         let n = mass.nrows();
         let mut islands = Self { of: (0..n).collect() };
@@ -52,7 +52,7 @@ impl Islands {
         self.of.iter_mut().filter(|island| **island == from).for_each(|island| *island = to);
     }
 
-    /// Returns the island of a row of `J`.
+    /// Returns the island of coordinates that a row of `J` belongs to.
     fn of_row(&self, constraints: &Constraints, row: usize) -> Option<usize> {
         constraints.row(row).iter().position(|j| *j != 0.0).map(|i| self.of[i])
     }
@@ -72,7 +72,7 @@ pub(super) struct Instant {
 struct Root {
     /// The time from the located impact to the root of the gap on the arc before the impact.
     ahead: f64,
-    /// The contact whose gap closes.
+    /// The contact whose gap closes at the impact.
     contact: Option<usize>,
 }
 
@@ -115,8 +115,8 @@ impl Tangents {
         Ok(())
     }
 
-    /// Carries the derivatives across a transition, to the state and mode of the run; returns the derivatives of the
-    /// event time, for each coordinate.
+    /// Carries the derivatives of the states across a transition, to the state and mode of the run; returns the
+    /// derivatives of the event time, for each coordinate.
     pub(super) fn pass(
         &mut self,
         located: &mut EventDriven<'_>,
@@ -300,8 +300,8 @@ impl Tangents {
         Ok(roots)
     }
 
-    /// Whether the monitor of the event `ending` is zero at the last evaluation; for an impact, whether the gap
-    /// closes with a nonzero velocity.
+    /// Whether the monitor (event function) of the event `ending` is zero at the last evaluation; for an impact,
+    /// whether the gap closes with a nonzero velocity.
     fn is_on_bound(&self, ending: Ending, v: &[f64]) -> bool {
         let (equations, structure) = (&self.equations, &self.structure);
         let forces = equations.lambda.iter().fold(0.0_f64, |most, force| most.max(force.abs()));
@@ -375,8 +375,8 @@ impl Tangents {
         let place = Place { t: *t, q, v, a: &a, lambda: &lambda };
         let terms = Terms::at(self.equations.problem(), &structure, place, &mut self.directions);
         let tolerance = ALIKE.max(OFF * located.radau.rtol).min(MOST_OFF);
-        // The scale for terms that may cancel: the derivatives before and after, and their shift by the change of the
-        // event time.
+        // The scale for terms of the derivatives that may cancel: the derivatives before and after, and their shift by
+        // the change of the event time.
         let mut size = self.now.abs() + before.abs();
         // Forces that balance each other leave rounding errors of the size of the largest derivative, in units of the
         // tolerances.
@@ -388,7 +388,7 @@ impl Tangents {
                 largest.iter().zip(atol).map(|(largest, atol)| (f64::EPSILON.sqrt() * largest).max(most * atol));
             size.iter_mut().zip(rounding).for_each(|(size, rounding)| *size += rounding);
         }
-        // Terms that cancel, such as those of a mass that cancels out, also leave rounding errors.
+        // Terms of the derivatives that cancel, such as those of a mass that cancels out, also leave rounding errors.
         size.zip_apply(&self.terms, |size, terms| *size += f64::EPSILON.sqrt() * terms);
         for (i, (after, before)) in v.iter().chain(&a).zip(rates).enumerate() {
             let mut row = size.row_mut(i);

@@ -1,4 +1,4 @@
-//! Results of the contacts in one step.
+//! Impulses, velocities and energy losses of the contacts in one step.
 
 use crate::energy::Energy;
 use nalgebra::Vector3;
@@ -15,21 +15,21 @@ pub struct Contacted {
     pub after: Vec<Vector3<f64>>,
     /// The velocity scale of each active contact: the size of the changes of `u` by forces and by its own impulse.
     pub change: Vec<f64>,
-    /// Energy dissipated by friction.
+    /// Energy dissipated by friction in the step.
     pub friction: f64,
-    /// Energy lost in impacts.
+    /// Energy lost in the impacts of the step.
     pub impacts: f64,
     /// Energy lost in impacts if every contact with an impulse has restitution 1, in which case none should be lost;
     /// zero otherwise.
     pub beyond_restitution: f64,
-    /// Work of the drives of surfaces and joints.
+    /// Work of the drives of surfaces and joints in the step.
     pub drives: f64,
     /// The kinetic energy that the step would end with if no contact acted.
     pub kinetic: f64,
 }
 
 impl Contacted {
-    /// Returns the result for `m` inactive contacts.
+    /// Returns the results of a step for `m` inactive contacts.
     pub fn none(m: usize) -> Self {
         let zero = vec![Vector3::zeros(); m];
         Self { r: zero.clone(), before: zero.clone(), after: zero, change: vec![0.0; m], ..Self::default() }

@@ -12,7 +12,7 @@ use vi::Outcome;
 /// Largest number of Newton iterations that project the coordinates `q` onto the constraints.
 const CORRECTIONS: usize = 6;
 
-/// A violation below this fraction of the constraint's terms is accepted.
+/// A violation below this fraction of the constraint's terms is accepted as zero in the projection of coordinates.
 const OFF: f64 = 1e-13;
 
 /// A violation below this fraction of the constraint's terms is rounding if an iteration does not halve it.

@@ -17,7 +17,8 @@ pub(super) struct Motion<'a> {
     pub restitution: &'a [f64],
     /// The generalised velocities that the step ends with if no contact impulse acts.
     pub free: &'a [f64],
-    /// The step size of the contact law (`h`), and that of the motion (`duration`), which is zero for an impact.
+    /// The step size that the contact law divides gaps by (`h`), and that of the motion (`duration`), which is zero for
+    /// an impact.
     pub h: f64,
     pub duration: f64,
 }

@@ -30,15 +30,15 @@ const ATTEMPTS: usize = 3;
 /// of two over the whole range of doubles.
 const MOST_ATTEMPTS: usize = ATTEMPTS + 11;
 
-/// The shortest probe, as a multiple of the resolution of the clock.
+/// The shortest probe (trial step), as a multiple of the resolution of the clock.
 const TICKS: f64 = 1e4;
 
 /// The result of the contact law at one contact in a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probed {
-    /// The index of the contact.
+    /// The index of the contact that was probed.
     pub contact: usize,
-    /// The impulse of the contact.
+    /// The impulse of the contact in the probe step.
     pub r: Vector3<f64>,
     /// The contact velocity `u` at the state probed.
     pub before: Vector3<f64>,
@@ -50,7 +50,7 @@ pub struct Probed {
     pub rounding: f64,
     /// The velocity scale of the contact: the size of the changes of `u` by forces and by the contact's own impulse.
     pub change: f64,
-    /// The coefficient of friction of the contact.
+    /// The coefficient of friction of the contact in the probe step.
     pub mu: f64,
     /// The residual of the contact law over all contacts of the probe, relative to their velocities.
     pub residual: f64,
@@ -68,7 +68,7 @@ pub struct Scales<'a> {
     pub left: f64,
 }
 
-/// The longest probe that was too short and the shortest that was too long.
+/// The length of the longest probe so far that was too short, and that of the shortest that was too long.
 #[derive(Default)]
 struct Lengths {
     short: Option<f64>,
@@ -76,7 +76,8 @@ struct Lengths {
 }
 
 impl Lengths {
-    /// Returns the length to try after `h`, which should be longer by `factor`; at most the remaining time `left`.
+    /// Returns the probe length to try after the length `h`, which should be longer by `factor`; at most the remaining
+    /// time `left`.
     fn after(&mut self, h: f64, factor: f64, left: f64) -> f64 {
         let side = if factor < 1.0 { &mut self.long } else { &mut self.short };
         *side = Some(h);
@@ -87,7 +88,7 @@ impl Lengths {
         }
     }
 
-    /// Returns the largest number of probes.
+    /// Returns the largest number of probes (trial steps) with which to search for a suitable length.
     fn attempts(&self) -> usize {
         if self.short.is_some() && self.long.is_some() { MOST_ATTEMPTS } else { ATTEMPTS }
     }
@@ -137,7 +138,7 @@ impl VelocityStep<'_> {
         Ok(self.touch_free(state, h, (now, v), (closed, scales.reached), control)?.map(|probed| (h, probed)))
     }
 
-    /// Returns an initial length of the probe, for which forces change no velocity by more than its tolerance.
+    /// Returns an initial length of the probe, for which forces change no velocity by more than its absolute tolerance.
     fn first_instant(&mut self, state: &State, atol: &[f64]) -> Result<Option<f64>, ContactError> {
         self.factorised = None;
         self.factorise(state, 0.0)?;
@@ -203,7 +204,7 @@ impl VelocityStep<'_> {
         Ok((now, v))
     }
 
-    /// Applies the contact law after the free motion of a probe.
+    /// Applies the contact law to the end velocities of the free motion of a probe step.
     fn touch_free(
         &mut self,
         state: &State,
@@ -240,7 +241,7 @@ impl VelocityStep<'_> {
             }
         }
         let rounding = self.rounding_of_slips(&contacts, reached, &before, &free);
-        // The slip of a sticking contact is rounding: set it to zero.
+        // Before the contact law, the slip of a sticking contact is rounding: set it to zero.
         let at_rest = |(u, least): (&Vector3<f64>, &f64)| {
             if u.y.hypot(u.z) > *least { *u } else { Vector3::new(u.x, 0.0, 0.0) }
         };

@@ -36,11 +36,11 @@ const SHORTENED: u32 = 3;
 /// A change of the active set: a variable with its new activity.
 type Change = (usize, Activity);
 
-/// Data of the attempts at one element.
+/// Data of the attempts at one element of the solution.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The proposed length of the element; and the first floating-point number after the break (kink or jump of the
-    /// data) at its end, if it ends at one.
+    /// The proposed length of the element that is attempted; and the first floating-point number after the break (kink
+    /// or jump of the data) at its end, if it ends at one.
     h: f64,
     broken: Option<f64>,
     /// Whether no active set is consistent on the element, which is then accepted without checks.
@@ -49,11 +49,11 @@ pub struct Attempts {
     /// because it was not proven free of switches.
     rejected: u32,
     shortened: u32,
-    /// The number of times that the present trial element was screened.
+    /// The number of times that the present trial element was screened for switches.
     screened: u32,
 }
 
-/// A solved element, with the result of its screening.
+/// An element whose equations are solved, with the result of its screening.
 pub struct Element {
     trial: Trial,
     screened: Screened,
@@ -81,7 +81,7 @@ impl Automaton for Segments<'_> {
             return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
         }
         let wanted = self.h.min(self.longest());
-        // Divide the remaining time between the last two elements.
+        // Divide the remaining time of the run between its last two elements.
         let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
         let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
         (attempts.h, attempts.broken) = self.up_to_break(h);
@@ -92,7 +92,7 @@ impl Automaton for Segments<'_> {
         Ok(Solved::Step(Element { trial: self.trial(h)?, screened: Screened::Proven }))
     }
 
-    /// Screens an element for switches; after too many cuts at violations it counts as open (not proven).
+    /// Screens an element for switches; after too many cuts at violations the element counts as open (not proven).
     fn screen(
         &mut self,
         step: &mut Element,
@@ -116,8 +116,8 @@ impl Automaton for Segments<'_> {
         })
     }
 
-    /// Shortens the element to the first switch. Forces may have a kink at the switch, so that only the element up to
-    /// the switch is accurate; it is screened again.
+    /// Shortens the element to the first switch (change of the active set) in it. Forces may have a kink at the switch,
+    /// so that only the element up to the switch is accurate; it is screened again.
     fn locate(
         &mut self,
         step: Element,
@@ -200,7 +200,8 @@ impl Segments<'_> {
     }
 
     /// Changes the active set at a break (kink or jump of the data) if a monitor is zero there within the tolerances:
-    /// behind the break the monitor may change its sign too slowly to be located.
+    /// after the break the monitor (a quantity that is positive while the active set holds) may change its sign too
+    /// slowly to be located.
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
             for to in [Activity::AtLower, Activity::Inactive, Activity::AtUpper] {

@@ -4,8 +4,8 @@
 use super::Segments;
 
 impl Segments<'_> {
-    /// Returns the length of an element of proposed length `h`, cut at the first break; and the first floating-point
-    /// number after the break, if there is one.
+    /// Returns the length of an element, at most the proposed length `h`, that ends at the first break (kink or jump of
+    /// the data) if there is one; and the first floating-point number after that break.
     pub(super) fn up_to_break(&mut self, h: f64) -> (f64, Option<f64>) {
         let part = self.breaks.up_to_break(self.forcing.problem(), self.t, h);
         match self.breaks.after() {
@@ -17,7 +17,7 @@ impl Segments<'_> {
         }
     }
 
-    /// Begins a new segment behind a break.
+    /// Records that the run continues at time `after`, behind a break (kink or jump of the data), with a new segment.
     pub(super) fn pass_break(&mut self, after: f64) {
         self.breaks.pass(after);
         self.is_first = true;

@@ -24,7 +24,7 @@ pub struct Lag {
     exponent: f64,
     factor: Option<Tape>,
     slope: Option<Tape>,
-    /// The value of `g` if the kernel has no factor: `1 / Gamma(e)`.
+    /// The value of `g` if the kernel has no smooth factor of its own: `1 / Gamma(e)`.
     constant: f64,
     at_zero: Vec<(f64, f64)>,
     plain: Vec<(f64, f64)>,
@@ -58,13 +58,14 @@ impl Lag {
         if value[0].is_finite() { Ok(value[0]) } else { Err(StepError::Kernel { lag }) }
     }
 
-    /// Evaluates the kernel at a lag.
+    /// Evaluates the scalar kernel at a lag (time difference).
     pub fn value(&mut self, lag: f64) -> Result<f64, StepError> {
         let smooth = self.smooth(lag)?;
         Ok(if self.exponent == 1.0 { smooth } else { smooth * lag.powf(self.exponent - 1.0) })
     }
 
-    /// Returns bounds on the magnitudes of `g` and of its derivative over the lags up to `length`.
+    /// Returns bounds on the magnitudes of the smooth factor `g` of the kernel and of its derivative over the lags up
+    /// to `length`.
     pub fn bounds(&self, length: f64) -> [f64; 2] {
         let lags = Interval::new(0.0, length);
         let bound = |tape: &Tape| {
@@ -78,27 +79,27 @@ impl Lag {
         }
     }
 
-    /// Returns the integral of `t^(e-1)` from zero to `length`.
+    /// Returns the integral of the singular factor `t^(e-1)` of the kernel over the lags from zero to `length`.
     pub fn integral_of_power(&self, length: f64) -> f64 {
         length.powf(self.exponent) / self.exponent
     }
 
-    /// Writes the integrals of the kernel against the basis functions of an element of length `h`, at the time
+    /// Writes the integrals of the scalar kernel against the basis functions of an element of length `h`, at the time
     /// `theta h` within the element, to `out`.
     pub fn within(&mut self, shape: &Shape, h: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let whole = if shape.is_singular() { 0.5 * theta } else { theta };
         self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
         if shape.is_singular() {
-            // Only the singular basis functions need the split of the element into two parts; one rule for each part
-            // serves all functions.
+            // The singular basis functions need the split of the element into two parts, since they are singular at its
+            // beginning; one rule for each part serves all functions.
             self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
         }
         Ok(())
     }
 
-    /// Writes the integrals of the kernel against the basis functions of an element of length `h`, at the time `from`
-    /// after the end of the element, to `out`.
+    /// Writes the integrals of the scalar kernel against the basis functions of an element of length `h`, at the time
+    /// `from` after the end of the element, to `out`.
     pub fn behind(&mut self, shape: &Shape, h: f64, from: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let theta = 1.0 + from / h;
@@ -123,8 +124,8 @@ impl Lag {
         Ok(())
     }
 
-    /// Adds `sign` times the integrals of the kernel against the basis functions over the lags from zero to `length`,
-    /// at the time `theta h`, to `out`.
+    /// Adds `sign` times the integrals of the scalar kernel against the basis functions over the lags from zero to
+    /// `length`, at the time `theta h`, to `out`.
     fn add_from_singularity(
         &mut self,
         shape: &Shape,
@@ -148,8 +149,8 @@ impl Lag {
         Ok(())
     }
 
-    /// Adds the integrals of the kernel against the basis functions over the first part of an element, up to `end`,
-    /// at the later time `theta h`, to `out`.
+    /// Adds the integrals of the scalar kernel against the basis functions over the first part of an element, up to
+    /// `end`, at the later time `theta h`, to `out`.
     fn add_beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         let mut values = vec![0.0; out.len()];
         for place in 0..self.plain.len() {

@@ -9,12 +9,14 @@ use numerics::Bracket;
 /// Largest number of guesses of the time of a switch: every other one at least halves the bracket, and a double has
 /// 53 binary digits.
 const GUESSES: usize = 120;
-/// Shrinkage of the bracket as long as only its upper end is known: four binary digits a guess. A factor nearer to one
-/// takes more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket otherwise.
+/// Shrinkage of the bracket of a switch at each guess as long as only its upper end is known: four binary digits a
+/// guess. A factor nearer to one takes more guesses to a switch at the beginning of the element, a smaller one leaves a
+/// wider bracket otherwise.
 const SHRINK: f64 = 1.0 / 16.0;
 
-/// Fraction of a bracket at either end without guesses: a wrong value moves a guess at most three decimal digits
-/// towards one end. A larger fraction costs guesses where the secant is accurate, a smaller one where it is not.
+/// Fraction of the bracket of a switch, at either of its ends, in which no guess is made: a wrong value moves a guess
+/// at most three decimal digits towards one end. A larger fraction costs guesses where the secant is accurate, a
+/// smaller one where it is not.
 const MARGIN: f64 = 1e-3;
 
 /// Fraction of its noise below which a monitor counts as zero. The noise allows for sixteen rounding errors of its
@@ -63,7 +65,8 @@ impl Segments<'_> {
                 return Ok((Some(made), Some((lost.variable, lost.to))));
             }
             let found = match made.violation {
-                // A monitor that is negative by less than the tolerance has changed its sign nevertheless.
+                // A monitor that is negative at the end of the element by less than the tolerance has changed its sign
+                // nevertheless.
                 None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
                 // The element that ends where the longer one was negative shows no switch: accept it.
                 None if !confirmed && guess == high => return Ok((Some(made), None)),

@@ -28,7 +28,7 @@ use past::Past;
 use problem::{Control, ConvexSet, Dvi, Structure, Workspace};
 use shape::Shape;
 
-/// The activity of a variable.
+/// The activity of a variable: at a bound, between its bounds, or fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// The variable is at its lower bound.
@@ -46,22 +46,22 @@ pub enum Activity {
 pub struct SegmentSettings {
     /// The number of polynomials on an element, from 1 to 9.
     pub stages: usize,
-    /// Relative tolerance of the variables.
+    /// The relative tolerance on the variables `z`.
     pub rtol: f64,
-    /// Absolute tolerance of each variable.
+    /// The absolute tolerance on each variable, in its unit.
     pub atol: Vec<f64>,
     /// The admissible error of an element, in units of the tolerances.
     pub tolerance: f64,
     /// The length of the first trial element.
     pub first: f64,
-    /// The largest length of an element.
+    /// The largest admissible length of an element.
     pub longest: f64,
     /// The ends of the elements of an earlier run: elements are at most half as long as the earlier ones, so that the
     /// two runs share no mesh.
     pub before: Vec<f64>,
 }
 
-/// A switch: a change of the activity of a variable.
+/// A switch: a change of the activity (at a bound, or between the bounds) of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
     /// The time of the switch.
@@ -72,8 +72,8 @@ pub struct Switch {
     pub to: Activity,
 }
 
-/// A term of the kernel: its scalar function of the lag (time difference), the number of integrations of that
-/// function, and the matrix that it multiplies.
+/// A term of the kernel: its scalar function of the lag (time difference), the number of integrations of that function
+/// over time, and the matrix that it multiplies.
 struct Part {
     lag: Option<Lag>,
     level: usize,
@@ -103,9 +103,9 @@ pub struct Segments<'p> {
     /// The activities of the variables on the last element on which switches are reported, neither tiny nor without a
     /// consistent active set; `None` before the first.
     told: Option<Vec<Activity>>,
-    /// The number of changes of the active set since the last element was accepted.
+    /// The number of changes of the active set (the activities of all variables) since the last element was accepted.
     flips: usize,
-    /// The number of successive tiny elements.
+    /// The number of successive tiny elements, up to the last.
     kinks: u32,
     /// The length of the last element if no active set was consistent on it, zero otherwise; and whether the next
     /// element is made without a consistent active set.
@@ -212,17 +212,17 @@ impl<'p> Segments<'p> {
         })
     }
 
-    /// Returns the current time.
+    /// Returns the time that the run has reached, the end of the last element.
     pub fn t(&self) -> f64 {
         self.t
     }
 
-    /// Whether the end of the run is reached.
+    /// Whether the run has reached its end time.
     pub fn is_done(&self) -> bool {
         self.t >= self.end
     }
 
-    /// Returns the number of elements so far.
+    /// Returns the number of elements of the run so far.
     pub fn elements(&self) -> usize {
         self.past.elements.len()
     }
@@ -244,12 +244,12 @@ impl<'p> Segments<'p> {
         self.longest.min(0.5 * length)
     }
 
-    /// Returns the number of polynomials on an element.
+    /// Returns the number of polynomials on an element that the settings ask for.
     pub fn stages(&self) -> usize {
         self.order
     }
 
-    /// Takes the switches at the beginning of the last element, if any.
+    /// Removes and returns the switches at the beginning of the last element, if any.
     pub fn take_switches(&mut self) -> Vec<Switch> {
         std::mem::take(&mut self.switches)
     }

@@ -10,10 +10,10 @@ use problem::ConvexSet;
 
 /// Data of the element at which a convolution is evaluated, with the number of elements before it.
 pub(super) struct Here<'a> {
-    /// The number of earlier elements.
+    /// The number of elements before the one at which the convolution is evaluated.
     pub before: usize,
     pub shape: &'a Shape,
-    /// The time at the beginning of the element, and its length.
+    /// The time at the beginning of the element at which the convolution is evaluated, and its length.
     pub start: f64,
     pub h: f64,
     /// The coefficients of the variables and of their repeated integrals, one matrix for each number of integrations;
@@ -82,7 +82,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Writes the variables at a time within the elements so far, without projection onto `K`.
+    /// Writes the variables `z` at a time within the elements so far, without projection onto `K`.
     pub fn variables_at(&self, t: f64, z: &mut [f64]) {
         let Some(element) = self.past.elements.get(self.past.place_of(t)) else { return };
         let shape = &self.shapes[element.shape];
@@ -109,17 +109,17 @@ impl Segments<'_> {
         sums.iter().map(|sum| sum / (self.t - self.start)).collect()
     }
 
-    /// Returns the largest absolute value of each variable so far.
+    /// Returns the largest absolute value of each variable in the run so far.
     pub fn sizes(&self) -> &[f64] {
         &self.size
     }
 
-    /// Returns the set `K` at the time of the last output.
+    /// Returns the set `K` of the variables, with its moving bounds, at the time of the last output.
     pub fn set(&self) -> &ConvexSet {
         &self.set
     }
 
-    /// Returns the values of the variables at the current time.
+    /// Returns the values of the variables at the time that the run has reached.
     pub fn ends(&self) -> Vec<f64> {
         let mut z = vec![0.0; self.places.len()];
         self.variables_at(self.t, &mut z);

@@ -12,7 +12,7 @@
 use nalgebra::{DMatrix, DVector};
 use numerics::bernstein;
 
-/// The degree of the polynomials on a panel, at least that of the functions of all elements.
+/// The degree of the polynomials on a panel, at least that of the basis functions of all elements.
 pub const DEGREE: usize = 10;
 
 /// A panel `[begin, begin + length]` of an element `[0, 1]`.
@@ -23,7 +23,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// The panel that is the whole element.
+    /// The panel that is the whole element `[0, 1]`.
     pub const WHOLE: Self = Self { begin: 0.0, length: 1.0 };
 
     pub fn end(self) -> f64 {
@@ -39,8 +39,8 @@ impl Panel {
         [Self { length, ..self }, Self { begin: self.begin + length, length }]
     }
 
-    /// Returns the bound of the remainder, relative to the bound of the function on the Bernstein ellipse that
-    /// extends to zero.
+    /// Returns the bound of the remainder of interpolation on the panel by a polynomial, relative to the bound of the
+    /// function on the Bernstein ellipse that extends to zero.
     pub fn remainder(self) -> f64 {
         let ratio = 2.0 * self.middle() / self.length;
         let rho = ratio + (ratio * ratio - 1.0).max(0.0).sqrt();
@@ -60,7 +60,7 @@ impl Panel {
     }
 }
 
-/// Map from the values of a function at the Chebyshev points to Bernstein coefficients.
+/// Polynomial interpolation: the map from the values of a function at the Chebyshev points to Bernstein coefficients.
 pub struct Interpolation {
     /// The Chebyshev points on `[0, 1]`.
     pub points: Vec<f64>,

@@ -44,16 +44,17 @@ impl Element {
     }
 }
 
-/// The quadrature rule of a shape: nodes with weights, and the values of the basis functions at the nodes.
+/// The quadrature rule of a shape (space of functions on an element): nodes with weights, and the values of the basis
+/// functions at the nodes.
 struct Rule {
     nodes: Vec<(f64, f64)>,
     values: Vec<Vec<f64>>,
 }
 
-/// All elements of a run so far, with their point charges.
+/// All elements of a run so far, with their point charges (values times quadrature weights).
 pub struct Past {
     variables: usize,
-    /// The elements, in order of time.
+    /// The elements of the run, in order of time.
     pub elements: Vec<Element>,
     rules: Vec<Rule>,
     times: Vec<f64>,
@@ -64,8 +65,8 @@ pub struct Past {
 }
 
 impl Past {
-    /// Allocates for elements of the shapes `shapes`, with variables that are integrated at most `integrations`
-    /// times.
+    /// Allocates the past of a run with elements of the shapes `shapes`, with variables that are integrated at most
+    /// `integrations` times.
     pub fn new(variables: usize, shapes: &[Shape], integrations: usize) -> Self {
         Self {
             variables,
@@ -77,12 +78,12 @@ impl Past {
         }
     }
 
-    /// Returns the index of the element that contains the time `t`.
+    /// Returns the index of the element of the run that contains the time `t`.
     pub fn place_of(&self, t: f64) -> usize {
         self.elements.partition_point(|element| element.start < t).saturating_sub(1)
     }
 
-    /// Appends an element with its point charges.
+    /// Appends an element with its point charges (values times quadrature weights) to the past of the run.
     pub fn append(&mut self, start: f64, end: f64, shape: usize, coefficients: Vec<DMatrix<f64>>, integral: Vec<f64>) {
         let charge = self.times.len();
         let rule = &self.rules[shape];
@@ -96,7 +97,7 @@ impl Past {
         }
         for (largest, coefficients) in self.largest.iter_mut().zip(&coefficients) {
             for (largest, column) in largest.iter_mut().zip(coefficients.column_iter()) {
-                // All basis functions are at most one in magnitude.
+                // All basis functions of an element are at most one in magnitude.
                 *largest = largest.max(column.iter().map(|c| c.abs()).sum());
             }
         }

@@ -14,21 +14,21 @@ use super::watched::{Function, Functions, Watched};
 use crate::stepper::StepError;
 use numerics::{Interval, bernstein};
 
-/// Largest number of enclosed parts of one panel: each halving of a part gains a binary digit of the distance from a
-/// switch.
+/// Largest number of parts of one panel on which quantities are enclosed: each halving of a part gains a binary digit
+/// of the distance from a switch.
 const MOST_PARTS: usize = 200;
 
-/// The result of screening an element.
+/// The result of screening an element for switches between its nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
-    /// Proven: no monitor changes its sign between the nodes.
+    /// Proven: no monitor (a quantity that is positive while the active set holds) changes its sign between the nodes.
     Proven,
-    /// A monitor is negative between the nodes.
+    /// A monitor (a quantity that is positive while the active set holds) is negative between the nodes.
     Violated(Violation),
     /// The function `q` of the inequality, or a bound, varies between the nodes by more than its values at the nodes
     /// show.
     Unresolved,
-    /// Changes of sign are neither excluded nor seen.
+    /// Changes of sign of monitors are neither excluded nor seen.
     Open,
 }
 
@@ -58,15 +58,15 @@ struct Seen {
     needs_more: bool,
 }
 
-/// The remainder of a polynomial: of interpolation, which shorter panels reduce, and of rounding, up to which a
-/// quantity counts as zero.
+/// The remainder of the polynomial of a screened quantity: of interpolation, which shorter panels reduce, and of
+/// rounding, up to which a quantity counts as zero.
 #[derive(Clone, Copy, Debug, Default)]
 struct Remainder {
     of_interpolation: f64,
     of_rounding: f64,
 }
 
-/// The result of screening a panel.
+/// The result of screening a panel of an element for switches.
 #[derive(Default)]
 struct Outcome {
     violation: Option<Violation>,
@@ -75,13 +75,13 @@ struct Outcome {
 }
 
 impl Segments<'_> {
-    /// Screens an element whose monitors are positive at the nodes.
+    /// Screens for switches an element whose monitors are positive at the nodes.
     pub(super) fn screen_element(&mut self, trial: &Trial) -> Result<Screened, StepError> {
         let functions = self.functions(trial);
         let watched = self.watch(trial);
         let Some(begins) = self.begins(&functions, &watched)? else { return Ok(Screened::Open) };
         let mut outcome = Outcome::default();
-        // Screen quantities that are polynomials on the whole element, without panels.
+        // First screen those quantities that are polynomials on the whole element, without panels.
         let whole: Vec<usize> = (0..watched.len()).filter(|&i| self.is_polynomial(trial, &watched[i])).collect();
         self.screen_panel(&functions, &watched, whole, Panel::WHOLE, &mut outcome)?;
         let is_panelled = |i: &usize| !self.is_polynomial(trial, &watched[*i]);
@@ -105,8 +105,8 @@ impl Segments<'_> {
         watched.function != Function::Memory && !self.shapes[trial.shape].is_singular()
     }
 
-    /// Returns, for each quantity, the end of a first panel over which the quantity changes too little to become
-    /// negative, or which is too short to count; `None` if the problem has no enclosure.
+    /// Returns, for each screened quantity, the end of a first panel over which the quantity changes too little to
+    /// become negative, or which is too short to count; `None` if the problem has no enclosure.
     fn begins(&mut self, functions: &Functions<'_>, watched: &[Watched]) -> Result<Option<Vec<f64>>, StepError> {
         let m = self.places.len();
         let mut values = [vec![0.0; m], vec![0.0; m], vec![0.0; m]];
@@ -135,13 +135,13 @@ impl Segments<'_> {
         Ok(Some(begins))
     }
 
-    /// Returns the time interval of a panel.
+    /// Returns the interval of time that a panel of the present element takes.
     fn times(&self, panel: Panel, h: f64) -> Interval {
         let [from, to] = [panel.begin, panel.end()].map(|theta| self.t + theta * h);
         Interval::new(if panel.begin == 0.0 { from } else { from.next_down() }, to.next_up())
     }
 
-    /// Screens quantities on a panel, by parts of the panel in order of time.
+    /// Screens quantities for changes of sign on a panel, by parts of the panel in order of time.
     fn screen_panel(
         &mut self,
         functions: &Functions<'_>,
@@ -195,7 +195,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Computes the polynomials of quantities on a panel, with their remainders.
+    /// Computes the interpolating polynomials of the screened quantities on a panel, with their remainders.
     fn interpolate(
         &mut self,
         functions: &Functions<'_>,
@@ -230,8 +230,8 @@ impl Segments<'_> {
         Ok(Stretch { panel, left: places.iter().zip(&values).map(polynomial).collect() })
     }
 
-    /// Removes the quantities that are proven on a part of a panel, and evaluates the others at its middle; returns
-    /// `None` if the problem has no enclosure.
+    /// Removes the screened quantities that are proven positive on a part of a panel, and evaluates the others at its
+    /// middle; returns `None` if the problem has no enclosure.
     fn prove(&mut self, functions: &Functions<'_>, watched: &[Watched], stretch: &mut Stretch) -> Option<Seen> {
         let (panel, h) = (stretch.panel, functions.trial.h);
         let times = self.times(panel, h);
@@ -246,7 +246,8 @@ impl Segments<'_> {
             let Some((range, slope)) = ranges.next() else { return true };
             let watched = &watched[*place];
             let sign = Interval::point(watched.sign);
-            // A quantity is positive above the value `proven`, and negative below `lost`.
+            // A screened quantity is positive if its polynomial is at least `proven`, and negative if its polynomial is
+            // below `lost`.
             let zero = -watched.limit - remainder.of_rounding;
             let (proven, lost) = (zero + remainder.of_interpolation, zero - remainder.of_interpolation);
             let whole = sign * (bernstein::range(coefficients) + range);
@@ -268,7 +269,7 @@ impl Segments<'_> {
             let slope = sign * (bernstein::range_of_rate(coefficients) + slope * Interval::point(panel.length * h));
             let mut lower = middle - 0.5 * slope.magnitudes().1;
             if lower < proven && (slope.lo >= 0.0 || slope.hi <= 0.0) {
-                // If the slope has one sign, the least value is at an end of the part.
+                // If the slope of the screened quantity has one sign, its least value is at an end of the part.
                 let end = usize::from(slope.lo < 0.0);
                 let rows = at_ends[end].get_or_insert_with(|| rows_at([panel.begin, panel.end()][end]));
                 lower = watched.sign * (bernstein::value(coefficients, end as f64) + watched.beside_at(rows));

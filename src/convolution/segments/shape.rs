@@ -21,10 +21,10 @@ const SINGULAR: usize = 4;
 
 /// A space of functions on the element `[0, 1]` with its collocation nodes.
 pub struct Shape {
-    /// For each basis function, the degree of its polynomial, and whether it has the factor `theta^beta`; the last
-    /// function estimates the error.
+    /// For each basis function, the degree of its polynomial in `theta`, the position in the element, and whether it
+    /// has the factor `theta^beta`; the last function estimates the error.
     functions: Vec<(usize, bool)>,
-    /// The exponent of the singular basis functions.
+    /// The exponent `beta` of the singular basis functions, which are polynomials times `theta^beta`.
     pub beta: f64,
     /// The collocation nodes, the last of them equal to 1, followed by the node that estimates the error.
     pub nodes: Vec<f64>,
@@ -104,7 +104,7 @@ impl Shape {
             let square = shape.values.view((0, 0), (size, size)).into_owned();
             // The functions are a Chebyshev system: one combination interpolates any values.
             let inverse = square.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(size, size));
-            // A Newton step removes the rounding error of the inverse.
+            // A Newton step removes the rounding error of the inverse of the matrix of values at the nodes.
             &inverse * 2.0 - &inverse * (square * &inverse)
         });
         shape.antiderivatives = [count - 1, count].map(|size| {
@@ -116,17 +116,19 @@ impl Shape {
         shape
     }
 
-    /// Returns the number of functions and of nodes, without the additional ones that estimate the error.
+    /// Returns the number of basis functions, which is that of nodes, without the additional ones that estimate the
+    /// error.
     pub fn len(&self) -> usize {
         self.nodes.len() - 1
     }
 
-    /// Whether some basis functions are singular at zero.
+    /// Whether some basis functions are singular at the beginning of the element.
     pub fn is_singular(&self) -> bool {
         self.functions[..self.len()].iter().any(|function| function.1)
     }
 
-    /// Returns the map from values at the first `size` nodes to coefficients; `size` is [`Self::len`] or one more.
+    /// Returns the map from values of a function at the first `size` nodes to coefficients; `size` is [`Self::len`] or
+    /// one more.
     pub fn inverse(&self, size: usize) -> &DMatrix<f64> {
         &self.inverses[size - self.len()]
     }
@@ -151,8 +153,8 @@ impl Shape {
         }
     }
 
-    /// Writes the polynomial factors, at `theta`, of the singular or of the regular basis functions, and zero for the
-    /// others.
+    /// Writes the polynomial factors, at the position `theta`, of the singular or of the regular basis functions, and
+    /// zero for the others.
     pub fn polynomials(&self, singular: bool, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
             *value = if is_singular == singular { legendre(degree, theta) } else { 0.0 };

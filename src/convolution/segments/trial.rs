@@ -14,11 +14,11 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 struct Known {
     lower: DMatrix<f64>,
     upper: DMatrix<f64>,
-    /// The function `q` of the inequality plus the convolution with the variables on earlier elements, and the
-    /// magnitudes of the terms of this sum.
+    /// At the nodes, the function `q` of time in the inequality plus the convolution with the variables on earlier
+    /// elements, and the magnitudes of the terms of this sum.
     source: DMatrix<f64>,
     size: DMatrix<f64>,
-    /// The function `q` of the inequality alone.
+    /// The function `q` of time in the inequality alone, at the nodes.
     forcing: DMatrix<f64>,
     /// The integrals of each term of the kernel against the basis functions of the element.
     weights: Vec<DMatrix<f64>>,
@@ -33,20 +33,20 @@ pub struct Trial {
     /// The coefficients of the variables and of their repeated integrals, as many as the kernel takes: a row for each
     /// basis function, a column for each variable.
     pub levels: Vec<DMatrix<f64>>,
-    /// The forcing `q` at the nodes, and its rounding error.
+    /// The forcing `q` at the nodes of the element, and its rounding error.
     pub sources: DMatrix<f64>,
     pub source_noise: Vec<f64>,
     /// The rounding error of the monitors of each variable, and the uncertainty of its inequality `w` at the end of
     /// the element from errors of the variables within the tolerance.
     pub noise: Vec<f64>,
     pub slack: Vec<f64>,
-    /// The estimated error of the variables, in units of the tolerance.
+    /// The estimated error of the variables on the element, in units of the tolerance.
     pub error: f64,
     /// The largest absolute value of each variable at the nodes.
     pub size: Vec<f64>,
     /// The first violation of the active set at a node, if any.
     pub violation: Option<Violation>,
-    /// The monitors of each variable at the end of the element.
+    /// The monitors of each variable (positive while the active set holds) at the end of the element.
     pub ends: Vec<Monitor>,
 }
 
@@ -59,7 +59,7 @@ pub struct Violation {
     pub variable: usize,
     /// The activity of the variable after the switch that the violation shows.
     pub to: Activity,
-    /// The negative value of the monitor.
+    /// The negative value of the monitor that violates the active set.
     pub value: f64,
 }
 
@@ -70,7 +70,7 @@ pub struct Monitor {
     /// The monitors whose sign change leads to the lower bound, to inactivity, and to the upper bound; infinite if
     /// not monitored.
     values: [f64; 3],
-    /// The rounding error of the monitors.
+    /// The rounding error of the monitors of the variable.
     pub noise: f64,
 }
 
@@ -113,7 +113,8 @@ impl Segments<'_> {
         for (k, size) in size.iter().enumerate() {
             let allowed = self.allowed(k, size.max(self.size[k]));
             let apart = (found.column(k) - better.column(k)).amax();
-            // Shorter elements do not help against rounding errors, which grow as elements shrink.
+            // Differences within the rounding errors of the variables do not count: shorter elements do not help
+            // against rounding errors, which grow as elements shrink.
             error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
         }
         let range = |k: usize| known.forcing.column(k).max() - known.forcing.column(k).min();
@@ -161,7 +162,7 @@ impl Segments<'_> {
         self.tolerance * (self.atol[variable] + self.rtol * size)
     }
 
-    /// Computes the bounds, the forcing and the contribution of the past at the nodes.
+    /// Computes the bounds, the forcing and the contribution of the past at the nodes of an element of length `h`.
     fn known(&mut self, index: usize, h: f64) -> Result<Known, StepError> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
@@ -206,7 +207,7 @@ impl Segments<'_> {
         Ok(known)
     }
 
-    /// Solves the equations of the element with the first `size` functions and nodes; returns `None` if they are
+    /// Solves the equations of the element with the first `size` basis functions and nodes; returns `None` if they are
     /// singular.
     fn solve(&self, index: usize, h: f64, size: usize, known: &Known) -> Option<Solved> {
         let shape = &self.shapes[index];
@@ -291,7 +292,7 @@ impl Segments<'_> {
             }
             let inverted = matrix.clone().try_inverse()?;
             let mut solution = &inverted * &right;
-            // Take one step of iterative refinement.
+            // Take one step of iterative refinement of the solution of the linear system.
             let left = &right - &matrix * &solution;
             solution += &inverted * left;
             if solution.iter().any(|value| !value.is_finite()) {

@@ -25,7 +25,7 @@ const RESOLVED: f64 = 1e-2;
 /// The function `F` in a screened quantity `+-(F + s)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Function {
-    /// A variable of the inequality on the element.
+    /// A variable `z` of the inequality.
     Variable,
     /// The convolution `m * z` of the kernel and the variables.
     Memory,
@@ -150,8 +150,8 @@ impl Segments<'_> {
         Functions { trial, sources: shape.inverse(n) * trial.sources.rows(0, n) * -1.0, factors: factors.collect() }
     }
 
-    /// Writes the functions of the screened quantities at `theta`: the variables, the convolution `m * z`, and the
-    /// interpolants of `q`.
+    /// Writes the functions of the screened quantities at the position `theta` in the element: the variables, the
+    /// convolution `m * z`, and the interpolants of `q`.
     pub(super) fn evaluate_functions(
         &mut self,
         functions: &Functions<'_>,
@@ -236,7 +236,8 @@ impl Segments<'_> {
         })
     }
 
-    /// Sums `of(term, column)` over the entries of a row of the kernel, times the absolute value of the entry.
+    /// Sums `of(term, column)` over the terms of the kernel and the entries of one row of their matrices, times the
+    /// absolute value of the entry.
     fn over_entries(&self, row: usize, of: impl Fn(usize, usize) -> f64) -> f64 {
         let mut sum = 0.0;
         for (place, term) in self.terms.iter().enumerate() {

@@ -6,7 +6,7 @@ use numerics::Interval;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Encloses terms over a box of `(t, x, y, z)`.
+/// Encloses the values of terms over a box of inputs `(t, x, y, z)`.
 fn enclose(graph: &Graph, nodes: &[Node], inputs: [Interval; 4]) -> Vec<Interval> {
     let tape = Tape::compile(graph, nodes);
     let mut outputs = vec![Interval::EMPTY; nodes.len()];
@@ -14,7 +14,7 @@ fn enclose(graph: &Graph, nodes: &[Node], inputs: [Interval; 4]) -> Vec<Interval
     outputs
 }
 
-/// Encloses `text` for `x` in an interval, `y` on the whole line, and the other inputs zero.
+/// Encloses the expression `text` for `x` in an interval, `y` on the whole line, and the other inputs zero.
 fn over(text: &str, lo: f64, hi: f64) -> Interval {
     let (graph, node) = parse(text).unwrap();
     let zero = Interval::point(0.0);
@@ -188,7 +188,7 @@ proptest! {
                 (lo + shares[k] * (hi - lo)).clamp(*lo, *hi)
             });
             let values = evaluate(&graph, &nodes, point);
-            // Skip overflows and poles, where enclosures need not contain the result.
+            // Skip results that overflow or lie at a pole, which enclosures need not contain.
             if values.iter().any(|value| value.is_infinite()) {
                 continue;
             }

@@ -70,7 +70,7 @@ fn functions_that_jump_have_the_derivatives_of_their_pieces() {
     assert_eq!(derivatives("mod(x, y)", [0.0, 7.0, 3.0, 0.0])[2], Some(-2.0));
     assert_eq!([0.2, 0.7, 1.2].map(|x| by_x("triangle(x, 1)", x)), [2.0, -2.0, 2.0]);
     assert_eq!([0.5, 2.0].map(|x| by_x("if(x > 1, x^3, 2*x)", x)), [2.0, 12.0]);
-    // In the branch not taken, the root of a negative number has no derivative.
+    // In the branch of `if` that is not taken, the square root of a negative number has no derivative.
     assert_eq!([-4.0, 4.0].map(|x| by_x("if(x > 0, sqrt(x), 1)", x)), [0.0, 0.25]);
 }
 
@@ -112,7 +112,7 @@ fn derivatives_may_be_differentiated_again() {
     let by_x = graph.gradient(node).unwrap()[0].1;
     let second = graph.gradient(by_x).unwrap();
     let nodes: Vec<_> = second.iter().map(|&(_, node)| node).collect();
-    // For x > 1 the expression is x^2 exp(y).
+    // For `x > 1` the tested expression is `x^2 exp(y)`.
     let found = evaluate(&graph, &nodes, [0.0, 3.0, 0.5, 0.0]);
     assert_close(found[0], 2.0 * 0.5f64.exp(), "by x twice");
     assert_close(found[1], 6.0 * 0.5f64.exp(), "by x, then y");

@@ -33,13 +33,14 @@ fn evaluate(graph: &Graph, nodes: &[Node], inputs: [f64; 4]) -> Vec<f64> {
     outputs
 }
 
-/// Returns the value of `text` at `(t, x, y, z)`.
+/// Returns the value of the expression `text` at the inputs `(t, x, y, z)`.
 fn value(text: &str, inputs: [f64; 4]) -> f64 {
     let (graph, node) = parse(text).unwrap();
     evaluate(&graph, &[node], inputs)[0]
 }
 
-/// Returns the derivatives of `text` with respect to `(t, x, y, z)`; `None` if the gradient has no entry.
+/// Returns the derivatives of the expression `text` with respect to `(t, x, y, z)`; `None` if the gradient has no
+/// entry.
 fn derivatives(text: &str, inputs: [f64; 4]) -> [Option<f64>; 4] {
     let (mut graph, node) = parse(text).unwrap();
     let gradient = graph.gradient(node).unwrap();

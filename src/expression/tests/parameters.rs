@@ -23,8 +23,8 @@ const TEXTS: [&str; 14] = [
     "-x*p - y/(-q) - (-z)/r",
 ];
 
-/// Parses the text with parameters, or with their values as numbers, and builds its derivatives with respect to the
-/// inputs.
+/// Parses an expression with parameters, or with their values as numbers, and builds its derivatives with respect to
+/// the inputs.
 fn parsed(text: &str, parameters: [f64; 3], are_numbers: bool) -> (Graph, Vec<Node>, Vec<usize>) {
     let (mut graph, mut scope) = super::space();
     for (index, name) in ["p", "q", "r"].into_iter().enumerate() {
@@ -109,7 +109,8 @@ fn a_bound_program_has_the_bits_of_one_compiled_anew() {
                     assert!(same(found, expected), "{text} at {parameters:?}: {found} instead of {expected}");
                     assert_eq!(range, anew, "{text} at {parameters:?}");
                 } else {
-                    // Terms with equal numbers share their derivatives, whose sums then have a different order.
+                    // Without parameters, terms with equal numbers share their derivatives, whose sums then have a
+                    // different order.
                     let off = (found - expected).abs();
                     assert!(off <= 1e-14 * expected.abs().max(1.0), "{text} at {parameters:?}: off by {off}");
                 }

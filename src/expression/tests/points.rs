@@ -16,8 +16,8 @@ fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 
-/// Asserts that evaluation at the first `n` points, for every `n`, equals evaluation at each point alone. Points have
-/// more inputs than the program may need.
+/// Asserts that evaluation of a program at the first `n` points at once, for every `n`, equals evaluation at each point
+/// alone. Points have more inputs than the program may need.
 fn assert_same(tape: &mut Tape, outputs: usize, points: &[[f64; 4]]) -> Result<(), TestCaseError> {
     let mut alone = vec![0.0; outputs * points.len()];
     for (i, point) in points.iter().enumerate() {

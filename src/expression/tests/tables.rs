@@ -87,7 +87,8 @@ fn tables_of_time_switch_at_points_where_they_change_course() {
     };
     assert_eq!(breaks(Interpolation::Linear, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
     assert_eq!(breaks(Interpolation::Pchip, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
-    // No break occurs at the first point (constant before it), nor at 3.0, where the value does not change.
+    // No break (kink or jump of the table) occurs at the first point (constant before it), nor at 3.0, where the value
+    // does not change.
     assert_eq!(breaks(Interpolation::Previous, &X, &Y), [1.0, 2.5, 5.0]);
     assert_eq!(breaks(Interpolation::Linear, &[0.0, 1.0, 2.0, 4.0], &[1.0, 2.0, 3.0, 3.0]), [0.0, 2.0]);
 }
@@ -171,8 +172,8 @@ proptest! {
                 }
                 (least, most) = (least.min(values[0]), most.max(values[0]));
             }
-            // All extrema are at points of the table or ends of the interval; a jump occurs at the upper end at the
-            // latest.
+            // All extrema of the table are at its points or at ends of the interval; a jump occurs at the upper end at
+            // the latest.
             prop_assert!(ranges[0].lo >= least - 1e-12 && ranges[0].hi <= most + 1e-12, "{interpolation:?}: {:?}", ranges[0]);
         }
     }

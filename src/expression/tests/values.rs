@@ -94,7 +94,8 @@ fn conditions_bind_as_in_logic() {
         ("if(2 < 1, 3, 4)", 4.0),
         ("if(2 <= 2 and 2 >= 2 and 2 == 2, 3, 4)", 3.0),
         ("if(2 < 2 or 2 > 2 or 2 != 2, 3, 4)", 4.0),
-        // Precedence: `and` before `or`, `not` before both, comparisons before `not`, sums before comparisons.
+        // Precedence of operators: `and` before `or`, `not` before both, comparisons before `not`, sums before
+        // comparisons.
         ("if(1 > 2 and 1 > 2 or 2 > 1, 3, 4)", 3.0),
         ("if(2 > 1 or 1 > 2 and 1 > 2, 3, 4)", 3.0),
         ("if((2 > 1 or 1 > 2) and 1 > 2, 3, 4)", 4.0),
@@ -106,7 +107,7 @@ fn conditions_bind_as_in_logic() {
     ] {
         assert_eq!(value(text, [0.0; 4]), expected, "{text}");
     }
-    // Evaluation with inputs agrees with constant folding.
+    // Evaluation of an operator with inputs as operands agrees with its folding for constants.
     for (x, y) in [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (-0.0, 0.0), (f64::MIN_POSITIVE, 0.0), (1.0, 1.0 - 1e-16)] {
         let at = |text: &str| value(text, [0.0, x, y, 0.0]);
         let number = |holds: bool| f64::from(u8::from(holds));
@@ -218,7 +219,7 @@ fn a_bare_e_belongs_to_the_user() {
 #[test]
 fn equal_subterms_are_computed_once() {
     let (graph, node) = parse("sin(x*y)^2 + sin(y*x)^2 + 3*x - (-3)*x").unwrap();
-    // The operations are: x y, sin, square, sum, 3 x, sum, sum.
+    // The operations of the compiled expression are: x y, sin, square, sum, 3 x, sum, sum.
     assert_eq!(super::Tape::compile(&graph, &[node]).instructions(), 7);
 }
 

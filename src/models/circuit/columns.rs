@@ -7,8 +7,8 @@
 
 use super::{Element, Law, NormalTree};
 
-/// A variable `z` of the circuit (a port of the reduced circuit), with the index of its element; `v` and `i` are the
-/// voltage and the current of the element.
+/// A variable `z` of the circuit (a port of the reduced circuit), with the index of its circuit element; `v` and `i`
+/// are the voltage and the current of the element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Port {
     /// A diode in the normal tree: `z = forward - v >= 0`, `G = i`.
@@ -27,7 +27,7 @@ pub enum Port {
 }
 
 impl Port {
-    /// Returns the index of the element of the port.
+    /// Returns the index of the circuit element of the port.
     pub fn element(self) -> usize {
         match self {
             Self::Blocking(k) | Self::Conducting(k) | Self::BreakingDown(k) | Self::Voltage(k) | Self::Source(k) => k,
@@ -35,33 +35,35 @@ impl Port {
     }
 }
 
-/// The columns of the linear forms of a circuit, in order.
+/// The columns of the linear forms of a circuit, in order: states, variables, the constant 1, sources and their
+/// derivatives.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// The elements whose voltage or current is a state: capacitors in the normal tree, and inductors outside it.
+    /// The elements of the circuit whose voltage or current is a state: capacitors in the normal tree, and inductors
+    /// outside it.
     pub states: Vec<usize>,
-    /// The sources whose integral is a state, if no element stores energy.
+    /// The sources whose time integral is a state, so that there is a state if no element stores energy.
     pub integrals: Vec<usize>,
-    /// The ports of the reduced circuit, whose variables `z` are columns.
+    /// The ports of the reduced circuit, whose variables `z` are columns of the linear forms.
     pub ports: Vec<Port>,
     elements: usize,
 }
 
-/// The meaning of a column of the linear forms of a circuit.
+/// The meaning of one column of the linear forms of a circuit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Column {
-    /// A state or a variable, by its index in `(x, z)`.
+    /// A state or a variable of the circuit, by its index in `(x, z)`.
     Unknown(usize),
-    /// The constant 1, by which constant terms of a form are multiplied.
+    /// The constant 1, by which constant terms of a linear form are multiplied.
     One,
-    /// The value of the source whose element has this index.
+    /// The value of the independent source whose element has this index.
     Source(usize),
-    /// The time derivative of the source whose element has this index.
+    /// The time derivative of the independent source whose element has this index.
     Derivative(usize),
 }
 
 impl Columns {
-    /// Chooses states and variables of a circuit according to its normal tree.
+    /// Chooses the states and variables of a circuit according to its normal tree.
     pub fn new(elements: &[Element], tree: &NormalTree) -> Self {
         let (mut states, mut ports) = (Vec::new(), Vec::new());
         for (k, element) in elements.iter().enumerate() {
@@ -86,7 +88,7 @@ impl Columns {
         Self { states, integrals, ports, elements: elements.len() }
     }
 
-    /// Returns the meaning of a column, given by its number.
+    /// Returns the meaning of a column of the linear forms, given by the number of the column.
     pub fn at(&self, column: usize) -> Column {
         let Some(source) = column.checked_sub(self.one()) else { return Column::Unknown(column) };
         match source.checked_sub(1) {

@@ -20,51 +20,54 @@ use expression::{Graph, Node};
 /// The law that determines the variable `z` of a dependent source or switch.
 #[derive(Clone, Copy, Debug)]
 pub enum DependentLaw {
-    /// A controlled source: `z = f`, or the projection of `f` onto the bounds of `z`.
+    /// A controlled source: `z = f` with an expression `f` in voltages and currents, or the projection of `f` onto the
+    /// bounds of `z`.
     Follows(Node),
-    /// An amplifier or comparator: `u = 0`, or `z` at the upper bound if `u > 0`, at the lower bound if `u < 0`.
+    /// An amplifier or comparator with input `u`: `u = 0`, or `z` at its upper bound if `u > 0`, at its lower bound if
+    /// `u < 0`.
     Amplifies(Node),
-    /// A comparator with hysteresis.
+    /// A comparator with hysteresis, with input `u` and output state `w` in `[-1, 1]`.
     Remembers {
-        /// The input `u` of the comparator, which compares it with zero.
+        /// The input `u` of the comparator with hysteresis, which compares it with zero.
         u: Node,
         /// Half the width `h` of the comparator's hysteresis, nonnegative.
         h: Node,
-        /// The output `w` at the initial time: -1 (lower limit) or 1 (upper limit).
+        /// The output `w` of the comparator at the initial time: -1 (lower limit) or 1 (upper limit).
         begin: f64,
-        /// The initial time of the simulation, at which `w` is prescribed.
+        /// The initial time of the simulation, at which the output `w` of the comparator is prescribed.
         start: f64,
-        /// The lower and the upper limit: the values of `z` at `w = -1` and `w = 1`.
+        /// The lower and the upper limit of the comparator: the values of `z` at `w = -1` and `w = 1`.
         limits: [Node; 2],
     },
 }
 
-/// An element whose law is nonlinear in voltages and currents, or depends on voltages and currents of other elements.
+/// A circuit element whose law is nonlinear in voltages and currents, or depends on voltages and currents of other
+/// elements.
 #[derive(Clone, Debug)]
 pub enum Dependent {
-    /// A dependent voltage or current source.
+    /// A voltage or current source that depends on voltages and currents.
     Source {
-        /// The index of the source or switch among the circuit elements.
+        /// The index of the source among the circuit elements.
         element: usize,
         /// The law of the voltage or current of the source.
         law: DependentLaw,
-        /// The lower and the upper limit of the voltage or current.
+        /// The lower and the upper limit of the voltage or current of the source.
         bounds: [Option<Node>; 2],
     },
-    /// A switch controlled by voltages and currents.
+    /// A switch that is controlled by voltages and currents of the circuit.
     Switch {
-        /// The index of the source or switch among the circuit elements.
+        /// The index of the switch among the circuit elements.
         element: usize,
-        /// The law of the switch variable `s`: 1 if closed, 0 if open.
+        /// The law of the switch variable `s`, which is 1 if the switch is closed and 0 if it is open.
         law: DependentLaw,
-        /// The resistance `R` in `G = s v - (1 - s) R i`, of the order of magnitude of the resistances in the
-        /// circuit.
+        /// The resistance `R` in the equation `G = s v - (1 - s) R i` of the switch, of the order of magnitude of the
+        /// resistances in the circuit.
         scale: f64,
     },
 }
 
 impl DependentLaw {
-    /// Returns the inequality function `G` for the variable `z`.
+    /// Returns the inequality function `G` that the law of a dependent source or switch gives for its variable `z`.
     pub(super) fn inequality(self, graph: &mut Graph, z: Node) -> Node {
         match self {
             Self::Follows(f) => graph.subtract(z, f),

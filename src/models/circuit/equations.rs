@@ -20,22 +20,22 @@ use super::solve::solve;
 use super::{Columns, Direction, Element, Fault, Law, NormalTree, Port, Quantity};
 use std::cell::Cell;
 
-/// Maximum number of terms added during the elimination of a circuit's unknowns, and of terms in the solution of one
-/// linear system.
+/// Maximum number of terms of linear forms added during the elimination of a circuit's unknowns, and of terms in the
+/// solution of one linear system.
 pub(super) const MOST_TERMS: usize = 2_000_000;
 
-/// The equations of a circuit, as linear forms over its [`Columns`].
+/// The equations of a circuit, as linear forms over its states, variables and sources (its [`Columns`]).
 #[derive(Clone, Debug)]
 pub struct Equations {
-    /// The time derivatives `x'` of the states, one form per state.
+    /// The time derivatives `x'` of the circuit's states, one linear form per state.
     pub rates: Vec<Form>,
-    /// The inequality functions `G`, one form per variable.
+    /// The inequality functions `G` of the circuit, one linear form per variable.
     pub inequality: Vec<Form>,
-    /// The voltages across all elements, one form per element.
+    /// The voltages across all circuit elements, one linear form per element.
     pub voltages: Vec<Form>,
-    /// The currents through all elements, one form per element.
+    /// The currents through all circuit elements, one linear form per element.
     pub currents: Vec<Form>,
-    /// The voltages of all nodes relative to ground, one form per node.
+    /// The voltages of all circuit nodes relative to ground, one linear form per node.
     pub nodes: Vec<Form>,
 }
 
@@ -52,7 +52,8 @@ impl Equations {
     /// Derives the equations as [`new`](Self::new), with the derivatives of all coefficients along a direction in the
     /// space of element values.
     ///
-    /// # Errors See [`new`](Self::new).
+    /// # Errors
+    /// See [`new`](Self::new).
     pub fn along(
         elements: &[Element],
         tree: &NormalTree,
@@ -94,7 +95,8 @@ impl Equations {
     }
 }
 
-/// Voltages and currents during the elimination; the form of a voltage or current that is not yet known is empty.
+/// Voltages and currents of the elements during the elimination; the linear form of a voltage or current that is not
+/// yet known is empty.
 struct Assembly<'a> {
     elements: &'a [Element],
     tree: &'a NormalTree,
@@ -106,7 +108,8 @@ struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Step 1 of the elimination: sets the known voltages of tree elements and the known currents of links.
+    /// Step 1 of the elimination of a circuit's unknowns: sets the known voltages of tree elements and the known
+    /// currents of links.
     fn given(
         elements: &'a [Element],
         tree: &'a NormalTree,
@@ -153,12 +156,12 @@ impl<'a> Assembly<'a> {
         Ok(assembly)
     }
 
-    /// Returns the voltage of link `l` as the sum of the known voltages of its loop.
+    /// Returns the voltage of link `l` as the sum of the known voltages of its fundamental loop.
     fn loop_voltage(&self, l: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.loops[l], &self.voltages, 1.0)
     }
 
-    /// Returns the current of tree element `t` as the sum of the known currents of its cut set.
+    /// Returns the current of tree element `t` as the sum of the known currents of its fundamental cut set.
     fn cut_current(&self, t: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.cuts[t], &self.currents, -1.0)
     }
@@ -170,14 +173,14 @@ impl<'a> Assembly<'a> {
         Ok(sum)
     }
 
-    /// Deducts a number of added terms from the remaining budget, `MOST_TERMS` at the start.
+    /// Deducts a number of added terms from the remaining budget of the elimination, `MOST_TERMS` at the start.
     fn spend(&self, terms: usize) -> Result<(), Fault> {
         let left = self.terms_left.get().checked_sub(terms).ok_or(Fault::TooIntertwined(MOST_TERMS))?;
         self.terms_left.set(left);
         Ok(())
     }
 
-    /// Step 2 of the elimination: computes the voltages and currents of all resistors.
+    /// Step 2 of the elimination of a circuit's unknowns: computes the voltages and currents of all resistors.
     fn resistors(&mut self) -> Result<(), Fault> {
         let (tree, elements) = (self.tree, self.elements);
         let is_resistor = |k: &usize| matches!(elements[*k].law, Law::Resistor(_));
@@ -218,7 +221,7 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
-    /// Step 3 of the elimination: computes the time derivatives `x'` of the states.
+    /// Step 3 of the elimination of a circuit's unknowns: computes the time derivatives `x'` of the states.
     fn storage(&self) -> Result<Vec<Form>, Fault> {
         let states = &self.columns.states;
         let mut row_of = vec![usize::MAX; self.elements.len()];
@@ -247,8 +250,8 @@ impl<'a> Assembly<'a> {
         solve(&matrix, right)
     }
 
-    /// Returns the loop of a capacitor that is a link, or the cut set of an inductor in the tree; empty for other
-    /// elements.
+    /// Returns the fundamental loop of a capacitor that is a link, or the fundamental cut set of an inductor in the
+    /// tree; empty for other elements.
     fn dependent(&self, k: usize) -> &'a [(usize, f64)] {
         match (&self.elements[k].law, self.tree.contains[k]) {
             (Law::Capacitor(..), false) => &self.tree.loops[k],
@@ -257,12 +260,13 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Returns the resistance, capacitance or inductance of element `k` in ohms, farads or henries.
+    /// Returns the resistance, capacitance or inductance of circuit element `k` in ohms, farads or henries.
     fn size(&self, k: usize) -> Coefficient {
         self.direction.at(self.elements, k, Quantity::Size)
     }
 
-    /// Step 4 of the elimination: computes the complementary voltages and currents from the time derivatives `x'`.
+    /// Step 4 of the elimination of a circuit's unknowns: computes all remaining voltages and currents of elements from
+    /// the time derivatives `x'` of the states.
     fn rest(mut self, rates: &[Form]) -> Result<Self, Fault> {
         let mut rate_of = vec![None; self.elements.len()];
         self.columns.states.iter().zip(rates).for_each(|(&k, rate)| rate_of[k] = Some(rate));
@@ -293,7 +297,7 @@ impl<'a> Assembly<'a> {
         Ok(self)
     }
 
-    /// Computes the node voltages, summed along the tree from ground.
+    /// Computes the node voltages of the circuit, summed along the tree from ground.
     fn nodes(&self) -> Result<Vec<Form>, Fault> {
         let mut nodes = vec![Form::default(); self.tree.nodes()];
         for (node, element, sign, to) in self.tree.outwards() {

@@ -1,9 +1,9 @@
 //! Errors of circuits whose equations are contradictory, underdetermined or too large.
 
-/// An error of a circuit, with the indices of its elements or nodes.
+/// An error in the equations of a circuit, with the indices of the circuit elements or nodes concerned.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// The circuit has nodes without a path to ground.
+    /// The circuit has these nodes without a path to ground.
     Floating(Vec<usize>),
     /// Voltage sources that form a loop: their voltages contradict each other, or leave a current undetermined.
     SourceLoop(Vec<usize>),
@@ -12,7 +12,8 @@ pub enum Fault {
     SwitchLoop(Vec<usize>),
     /// Current sources alone form a cut set: their currents contradict each other, or leave a voltage undetermined.
     SourceCutSet(Vec<usize>),
-    /// The number of entries of the loops or coupling matrices exceeds the given limit.
+    /// The circuit is coupled too densely: the number of entries of its loops or coupling matrices exceeds the given
+    /// limit.
     TooIntertwined(usize),
     /// A discontinuous source in a loop with capacitors alone or in a cut set with inductors alone: the capacitor
     /// current or the inductor voltage is an impulse.
@@ -34,8 +35,8 @@ pub enum Fault {
         /// The initial voltage or current implied by the other initial values.
         implied: f64,
     },
-    /// The circuit has neither energy storage nor sources.
+    /// The circuit has no state: it has neither energy storage nor sources.
     Dead,
-    /// Element values of such different magnitudes that a matrix is singular up to rounding.
+    /// The element values differ so much in magnitude that a matrix of the circuit is singular up to rounding.
     Singular,
 }

@@ -6,12 +6,12 @@ use expression::Node;
 use std::collections::BTreeMap;
 use std::ops::{Add, Div, Mul, Neg};
 
-/// A coefficient of a linear form and its directional derivative (dual number).
+/// A coefficient of a linear form of a circuit, with its directional derivative (dual number).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coefficient {
     /// The value of the coefficient of the linear form.
     pub value: f64,
-    /// The derivative of the coefficient along the chosen direction in the space of element values.
+    /// The derivative of the coefficient along the chosen direction in the space of the circuit's element values.
     pub slope: f64,
 }
 
@@ -54,16 +54,17 @@ impl Div for Coefficient {
     }
 }
 
-/// A linear form `sum_k c_k q_k` over the columns `q_k`, stored by its nonzero coefficients `c_k`.
+/// A linear form `sum_k c_k q_k` over the columns `q_k` (states, variables, sources) of a circuit, stored by its
+/// nonzero coefficients `c_k`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Form {
     coefficients: BTreeMap<usize, Coefficient>,
-    /// The coefficients of the form that depend on parameters, as graph nodes.
+    /// The coefficients of the linear form that depend on parameters, as nodes of the expression graph.
     nodes: BTreeMap<usize, Node>,
 }
 
 impl Form {
-    /// Adds a term `c q_k` to the form; removes the term if its coefficient becomes zero.
+    /// Adds a term `c q_k` to the linear form; removes the term if its coefficient becomes zero.
     pub fn add_term(&mut self, k: usize, c: impl Into<Coefficient>) {
         let sum = self.coefficients.get(&k).copied().unwrap_or_default() + c.into();
         if sum == Coefficient::default() {
@@ -73,7 +74,7 @@ impl Form {
         }
     }
 
-    /// Adds `factor` times another form to this form.
+    /// Adds `factor` times another linear form to this linear form.
     pub fn add(&mut self, other: &Self, factor: impl Into<Coefficient>) {
         let factor = factor.into();
         other.coefficients.iter().for_each(|(&k, &c)| self.add_term(k, factor * c));
@@ -91,38 +92,40 @@ impl Form {
         self.coefficients.values_mut().for_each(|c| *c = *c / divisor);
     }
 
-    /// Returns the coefficient `c_k` of column `k`.
+    /// Returns the coefficient `c_k` of column `k` in the linear form.
     pub fn coefficient(&self, k: usize) -> f64 {
         self.with_slope(k).value
     }
 
-    /// Returns the coefficient `c_k` of column `k` with its directional derivative.
+    /// Returns the coefficient `c_k` of column `k` in the linear form, with its directional derivative.
     pub fn with_slope(&self, k: usize) -> Coefficient {
         self.coefficients.get(&k).copied().unwrap_or_default()
     }
 
-    /// Returns the number of terms of the linear form.
+    /// Returns the number of nonzero terms of the linear form.
     pub fn len(&self) -> usize {
         self.coefficients.len()
     }
 
-    /// Returns whether the linear form is zero.
+    /// Returns whether the linear form is zero, without terms.
     pub fn is_empty(&self) -> bool {
         self.coefficients.is_empty()
     }
 
-    /// Returns the terms `(k, c_k)` of the form in increasing order of `k`.
+    /// Returns the terms `(k, c_k)` of the linear form in increasing order of `k`.
     pub fn terms(&self) -> impl Iterator<Item = (usize, f64)> {
         self.coefficients.iter().map(|(&k, &c)| (k, c.value))
     }
 
-    /// Associates coefficient `k` with a node that depends on parameters; the coefficient is stored even if it is zero.
+    /// Associates coefficient `k` of the linear form with a node of the expression graph that depends on parameters;
+    /// the coefficient is stored even if it is zero.
     pub(super) fn let_follow(&mut self, k: usize, node: Node) {
         self.coefficients.entry(k).or_default();
         self.nodes.insert(k, node);
     }
 
-    /// Returns the graph node of coefficient `k`, if the coefficient depends on parameters.
+    /// Returns the node of the expression graph of coefficient `k` of the linear form, if the coefficient depends on
+    /// parameters.
     pub(super) fn node(&self, k: usize) -> Option<Node> {
         self.nodes.get(&k).copied()
     }

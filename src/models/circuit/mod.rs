@@ -45,32 +45,34 @@ pub enum Law {
     Capacitor(f64, Option<f64>),
     /// An inductor: `v = L i'`, with `L > 0` in henries; optionally the initial current in amperes.
     Inductor(f64, Option<f64>),
-    /// A voltage source: `v = E(t)`.
+    /// An independent voltage source: `v = E(t)`.
     VoltageSource(Node),
-    /// A current source: `i = J(t)`.
+    /// An independent current source: `i = J(t)`.
     CurrentSource(Node),
     /// An ideal diode: `0 <= i perp forward - v >= 0`.
     Diode {
-        /// The forward voltage at which the diode conducts, in volts, nonnegative.
+        /// The forward voltage at which the ideal diode conducts, in volts, nonnegative.
         forward: f64,
     },
-    /// A zener diode: a diode that also conducts backwards at `v = -breakdown`.
+    /// A zener diode: a diode that also conducts backwards, at `v = -breakdown`.
     Zener {
-        /// The forward voltage at which the diode conducts, in volts, nonnegative.
+        /// The forward voltage at which the zener diode conducts, in volts, nonnegative.
         forward: f64,
-        /// The breakdown voltage at which the diode conducts backwards, in volts, positive.
+        /// The breakdown voltage at which the zener diode conducts backwards, in volts, positive.
         breakdown: f64,
     },
     /// A switch controlled by time: `v = 0` if closed; if open, `i = 0` unless an arc keeps `|v| <= withstand`.
     Switch {
-        /// A function of `t` alone: the switch is closed while the function is nonnegative.
+        /// A function of `t` alone: the switch is closed while the value of the function is nonnegative.
         closed: Node,
         /// The withstand voltage of the open switch in volts, positive.
         withstand: f64,
     },
-    /// A voltage source whose voltage `v` is a variable, with a [`Dependent`] law in any voltages and currents.
+    /// A voltage source whose voltage `v` is a variable, given by a [`Dependent`] law in any voltages and currents of
+    /// the circuit.
     DependentVoltage,
-    /// A current source whose current `i` is a variable, with a [`Dependent`] law in any voltages and currents.
+    /// A current source whose current `i` is a variable, given by a [`Dependent`] law in any voltages and currents of
+    /// the circuit.
     DependentCurrent,
     /// A switch controlled by voltages and currents, whose voltage `v` is a variable: `v = 0` if closed, `i = 0` if
     /// open.
@@ -80,15 +82,15 @@ pub enum Law {
 /// A circuit element between two nodes; node 0 is ground.
 #[derive(Clone, Debug)]
 pub struct Element {
-    /// The nodes `(a, b)` of the element: the voltage is `v_a - v_b`, and the current runs from `a` to `b`.
+    /// The nodes `(a, b)` of the circuit element: its voltage is `v_a - v_b`, and its current runs from `a` to `b`.
     pub nodes: (usize, usize),
-    /// The constitutive law of the element.
+    /// The constitutive law of the circuit element.
     pub law: Law,
 }
 
 impl Law {
-    /// Returns the priority of an element for the normal tree, lowest rank first. In loops of capacitors and cut sets
-    /// of inductors, elements with a given initial value become states first.
+    /// Returns the priority of a circuit element for the normal tree, lowest rank first. In loops of capacitors and cut
+    /// sets of inductors, elements with a given initial value become states first.
     fn rank(&self) -> u8 {
         match self {
             Self::VoltageSource(_) | Self::DependentVoltage => 0,

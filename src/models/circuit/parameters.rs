@@ -7,36 +7,39 @@ use super::{Columns, Direction, Element, Equations, Fault, Form, NormalTree, Qua
 use expression::{ExpressionError, Graph, Node, Tape};
 use rustc_hash::FxHashMap;
 
-/// The element values that depend on parameters, as graph nodes by `(index of the element, quantity)`.
+/// The element values of a circuit that depend on parameters, as nodes of the expression graph, by
+/// `(index of the element, quantity)`.
 #[derive(Clone, Debug, Default)]
 pub struct Terms(pub FxHashMap<(usize, Quantity), Node>);
 
-/// The coefficients of a circuit as functions of its parameters, recomputed for new parameter values.
+/// The coefficients of a circuit's linear forms as functions of its parameters, recomputed for new parameter values.
 #[derive(Clone, Debug)]
 pub struct CircuitParameters {
     elements: Vec<Element>,
     tree: NormalTree,
     columns: Columns,
-    /// The element values that depend on parameters, as `(index of the element, quantity)`.
+    /// The element values of the circuit that depend on parameters, as `(index of the element, quantity)`.
     quantities: Vec<(usize, Quantity)>,
     /// The compiled expressions of the element values that depend on parameters, in the order of `quantities`.
     numbers: Tape,
-    /// The derivatives of the element values with respect to parameters: for each derivative the pair `(index into
-    /// quantities, parameter)`, and the compiled expressions of all derivatives.
+    /// The derivatives of the element values with respect to parameters: for each derivative the pair
+    /// `(index into quantities, parameter)`, and the compiled expressions of all derivatives.
     slopes: (Vec<(usize, usize)>, Tape),
     parameters: usize,
-    /// The circuit equations at the parameter values of the compilation.
+    /// The circuit equations at the parameter values with which the problem was compiled.
     given: Equations,
-    /// The coefficients that depend on parameters, as `(form, column)`, with forms numbered as in `Equations::forms`.
+    /// The coefficients of the circuit's linear forms that depend on parameters, as `(form, column)`, with forms
+    /// numbered as in `Equations::forms`.
     places: Vec<(usize, usize)>,
 }
 
 /// Why a circuit cannot be evaluated for new parameter values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refused {
-    /// The value of an element, given by its index, is out of range.
+    /// The value of an element, given by its index, is out of range for the new parameter values.
     Number(usize, f64),
-    /// A coefficient that was zero at compilation is nonzero for the new values.
+    /// A coefficient of the circuit that was zero when the problem was compiled is nonzero for the new parameter
+    /// values.
     Structure,
     /// The equations of the circuit cannot be solved for the new parameter values.
     Fault(Fault),
@@ -90,8 +93,8 @@ impl CircuitParameters {
         Ok(Some(found))
     }
 
-    /// Returns the coefficients that depend on parameters: those with a nonzero derivative with respect to an element
-    /// value in `quantities`.
+    /// Returns the coefficients of the circuit that depend on parameters: those with a nonzero derivative with respect
+    /// to an element value in `quantities`.
     fn varying(&self) -> Vec<(usize, usize)> {
         let mut places = Vec::new();
         for &place in &self.quantities {
@@ -109,7 +112,7 @@ impl CircuitParameters {
         places
     }
 
-    /// Returns the circuit elements with their values at the given parameters.
+    /// Returns the circuit elements with their values at the given parameter values.
     fn elements(&self, parameters: &[f64]) -> Result<Vec<Element>, Refused> {
         let (mut elements, mut numbers) = (self.elements.clone(), self.numbers.clone());
         let mut values = vec![0.0; self.quantities.len()];
@@ -127,7 +130,8 @@ impl CircuitParameters {
 
     /// Returns the parameters, followed by the circuit coefficients that depend on them.
     ///
-    /// # Errors If an element value is out of range, a coefficient changes that was constant at compilation, or the
+    /// # Errors
+    /// If an element value is out of range, a coefficient changes that was constant at compilation, or the
     /// equations cannot be solved.
     pub fn extended(&self, parameters: &[f64]) -> Result<Vec<f64>, Refused> {
         let elements = self.elements(parameters)?;
@@ -136,7 +140,8 @@ impl CircuitParameters {
         for (k, (form, given)) in all.iter().zip(self.given.forms()).enumerate() {
             let size = form.terms().map(|(_, c)| c.abs()).fold(0.0, f64::max);
             let mut columns = form.terms().chain(given.terms()).map(|(column, _)| column);
-            // Coefficients that do not depend on parameters may still change by rounding errors of the elimination.
+            // Coefficients that do not depend on parameters may still change by rounding errors of the elimination,
+            // relative to their size.
             const ROUNDING: f64 = 1e-12;
             let changes = |column: usize| {
                 let off = (form.coefficient(column) - given.coefficient(column)).abs();
@@ -150,8 +155,8 @@ impl CircuitParameters {
         Ok(parameters.iter().copied().chain(coefficients).collect())
     }
 
-    /// Returns the derivatives of the coefficients that depend on parameters at the given parameters, one vector per
-    /// parameter.
+    /// Returns the derivatives of the circuit's coefficients that depend on parameters, at the given parameter values,
+    /// one vector per parameter.
     pub fn slopes(&self, parameters: &[f64]) -> Vec<Vec<f64>> {
         let (places, mut tape) = (&self.slopes.0, self.slopes.1.clone());
         let mut values = vec![0.0; places.len()];

@@ -1,4 +1,4 @@
-//! Solution of symmetric positive definite systems whose right-hand sides are linear forms.
+//! Solution of symmetric positive definite systems whose right-hand sides are linear forms of a circuit.
 
 use super::Fault;
 use super::equations::MOST_TERMS;
@@ -10,7 +10,8 @@ use std::collections::BTreeSet;
 /// Solves `A v = right` for the forms `v`, and `A v' = right' - A' v` for their directional derivatives `v'`. `A` is
 /// given by its entries; duplicate entries are summed.
 ///
-/// # Errors If `A` is not numerically positive definite, or if the solution may have too many terms.
+/// # Errors
+/// If `A` is not numerically positive definite, or if the solution may have too many terms.
 pub(super) fn solve(entries: &[(usize, usize, Coefficient)], mut right: Vec<Form>) -> Result<Vec<Form>, Fault> {
     let n = right.len();
     if entries.iter().all(|&(i, j, _)| i == j) {

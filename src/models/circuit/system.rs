@@ -7,12 +7,12 @@ use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::collections::BTreeSet;
 
-/// Converts linear forms of a circuit to nodes of a graph with inputs `t`, `x`, `z`.
+/// Converts linear forms of a circuit to nodes of an expression graph with inputs `t`, `x`, `z`.
 pub struct System<'a> {
     elements: &'a [Element],
     columns: &'a Columns,
     terms: &'a Terms,
-    /// For each element, the time derivative of its source if a form contains it.
+    /// For each circuit element, the time derivative of its source if a linear form contains it.
     derivatives: Vec<Option<Node>>,
 }
 
@@ -40,8 +40,8 @@ impl<'a> System<'a> {
         Ok(Self { elements, columns, terms, derivatives })
     }
 
-    /// Finds impulses (derivatives of discontinuous sources) and derivatives of dependent sources in the equations of
-    /// a circuit.
+    /// Finds impulses (derivatives of discontinuous sources) and derivatives of dependent sources in the equations of a
+    /// circuit, which are reported as errors.
     pub fn impulses(&self, graph: &Graph, equations: &Equations) -> Vec<Fault> {
         let jumps: Vec<bool> = self.elements.iter().map(|element| has_jump(graph, element)).collect();
         let forms = equations.rates.iter().chain(&equations.voltages).chain(&equations.currents);
@@ -68,7 +68,8 @@ impl<'a> System<'a> {
         faults
     }
 
-    /// Returns the equations as a linear complementarity system, with the terms that depend on parameters.
+    /// Returns the equations of the circuit as a linear complementarity system, with the terms that depend on
+    /// parameters.
     pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> (LinearRows, ParametricTerms) {
         let (mut matrix, mut parametric, mut vanished) = (Vec::new(), Vec::new(), Vec::new());
         let mut bounds = Vec::new();
@@ -191,7 +192,8 @@ impl<'a> System<'a> {
         self.node(graph, form, true)
     }
 
-    /// Returns a linear form of a circuit as a graph node, with or without its terms in the unknowns `(x, z)`.
+    /// Returns a linear form of a circuit as a node of the expression graph, with or without its terms in the unknowns
+    /// `(x, z)`.
     fn node(&self, graph: &mut Graph, form: &Form, with_unknowns: bool) -> Node {
         let mut sum = graph.constant(0.0);
         for (column, c) in form.terms() {
@@ -210,8 +212,8 @@ impl<'a> System<'a> {
         sum
     }
 
-    /// Returns a fault for each given initial voltage or current that contradicts the value implied by the initial
-    /// states `x` at time `t`.
+    /// Returns an error for each initial voltage or current given by the user that contradicts the value implied by the
+    /// initial states `x` at time `t`.
     pub fn contradictions(&self, graph: &mut Graph, equations: &Equations, t: f64, x: &[f64]) -> Vec<Fault> {
         let given: Vec<(usize, f64)> = (0..self.elements.len())
             .filter_map(|k| match self.elements[k].law {
@@ -236,7 +238,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// Returns the value of an independent source as a graph node; `None` for other elements.
+/// Returns the value of an independent source as a node of the expression graph; `None` for other circuit elements.
 fn source(element: &Element) -> Option<Node> {
     match element.law {
         Law::VoltageSource(node) | Law::CurrentSource(node) => Some(node),
@@ -249,7 +251,8 @@ fn has_jump(graph: &Graph, element: &Element) -> bool {
     kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign" | "floor" | "round" | "mod" | "previous"))
 }
 
-/// Returns the largest voltage that a switch controlled by time admits: zero if closed, `withstand` if open.
+/// Returns the largest voltage that a switch controlled by time admits: zero if the switch is closed, `withstand` if it
+/// is open.
 fn open_voltage(graph: &mut Graph, closed: Node, withstand: Node) -> Node {
     let is_closed = graph.heaviside(closed);
     let one = graph.constant(1.0);

@@ -6,7 +6,7 @@ use expression::Graph;
 use nalgebra::DMatrix;
 use proptest::prelude::*;
 
-/// Generates random circuits on ground and five nodes, with a resistor from every node to ground.
+/// Generates random circuits on ground and five further nodes, with a resistor from every node to ground.
 fn circuit() -> impl Strategy<Value = Vec<Element>> {
     let element = (0..6_usize, 1..6_usize, 0..5_usize, 1..9_u32).prop_map(|(a, step, kind, size)| {
         let size = f64::from(size);
@@ -32,8 +32,8 @@ proptest! {
         let columns = Columns::new(&elements, &tree);
         let forms = Equations::new(&elements, &tree, &columns).expect("regular");
         let (n, m) = (columns.states.len(), columns.ports.len());
-        // At any states and variables `(x, z)`, the powers of all elements sum to zero (Tellegen), so that `z G` is
-        // the sum of stored and dissipated power.
+        // At any states and variables `(x, z)`, the powers of all circuit elements sum to zero (Tellegen), so that
+        // `z G` is the sum of stored and dissipated power.
         let q = |k: usize| if k < n + m { ((7 * k + 3) as f64).sin() } else { 1.0 };
         let at = |form: &Form| form.terms().map(|(k, c)| c * q(k)).sum::<f64>();
         let powers: Vec<f64> = forms.voltages.iter().zip(&forms.currents).map(|(v, i)| at(v) * at(i)).collect();
@@ -54,8 +54,8 @@ proptest! {
 
     #[test]
     fn states_are_as_few_as_the_loops_and_cut_sets_leave(elements in circuit()) {
-        // The order of complexity (Bryant 1959) is the number of storage elements less the capacitor loops less the
-        // inductor cut sets.
+        // The order of complexity of a circuit (Bryant 1959) is the number of storage elements less the number of
+        // capacitor loops less the number of inductor cut sets.
         let tree = NormalTree::new(&elements, 6).expect("every node has a resistor to ground");
         let rank = |kept: fn(&Law) -> bool| {
             let rows: Vec<&Element> = elements.iter().filter(|element| kept(&element.law)).collect();

@@ -10,21 +10,22 @@
 
 use super::{Element, Fault, Law};
 
-/// Maximum number of nonzeros of the loop matrix `F`.
+/// Maximum number of nonzeros of the fundamental loop matrix `F` of a circuit.
 const MOST_ENTRIES: usize = 2_000_000;
 
 /// A normal tree of a circuit, with its fundamental loops and cut sets.
 #[derive(Clone, Debug)]
 pub struct NormalTree {
-    /// For each element, whether it is in the tree.
+    /// For each circuit element, whether it is in the normal tree.
     pub contains: Vec<bool>,
-    /// The rows of the loop matrix `F`: for each link, the tree elements `(t, F_lt)` of its loop; empty for tree
-    /// elements.
+    /// The rows of the fundamental loop matrix `F`: for each link, the tree elements `(t, F_lt)` of its loop; empty for
+    /// tree elements.
     pub loops: Vec<Vec<(usize, f64)>>,
-    /// The columns of the loop matrix `F`: for each tree element, the links `(l, F_lt)` of its cut set; empty for
-    /// links.
+    /// The columns of the fundamental loop matrix `F`: for each tree element, the links `(l, F_lt)` of its cut set;
+    /// empty for links.
     pub cuts: Vec<Vec<(usize, f64)>>,
-    /// For each node, the tree element towards ground, with the sign of the element's voltage in the node voltage.
+    /// For each circuit node, the tree element towards ground, with the sign of the element's voltage in the node
+    /// voltage.
     parents: Vec<Option<Step>>,
 }
 
@@ -39,7 +40,8 @@ struct Step {
 impl NormalTree {
     /// Builds a normal tree of the elements over nodes `0..nodes`.
     ///
-    /// # Errors Nodes without a path to ground, loops of voltage sources or switches, and cut sets of current
+    /// # Errors
+    /// Nodes without a path to ground, loops of voltage sources or switches, and cut sets of current
     /// sources.
     pub fn new(elements: &[Element], nodes: usize) -> Result<Self, Vec<Fault>> {
         let contains = spanning_tree(elements, nodes);
@@ -69,8 +71,8 @@ impl NormalTree {
         self.parents.len()
     }
 
-    /// Returns all nodes except ground as `(node, t, sign, parent)`, parents first: the voltage of `node` is that of
-    /// `parent` plus `sign v_t`.
+    /// Returns all circuit nodes except ground as `(node, t, sign, parent)`, parents first: the voltage of `node` is
+    /// that of `parent` plus `sign v_t`, with the tree element `t` between them.
     pub fn outwards(&self) -> impl Iterator<Item = (usize, usize, f64, usize)> {
         let mut steps: Vec<(usize, Step)> =
             self.parents.iter().enumerate().filter_map(|(node, step)| Some((node, (*step)?))).collect();
@@ -93,7 +95,7 @@ impl NormalTree {
         islands
     }
 
-    /// Returns the voltage between two nodes as a signed sum over tree elements `(t, sign)`.
+    /// Returns the voltage between two circuit nodes as a signed sum over tree elements `(t, sign)`.
     fn between(&self, (mut a, mut b): (usize, usize)) -> Vec<(usize, f64)> {
         let depth = |node: usize| self.parents[node].map_or(0, |step| step.depth);
         let mut path = Vec::new();
@@ -121,7 +123,8 @@ impl NormalTree {
     }
 }
 
-/// Kruskal's algorithm (1956): adds elements to the tree in the order of their rank unless they close a loop.
+/// Kruskal's algorithm (1956): adds circuit elements to the spanning tree in the order of their rank unless they close
+/// a loop.
 fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     fn root(leader: &mut [usize], mut node: usize) -> usize {
         while leader[node] != node {
@@ -131,7 +134,7 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
         node
     }
     let mut order: Vec<usize> = (0..elements.len()).collect();
-    // Elements at ground come first among equal ranks, for shorter loops.
+    // Elements at ground come first among elements of equal rank, so that fundamental loops are shorter.
     order.sort_by_key(|&k| (elements[k].law.rank(), elements[k].nodes.0 != 0 && elements[k].nodes.1 != 0));
     let mut leader: Vec<usize> = (0..nodes).collect();
     let mut contains = vec![false; elements.len()];
@@ -144,11 +147,12 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     contains
 }
 
-/// Returns the tree element from each node towards ground, by breadth-first search.
+/// Returns, for each circuit node, the tree element towards ground, by breadth-first search.
 fn parents(elements: &[Element], contains: &[bool], nodes: usize) -> Vec<Option<Step>> {
     let mut branches = vec![Vec::new(); nodes];
     for (element, &Element { nodes: (a, b), .. }) in elements.iter().enumerate().filter(|&(k, _)| contains[k]) {
-        // Store each branch of the tree at both of its nodes; ground, where the search below starts, gets no parent.
+        // Store each branch of the tree at both of its nodes; ground, where the breadth-first search below starts, gets
+        // no parent.
         branches[a].push((b, Step { element, sign: -1.0, to: a, depth: 0 }));
         branches[b].push((a, Step { element, sign: 1.0, to: b, depth: 0 }));
     }
@@ -182,8 +186,8 @@ mod tests {
     #[test]
     fn a_loop_is_written_in_the_directions_of_its_elements() {
         let diode = |a, b| Element { nodes: (a, b), law: Law::Diode { forward: 0.0 } };
-        // Diodes 1 -> 0 and 1 -> 2 are the tree; the resistor from 2 to 0 is a link with `v = -v(1 -> 2) + v(1 ->
-        // 0)`.
+        // Diodes from node 1 to nodes 0 and 2 are the tree; the resistor from node 2 to node 0 is a link with
+        // `v = -v(1 -> 2) + v(1 -> 0)`.
         let tree = NormalTree::new(&[diode(1, 0), diode(1, 2), resistor(2, 0)], 3).expect("a tree");
         let mut path = tree.loops[2].clone();
         path.sort_by_key(|&(t, _)| t);

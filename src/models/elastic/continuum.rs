@@ -9,55 +9,58 @@ use expression::Node;
 use factorisation::SparseMatrix;
 use problem::{Control, Interrupted};
 
-/// An elastic or viscoelastic body, discretised in space.
+/// An elastic or viscoelastic body, discretised in space by finite elements.
 #[derive(Clone, Debug)]
 pub struct Continuum {
     /// The finite element grid of the body.
     pub grid: Grid,
     /// The number of displacement components per node: the dimension of the grid, one for a string.
     pub components: usize,
-    /// The mass per volume; for strings and bars (whose cross-section is one) the mass per length.
+    /// The mass density of the body, per volume; for strings and bars (whose cross-section is one) per length.
     pub density: f64,
-    /// The Lame parameters of Hooke's law.
+    /// The Lame parameters of Hooke's law for the body.
     pub lame: Lame,
-    /// The relaxation time: the viscous stress is the relaxation time times the elastic stress of the displacement
-    /// rates; zero for an elastic body.
+    /// The relaxation time of a viscoelastic body: the viscous stress is the relaxation time times the elastic stress
+    /// of the displacement rates; zero for an elastic body.
     pub relaxation: f64,
-    /// The force on each displacement, a function of `t` alone.
+    /// The load on each displacement component, a function of `t` alone.
     pub loads: Vec<Node>,
-    /// Whether each displacement stays at its initial value.
+    /// For each displacement component, whether it is clamped: stays at its initial value.
     pub clamped: Vec<bool>,
-    /// The possible contacts, at most one on either side of a displacement; clamped displacements have none.
+    /// The possible contacts of the body, at most one on either side of a displacement component; clamped components
+    /// have none.
     pub contacts: Vec<ContactNode>,
 }
 
-/// A displacement component bounded by an obstacle.
+/// A displacement component of a node that is bounded by an obstacle.
 #[derive(Clone, Debug)]
 pub struct ContactNode {
-    /// The index of the bounded displacement component.
+    /// The index of the displacement component that the obstacle bounds.
     pub displacement: usize,
-    /// The direction of the bound: 1 if the displacement is bounded above, -1 if below.
+    /// The direction of the bound: 1 if the obstacle bounds the displacement above, -1 if below.
     pub towards: f64,
-    /// The bound on `towards` times the displacement, a function of `t` alone.
+    /// The bound of the obstacle on `towards` times the displacement, a function of `t` alone.
     pub gap: Node,
-    /// The displacements that carry the mass of the bounded displacement, in equal parts; they are neither clamped
-    /// nor in contact.
+    /// The displacements of adjacent nodes that carry the mass of the bounded displacement, in equal parts; they are
+    /// neither clamped nor in contact.
     pub carriers: Vec<usize>,
-    /// Coulomb's coefficient of friction; zero for a frictionless contact.
+    /// Coulomb's coefficient of friction between body and obstacle; zero for a frictionless contact.
     pub friction: f64,
-    /// The tangential displacements of the node that have a mass and are not clamped: at most two.
+    /// The tangential displacement components of the contact node that have a mass and are not clamped: at most two.
     pub tangential: Vec<usize>,
-    /// The index of the grid side of the node.
+    /// The index of the grid side on which the contact node lies.
     pub side: usize,
 }
 
-/// Number of elements assembled between two polls of [`Control`]: a few milliseconds' work in three dimensions.
+/// Number of elements assembled between two polls of [`Control`] for interruption: a few milliseconds' work in three
+/// dimensions.
 const BETWEEN_POLLS: usize = 256;
 
 impl Continuum {
     /// Assembles the stiffness matrix `K` of all displacements, including clamped ones.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn stiffness(&self, control: &Control) -> Result<SparseMatrix, Interrupted> {
         let local = self.lame.stiffness(&Element::of(&self.grid, Quadrature::Exact), self.components);
         let mut assembly = Assembly::new(&self.grid, self.components, Neighbours::OfElements);
@@ -70,7 +73,7 @@ impl Continuum {
         Ok(assembly.finish())
     }
 
-    /// Returns the lumped mass of each displacement; zero for displacements with a possible contact.
+    /// Returns the lumped mass of each displacement component; zero for components with a possible contact.
     pub fn masses(&self) -> Vec<f64> {
         let share = self.density * self.volume_share();
         let mut masses = vec![0.0; self.grid.nodes() * self.components];
@@ -86,7 +89,7 @@ impl Continuum {
         masses
     }
 
-    /// Returns the share of an element's volume that belongs to one of its corners.
+    /// Returns the share of a finite element's volume that belongs to one of its corners.
     fn volume_share(&self) -> f64 {
         let element = Element::of(&self.grid, Quadrature::Nodal);
         element.volume() / (1_u32 << self.grid.dimension()) as f64
@@ -129,8 +132,8 @@ mod tests {
             let total: f64 = masses.iter().skip(component).step_by(2).sum();
             assert!((total - 30.0).abs() < 1e-12, "{component}: {total}");
         }
-        // The corner node has the mass of a quarter element in the tangential direction, and no mass in the normal
-        // direction.
+        // The corner node of the grid has the mass of a quarter element in the tangential direction, and no mass in the
+        // normal direction, in which it may be in contact.
         assert_eq!((masses[0], masses[1]), (1.25, 0.0));
         assert_eq!((masses[8], masses[9]), (2.5, 3.75));
     }

@@ -18,15 +18,15 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct EnergyForm {
     places: Arc<[DisplacementIndex]>,
-    /// The lumped mass of each displacement component.
+    /// The lumped mass of each displacement component of the body.
     masses: Arc<[f64]>,
     stiffness: Arc<SparseMatrix>,
     relaxation: f64,
-    /// The constant load on each displacement component.
+    /// The constant load on each displacement component of the body.
     loads: Arc<[f64]>,
-    /// The displacements with time-dependent loads or moving obstacles.
+    /// The indices of the displacement components with time-dependent loads or moving obstacles.
     driven: Vec<usize>,
-    /// The forces on the `driven` displacements, as compiled expressions.
+    /// The forces on the `driven` displacement components, as compiled expressions.
     forces: Tape,
     slips: Arc<[Slip]>,
 }
@@ -34,16 +34,17 @@ pub struct EnergyForm {
 /// The powers in the energy balance of an elastic body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Power {
-    /// The power supplied by time-dependent loads and moving obstacles.
+    /// The power that time-dependent loads and moving obstacles supply to the body.
     pub supplied: f64,
-    /// The power dissipated by viscosity.
+    /// The power dissipated by viscosity of the body.
     pub viscous: f64,
-    /// The power dissipated by friction.
+    /// The power dissipated by friction at the contacts of the body.
     pub frictional: f64,
 }
 
 impl EnergyForm {
-    /// Compiles the energies of an elastic body; `reactions` are its contact forces as functions of `t`, `x` and `z`.
+    /// Compiles the energies of an elastic body; `reactions` are its contact forces as functions of `t`, of the states
+    /// `x` and of the variables `z`.
     pub fn new(
         graph: &mut Graph,
         continuum: &Continuum,
@@ -77,7 +78,7 @@ impl EnergyForm {
         }
     }
 
-    /// Returns the kinetic and the potential energy at `y = (x, z)`.
+    /// Returns the kinetic and the potential energy of the elastic body at `y = (x, z)`.
     pub fn at(&self, y: &[f64]) -> (f64, f64) {
         let kinetic = self.places.iter().zip(self.masses.iter()).map(|(place, mass)| match *place {
             DisplacementIndex::Inner(_, v) => 0.5 * mass * y[v] * y[v],
@@ -88,13 +89,13 @@ impl EnergyForm {
         (kinetic.sum(), 0.5 * self.quadratic(displacement) - work)
     }
 
-    /// Returns whether the total energy is conserved: no viscosity, no friction, no time-dependent loads and no
-    /// moving obstacles.
+    /// Returns whether the total energy of the elastic body is conserved: no viscosity, no friction, no time-dependent
+    /// loads and no moving obstacles.
     pub fn is_closed(&self) -> bool {
         self.relaxation == 0.0 && self.driven.is_empty() && self.slips.is_empty()
     }
 
-    /// Returns the powers at `t` and `y = (x, z)`, where `rates` is `y'`.
+    /// Returns the powers in the energy balance of the elastic body at `t` and `y = (x, z)`, where `rates` is `y'`.
     pub fn power(&mut self, t: f64, y: &[f64], rates: &[f64]) -> Power {
         let mut forces = vec![0.0; self.driven.len()];
         self.forces.evaluate(t, y, &mut forces);
@@ -109,7 +110,8 @@ impl EnergyForm {
         Power { supplied, viscous, frictional }
     }
 
-    /// Returns the quadratic form `w^T K w` of the stiffness matrix.
+    /// Returns the quadratic form `w^T K w` of the stiffness matrix `K`, twice the elastic energy of the displacements
+    /// `w`.
     fn quadratic(&self, w: impl Fn(usize) -> f64) -> f64 {
         let columns = 0..self.places.len();
         columns

@@ -13,29 +13,30 @@ use crate::LinearRows;
 use expression::Graph;
 use problem::{MovingBound, Shape, Side};
 
-/// A frictional contact, with the positions of its unknowns.
+/// A frictional contact of an elastic body, with the positions of its unknowns.
 #[derive(Clone, Debug)]
 pub struct Frictional {
     /// The index of the contact in [`Continuum::contacts`].
     pub contact: usize,
-    /// The index of the friction bound `p` in `(x, z)`.
+    /// The index in `(x, z)` of the contact's friction bound `p`.
     pub limit: usize,
-    /// The tangential directions of the contact.
+    /// The tangential directions of the contact, in which friction acts.
     pub slips: Vec<Slip>,
 }
 
 /// A tangential direction of a frictional contact.
 #[derive(Clone, Copy, Debug)]
 pub struct Slip {
-    /// The index of the tangential displacement component.
+    /// The index of the tangential displacement component in this direction.
     pub displacement: usize,
-    /// The index of the tangential velocity in `(x, z)`.
+    /// The index in `(x, z)` of the tangential velocity in this direction.
     pub velocity: usize,
-    /// The index of the friction force in `(x, z)`.
+    /// The index in `(x, z)` of the friction force in this direction.
     pub force: usize,
 }
 
-/// Adds friction to the equations of a frictionless body, in the form in which contact forces are variables.
+/// Adds friction to the equations of an elastic body with frictionless contacts, in the form in which contact forces
+/// are variables.
 pub(super) fn add(
     graph: &mut Graph,
     rows: &mut LinearRows,

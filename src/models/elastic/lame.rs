@@ -6,26 +6,27 @@ use nalgebra::DMatrix;
 /// The Lame parameters of an isotropic material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lame {
-    /// The first Lame parameter `lambda`.
+    /// The first Lame parameter `lambda` of the material.
     pub first: f64,
-    /// The shear modulus `mu`.
+    /// The shear modulus `mu` of the material, its second Lame parameter.
     pub shear: f64,
 }
 
 impl Lame {
-    /// Returns the Lame parameters of a one-dimensional law, stress = `modulus` times strain: Young's modulus of a
-    /// bar, or the tension of a string.
+    /// Returns the Lame parameters of a one-dimensional law, stress = `modulus` times strain, where `modulus` is
+    /// Young's modulus of a bar, or the tension of a string.
     pub fn axial(modulus: f64) -> Self {
         Self { first: modulus, shear: 0.0 }
     }
 
-    /// Returns the Lame parameters of a three-dimensional body, or of a body in plane strain.
+    /// Returns the Lame parameters of a three-dimensional body, or of a body in plane strain, from Young's modulus and
+    /// Poisson's ratio.
     pub fn solid(young: f64, poisson: f64) -> Self {
         let first = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         Self { first, shear: young / (2.0 * (1.0 + poisson)) }
     }
 
-    /// Returns the Lame parameters of a plate in plane stress.
+    /// Returns the Lame parameters of a plate in plane stress, from Young's modulus and Poisson's ratio.
     pub fn plane_stress(young: f64, poisson: f64) -> Self {
         Self { first: young * poisson / (1.0 - poisson * poisson), shear: young / (2.0 * (1.0 + poisson)) }
     }
@@ -62,10 +63,10 @@ mod tests {
             0.5 * (u.transpose() * &stiffness * u)[0]
         };
         assert!(energy(&|[x, y, z]| [1.0 - y + z, x, 2.0 - x]).abs() < 1e-10);
-        // Uniaxial stress: strain 1 along `x`, and `-nu` (Poisson's ratio) across.
+        // The state of uniaxial stress along `x`: strain 1 along `x`, and `-nu` (Poisson's ratio) across.
         let volume = 2.0 * 0.5 * 1.5;
         assert!((energy(&|[x, y, z]| [x, -poisson * y, -poisson * z]) - 0.5 * young * volume).abs() < 1e-10);
-        // Pure shear by the angle 1 has the energy density `shear / 2`.
+        // A pure shear by the angle 1 has the energy density `shear / 2`, with the shear modulus `shear`.
         let shear = young / (2.0 * (1.0 + poisson));
         assert!((energy(&|[_, y, _]| [y, 0.0, 0.0]) - 0.5 * shear * volume).abs() < 1e-10);
     }

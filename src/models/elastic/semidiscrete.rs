@@ -7,18 +7,18 @@ use expression::{Graph, Node};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted, Mass, MovingBound, Side};
 
-/// An elastic body as a linear complementarity system, with the meaning of its unknowns.
+/// An elastic body as a linear complementarity system, with the meaning of the system's unknowns.
 #[derive(Clone, Debug)]
 pub struct Semidiscrete {
     /// The equations of motion of the body as a linear complementarity system.
     pub rows: LinearRows,
-    /// The initial values of the states.
+    /// The initial values of the system's states.
     pub initial: Vec<f64>,
-    /// The positions of the displacements in `(x, z)`.
+    /// The positions of the displacement components in the vector of unknowns `(x, z)`.
     pub unknowns: Unknowns,
     /// The kinetic and the potential energy of the body.
     pub energy: EnergyForm,
-    /// The force of each contact on the body, a function of `t`, `x` and `z`.
+    /// The force of each contact on the body, as a function of `t`, of the states `x` and of the variables `z`.
     pub reactions: Vec<Node>,
     /// The frictional contacts of the body, with the positions of their unknowns.
     pub rough: Vec<Frictional>,
@@ -26,7 +26,8 @@ pub struct Semidiscrete {
 
 /// Derives the equations of an elastic body with the given initial displacements and velocities.
 ///
-/// # Errors If `control` asks to stop.
+/// # Errors
+/// If `control` asks to stop.
 pub fn semidiscretise(
     graph: &mut Graph,
     continuum: &Continuum,
@@ -55,7 +56,7 @@ pub fn semidiscretise(
     Ok(Semidiscrete { rows, initial, unknowns, energy, reactions, rough })
 }
 
-/// Returns the load on each displacement, plus the elastic forces of clamped displacements.
+/// Returns the load on each displacement component, plus the elastic forces that clamped displacements exert on it.
 fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffness: &SparseMatrix) -> Vec<Node> {
     let mut held = vec![0.0; continuum.loads.len()];
     for entry in stiffness.triplet_iter() {
@@ -81,8 +82,8 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    /// Returns the equations with bounded displacements: `u_I' = v,  v' = m^-1 (f - K u)_I;  u_N in K(t),  G = (K u -
-    /// f)_N`
+    /// Returns the equations of motion in the form with bounded displacements: `u_I' = v,  v' = m^-1 (f - K u)_I;  u_N
+    /// in K(t),  G = (K u - f)_N`
     fn with_bounds(&self, graph: &mut Graph) -> LinearRows {
         let &Unknowns { inner, contact, .. } = self.unknowns;
         let zero = graph.constant(0.0);
@@ -130,8 +131,8 @@ impl Body<'_> {
         }
     }
 
-    /// Returns the equations with contact forces as variables: `u_I' = v,  m v' + C_IN u_N' = (f - K u)_I - C_II v,
-    /// C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
+    /// Returns the equations of motion in the form with contact forces `r` as variables: `u_I' = v,  m v' + C_IN u_N' =
+    /// (f - K u)_I - C_II v, C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
     fn with_forces(&self, graph: &mut Graph) -> LinearRows {
         let (inner, nodes) = (self.unknowns.inner, self.continuum.contacts.len());
         let states = self.unknowns.states();
@@ -155,7 +156,8 @@ impl Body<'_> {
                 continue;
             }
             match column.checked_sub(inner) {
-                // The rate of an inner displacement is a state, and the rate of a contact displacement is not.
+                // With viscosity, forces depend on displacement rates: the rate of an inner displacement is a state,
+                // and that of a contact displacement is not, so that its term belongs to the mass matrix.
                 None => matrix.push((row, column + inner, -relaxation * value)),
                 Some(_) => mass.push((row, column, relaxation * value)),
             }
@@ -178,7 +180,8 @@ impl Body<'_> {
         }
     }
 
-    /// Returns the force of every contact on the body: `r`, or `-n G` in the form with bounded displacements.
+    /// Returns the force of every contact on the body: the variable `r`, or `-n G` in the form with bounded
+    /// displacements.
     fn reactions(&self, graph: &mut Graph, rows: &LinearRows) -> Vec<Node> {
         let states = self.unknowns.states();
         let contacts = &self.continuum.contacts;
@@ -206,7 +209,7 @@ impl Body<'_> {
     }
 }
 
-/// Returns the row of the momentum balance of a displacement; `None` if the displacement is clamped.
+/// Returns the equation row of the momentum balance of a displacement component; `None` if the displacement is clamped.
 fn equation(place: DisplacementIndex) -> Option<usize> {
     match place {
         DisplacementIndex::Inner(_, v) => Some(v),

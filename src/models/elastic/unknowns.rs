@@ -4,12 +4,12 @@
 
 use super::Continuum;
 
-/// The position of a displacement in the vector of unknowns `(x, z)`.
+/// The position of a displacement component in the vector of unknowns `(x, z)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DisplacementIndex {
-    /// A clamped displacement, which is not an unknown, with its constant value.
+    /// A clamped displacement component, which is not an unknown, with its constant value.
     Clamped(f64),
-    /// A displacement with mass: its index in `(x, z)` and the index of its velocity.
+    /// A displacement with mass: its index in `(x, z)`, and the index of its velocity in `(x, z)`.
     Inner(usize, usize),
     /// A displacement without mass that may be in contact: its index in `(x, z)`, and its number among the
     /// displacements that may be in contact.
@@ -17,7 +17,7 @@ pub enum DisplacementIndex {
 }
 
 impl DisplacementIndex {
-    /// Returns the index of the displacement in `(x, z)`; `None` for a clamped displacement.
+    /// Returns the index of the displacement component in `(x, z)`; `None` if it is clamped.
     pub fn unknown(self) -> Option<usize> {
         match self {
             Self::Clamped(_) => None,
@@ -25,7 +25,7 @@ impl DisplacementIndex {
         }
     }
 
-    /// Returns the value of the displacement, given `y = (x, z)`.
+    /// Returns the value of the displacement, given the unknowns `y = (x, z)`.
     pub fn value(self, y: &[f64]) -> f64 {
         match self {
             Self::Clamped(value) => value,
@@ -34,14 +34,14 @@ impl DisplacementIndex {
     }
 }
 
-/// The numbering of the displacements of an elastic body.
+/// The numbering of the displacement components of an elastic body in the vector of unknowns `(x, z)`.
 #[derive(Clone, Debug)]
 pub struct Unknowns {
-    /// The position of each displacement in `(x, z)`.
+    /// The position of each displacement component in `(x, z)`.
     pub places: Vec<DisplacementIndex>,
-    /// The number of displacements `u_I` with mass.
+    /// The number of displacement components `u_I` with mass.
     pub inner: usize,
-    /// The number of displacements `u_N` that may be in contact.
+    /// The number of displacement components `u_N` that may be in contact.
     pub contact: usize,
     /// The number of frictional contacts of the body.
     pub rough: usize,
@@ -51,7 +51,7 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// Numbers the displacements of a body; `displacement` are their initial values.
+    /// Numbers the displacement components of a body; `displacement` are their initial values.
     pub fn new(continuum: &Continuum, displacement: &[f64]) -> Self {
         let mut is_contact = vec![false; displacement.len()];
         continuum.contacts.iter().for_each(|contact| is_contact[contact.displacement] = true);
@@ -81,7 +81,7 @@ impl Unknowns {
         unknowns
     }
 
-    /// Returns the number of states of an elastic body.
+    /// Returns the number of states in the equations of the elastic body.
     pub fn states(&self) -> usize {
         2 * self.inner + if self.has_forces { self.contact } else { 0 } + self.rough
     }

@@ -5,16 +5,17 @@ use factorisation::SparseMatrix;
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::DMatrix;
 
-/// The nodes that a matrix row couples with its own node.
+/// The nodes that a row of an assembled matrix couples with the row's own node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Neighbours {
-    /// The node and its neighbours along the axes: up to `2d + 1` nodes in `d` dimensions.
+    /// The row's own node and its neighbours along the axes: up to `2d + 1` nodes in `d` dimensions.
     AlongAxes,
-    /// All nodes of the adjacent elements: up to `3^d` nodes in `d` dimensions.
+    /// All nodes of the elements adjacent to the row's own node: up to `3^d` nodes in `d` dimensions.
     OfElements,
 }
 
-/// A sparse matrix under assembly, with `components` unknowns per node; the unknowns of a node are adjacent.
+/// A sparse matrix over a grid, under assembly, with `components` unknowns per node; the unknowns of a node are
+/// adjacent.
 #[derive(Clone, Debug)]
 pub struct Assembly {
     grid: Grid,
@@ -24,7 +25,7 @@ pub struct Assembly {
 }
 
 impl Assembly {
-    /// Creates a zero matrix with the pattern of the given neighbourhoods.
+    /// Creates a zero matrix with the sparsity pattern of the given neighbourhoods of nodes.
     pub fn new(grid: &Grid, components: usize, neighbours: Neighbours) -> Self {
         let nodes = grid.nodes();
         let mut starts = Vec::with_capacity(nodes * components + 1);
@@ -44,8 +45,8 @@ impl Assembly {
         Self { grid: grid.clone(), components, pattern, values }
     }
 
-    /// Adds `factor` times an element matrix, whose rows and columns are ordered by corner of the element, then by
-    /// component.
+    /// Adds `factor` times an element matrix to the assembled matrix; the rows and columns of the element matrix are
+    /// ordered by corner of the element, then by component.
     pub fn add(&mut self, element: usize, factor: f64, local: &DMatrix<f64>) {
         let Self { grid, components, pattern, values } = self;
         let n = *components;

@@ -12,16 +12,16 @@
 use super::Grid;
 use nalgebra::{DMatrix, Matrix2};
 
-/// The quadrature of products of shape functions in directions in which neither factor is differentiated.
+/// The quadrature of products of two shape functions in directions in which neither factor is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quadrature {
-    /// Exact integration of products of shape functions.
+    /// Exact integration of products of two shape functions.
     Exact,
-    /// The trapezoidal rule, whose points are the nodes.
+    /// The trapezoidal rule, whose points are the nodes of the element.
     Nodal,
 }
 
-/// A box-shaped element, given by the lengths of its sides.
+/// A box-shaped finite element, given by the lengths of its sides.
 #[derive(Clone, Debug)]
 pub struct Element {
     sides: Vec<f64>,
@@ -34,17 +34,18 @@ impl Element {
         Self { sides: grid.axes().iter().map(|axis| axis.spacing()).collect(), quadrature }
     }
 
-    /// Returns the length, area or volume of the element.
+    /// Returns the length, area or volume of the element, according to its dimension.
     pub fn volume(&self) -> f64 {
         self.sides.iter().product()
     }
 
-    /// Returns the mass matrix `int N_a N_b`.
+    /// Returns the mass matrix `int N_a N_b` of the element, with the shape functions `N_a`.
     pub fn mass(&self) -> DMatrix<f64> {
         self.product(|_, h| self.one_dimensional_mass(h))
     }
 
-    /// Returns the matrix `int d_p N_a d_q N_b` of the derivatives of shape functions in directions `p` and `q`.
+    /// Returns the element matrix `int d_p N_a d_q N_b` of the derivatives of shape functions `N_a` in directions `p`
+    /// and `q`.
     pub fn gradients(&self, p: usize, q: usize) -> DMatrix<f64> {
         let derivative = Matrix2::new(-0.5, 0.5, -0.5, 0.5);
         self.product(|direction, h| match (direction == p, direction == q) {
@@ -55,7 +56,7 @@ impl Element {
         })
     }
 
-    /// Returns the matrix `int N_a d_q N_b`, with the derivative in direction `q`.
+    /// Returns the element matrix `int N_a d_q N_b` of shape functions `N_a`, with the derivative in direction `q`.
     pub fn derivative(&self, q: usize) -> DMatrix<f64> {
         self.product(|direction, h| match direction == q {
             true => Matrix2::new(-0.5, 0.5, -0.5, 0.5),
@@ -102,7 +103,8 @@ mod tests {
         let (grid, element) = element(Quadrature::Exact);
         let (u, v) = (nodal(&grid, |[x, y, _]| x * y), nodal(&grid, |[_, y, z]| y * z));
         let close = |value: f64, expected: f64| assert!((value - expected).abs() < 1e-13, "{value} {expected}");
-        // Integrals of the coordinate and of its square over [0, 1/2] in `x`, [1, 5/4] in `y` and [-2, 0] in `z`.
+        // Integrals of the coordinate and of its square over the intervals [0, 1/2] in `x`, [1, 5/4] in `y` and [-2, 0]
+        // in `z`, whose product is the element.
         let (x, x2) = (1.0 / 8.0, 1.0 / 24.0);
         let (y, y2) = ((1.5625 - 1.0) / 2.0, (1.953125 - 1.0) / 3.0);
         let (z, z2) = (-2.0, 8.0 / 3.0);

@@ -1,7 +1,7 @@
 //! A grid of equal elements on an interval, a rectangle or a box. Nodes and elements are numbered with `x` varying
 //! fastest.
 
-/// A direction of the grid: the interval `[lower, upper]`, divided into equal elements.
+/// An axis of the grid: the interval `[lower, upper]`, divided into equal elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     /// The lower end of the interval that the axis divides.
@@ -13,17 +13,17 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Returns the length of an element along the axis.
+    /// Returns the length of an element along the axis, the grid spacing.
     pub fn spacing(&self) -> f64 {
         (self.upper - self.lower) / self.elements as f64
     }
 
-    /// Returns the number of nodes along the axis, one more than elements.
+    /// Returns the number of nodes along the axis, one more than the number of elements.
     pub fn nodes(&self) -> usize {
         self.elements + 1
     }
 
-    /// Returns the coordinate of node `i`; the last node is exactly at `upper`.
+    /// Returns the coordinate of node `i` of the axis; the last node is exactly at `upper`.
     pub fn node(&self, i: usize) -> f64 {
         let part = i as f64 / self.elements as f64;
         self.lower * (1.0 - part) + self.upper * part
@@ -48,7 +48,7 @@ impl Grid {
         Self { axes }
     }
 
-    /// Returns the dimension of the domain, one to three.
+    /// Returns the dimension of the grid's domain, one to three.
     pub fn dimension(&self) -> usize {
         self.axes.len()
     }
@@ -74,29 +74,30 @@ impl Grid {
         self.axes.iter().rev().map(Axis::nodes).collect()
     }
 
-    /// Returns the index of a node in each direction; zero in directions beyond the dimension.
+    /// Returns the index of a node along each axis; zero in directions beyond the dimension of the grid.
     pub fn indices(&self, node: usize) -> [usize; 3] {
         split(node, self.axes.iter().map(Axis::nodes))
     }
 
-    /// Returns the number of the node with the given index in each direction.
+    /// Returns the number of the node with the given index along each axis.
     pub fn node(&self, indices: [usize; 3]) -> usize {
         self.axes.iter().zip(indices).rev().fold(0, |node, (axis, i)| node * axis.nodes() + i)
     }
 
-    /// Returns the coordinates of a node; zero in directions beyond the dimension.
+    /// Returns the coordinates of a node; zero in directions beyond the dimension of the grid.
     pub fn coordinates(&self, node: usize) -> [f64; 3] {
         let indices = self.indices(node);
         self.fill(|direction, axis| axis.node(indices[direction]))
     }
 
-    /// Returns the coordinates of the centre of an element.
+    /// Returns the coordinates of the centre of an element of the grid.
     pub fn centre(&self, element: usize) -> [f64; 3] {
         let indices = split(element, self.axes.iter().map(|axis| axis.elements));
         self.fill(|direction, axis| axis.centre(indices[direction]))
     }
 
-    /// Returns the `2^d` nodes of an element; bit `k` of the corner number is 1 at the upper end of direction `k`.
+    /// Returns the `2^d` corner nodes of an element; bit `k` of the corner number is 1 at the upper end of direction
+    /// `k`.
     pub fn corners(&self, element: usize) -> impl Iterator<Item = usize> + '_ {
         let indices = split(element, self.axes.iter().map(|axis| axis.elements));
         let first = self.node(indices);
@@ -120,7 +121,7 @@ impl Grid {
         (0..1 << self.dimension()).map(|corner| (first + self.offset(corner), weight(corner))).collect()
     }
 
-    /// Returns the difference of node numbers between a corner of an element and the first corner of the element.
+    /// Returns the node number of a corner of an element less that of the first corner of the element.
     fn offset(&self, corner: usize) -> usize {
         self.node([corner & 1, corner >> 1 & 1, corner >> 2 & 1])
     }

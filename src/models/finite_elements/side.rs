@@ -7,11 +7,11 @@ use super::Grid;
 pub struct Side {
     /// The direction of the side's normal: 0, 1 or 2 for `x`, `y` or `z`.
     pub direction: usize,
-    /// Whether the side is at the upper end of the axis.
+    /// Whether the side is at the upper end of the axis to which it is normal.
     pub is_upper: bool,
 }
 
-/// A face of an element on a side of the domain.
+/// A face of a finite element on a side of the domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
     /// The `2^(d-1)` nodes of the element face, in `d` dimensions.

@@ -5,18 +5,19 @@
 use expression::{ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
 use numerics::Interval;
 
-/// Returns the graph input for the slip speed of a coefficient of friction, in a system with `n` coordinates: it
-/// follows `t`, `q` and `v`, and takes the index of the first acceleration, on which no coefficient depends.
+/// Returns the index of the graph input for the slip speed of a coefficient of friction, in a system with `n`
+/// coordinates: it follows `t`, `q` and `v`, in place of the first acceleration, on which no coefficient depends.
 pub fn slip_speed_input(n: usize) -> usize {
     1 + 2 * n
 }
 
-/// A compiled coefficient of friction with its derivatives with respect to `(q, v, s)`, where `s` is the slip speed.
+/// A compiled coefficient of friction with its derivatives with respect to `(q, v, s)`: coordinates, velocities and
+/// slip speed.
 #[derive(Clone, Debug)]
 pub(super) struct Coefficient {
     value: Tape,
     slopes: Tape,
-    /// The indices in `(q, v, s)` of the structurally nonzero derivatives.
+    /// The indices in `(q, v, s)` of the structurally nonzero derivatives of the coefficient of friction.
     places: Vec<usize>,
     of_value: IntervalWorkspace,
     of_slopes: IntervalWorkspace,
@@ -72,7 +73,7 @@ impl Coefficient {
         self.boxes.extend(x.iter().copied().chain([slip_speed]));
     }
 
-    /// Evaluates the coefficient of friction.
+    /// Evaluates the coefficient of friction at a state and a slip speed.
     pub fn value(&mut self, t: f64, (q, v): (&[f64], &[f64]), slip_speed: f64) -> f64 {
         self.place(q, v, slip_speed);
         let mut mu = [0.0];
@@ -91,7 +92,7 @@ impl Coefficient {
         }
     }
 
-    /// Encloses the coefficient of friction over a box of `t`, `x = (q, v)` and slip speeds.
+    /// Encloses the coefficient of friction over a box of `t`, states `x = (q, v)` and slip speeds.
     pub fn enclose(&mut self, t: Interval, x: &[Interval], slip_speed: Interval) -> Interval {
         self.place_box(x, slip_speed);
         let mut mu = [Interval::LINE];
@@ -99,15 +100,15 @@ impl Coefficient {
         mu[0]
     }
 
-    /// Returns whether the coefficient of friction may have a jump in a box of `t` and `x = (q, v)`, at any slip
+    /// Returns whether the coefficient of friction may have a jump in a box of `t` and states `x = (q, v)`, at any slip
     /// speed.
     pub fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
         self.place_box(x, Interval::new(0.0, f64::INFINITY));
         self.jumps.may_be_in(t, &self.boxes)
     }
 
-    /// Encloses the derivatives of the coefficient of friction with respect to `(q, v, s)` over a box of `t`, `x =
-    /// (q, v)` and slip speeds `s`.
+    /// Encloses the derivatives of the coefficient of friction with respect to `(q, v, s)` over a box of `t`, states
+    /// `x = (q, v)` and slip speeds `s`.
     pub fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slip_speed: Interval, slopes: &mut [Interval]) {
         self.place_box(x, slip_speed);
         self.slopes.enclose(t, &self.boxes, &mut self.of_slopes, &mut self.ranges);

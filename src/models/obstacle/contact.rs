@@ -9,24 +9,24 @@
 use super::Semidiscrete;
 use crate::finite_elements::Axis;
 
-/// The contact set of an obstacle problem at one time: where `u` touches an obstacle.
+/// The contact set of an obstacle problem at one time: where the solution `u` touches an obstacle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Contact {
     /// The length, area or volume of the contact set.
     pub measure: f64,
-    /// The smallest `x` in the contact set; the upper end of the domain if the set is empty.
+    /// The smallest coordinate `x` in the contact set; the upper end of the domain if the set is empty.
     pub from: f64,
     /// The largest `x` in the contact set; the lower end of the domain if the set is empty.
     pub to: f64,
-    /// The total force of the obstacles, upwards.
+    /// The total force of the obstacles on the solution, upwards.
     pub pressure: f64,
-    /// The number of nodes in the contact set.
+    /// The number of grid nodes in the contact set.
     pub nodes: usize,
 }
 
 impl Contact {
-    /// Measures the contact set of nodal values `u`, with the bounds of `K` that the system has evaluated last;
-    /// `force` is the contact force on each node.
+    /// Measures the contact set of nodal values `u`, with the bounds of `K` that the system has evaluated last; `force`
+    /// is the contact force on each grid node.
     pub fn of(system: &Semidiscrete, u: &[f64], force: &[f64]) -> Self {
         let axes = system.problem.grid.axes();
         let (along, across) = (axes[0], &axes[1..]);
@@ -63,16 +63,16 @@ fn width(across: &[Axis], mut k: usize) -> f64 {
     width
 }
 
-/// The nodes of a grid line along `x`.
+/// A grid line along `x`, with the contact states of its nodes.
 struct Line {
     axis: Axis,
-    /// The distance of the nodal value of each node from the nearer obstacle.
+    /// For each node of the grid line, the distance of its value from the nearer obstacle.
     gaps: Vec<f64>,
     touches: Vec<bool>,
 }
 
 impl Line {
-    /// Reads the grid line that begins at node `first`; returns the number of its nodes in contact.
+    /// Reads the grid line that begins at node `first`; returns the number of its nodes in contact with an obstacle.
     fn read(&mut self, system: &Semidiscrete, u: &[f64], first: usize) -> usize {
         let n = self.gaps.len();
         for (i, (gap, touches)) in self.gaps.iter_mut().zip(&mut self.touches).enumerate() {
@@ -82,7 +82,7 @@ impl Line {
             *touches = *gap == 0.0 && !system.is_given[node];
         }
         let touching = self.touches.iter().filter(|touches| **touches).count();
-        // Nodes with Dirichlet values are not in contact. At the end of a line, such a node extends an adjacent
+        // Nodes with Dirichlet values are not in contact. At the end of a grid line, such a node extends an adjacent
         // contact interval.
         for (end, next) in [(0, 1), (n - 1, n - 2)] {
             self.touches[end] |= system.is_given[first + end] && self.touches[next];
@@ -90,7 +90,7 @@ impl Line {
         touching
     }
 
-    /// Calls `visit` with the ends of each contact interval of the grid line.
+    /// Calls `visit` with both end coordinates of each contact interval of the grid line.
     fn runs(&self, mut visit: impl FnMut(f64, f64)) {
         let n = self.touches.len();
         let mut start = 0;
@@ -104,8 +104,8 @@ impl Line {
         }
     }
 
-    /// Returns `1/2 - theta`: the distance, in units of the grid spacing `h`, of the free boundary from the last node
-    /// in contact; `at(m)` is the `m`-th node beyond the last node in contact.
+    /// Returns `1/2 - theta`, the distance of the free boundary from the last node in contact, in units of the grid
+    /// spacing `h`; `at(m)` is the `m`-th node beyond the last node in contact.
     fn beyond(&self, at: impl Fn(usize) -> Option<usize>) -> f64 {
         let gap = |m| at(m).filter(|&i| !self.touches[i]).map(|i| self.gaps[i]);
         let (Some(first), Some(second)) = (gap(1), gap(2)) else { return 0.0 };

@@ -6,55 +6,55 @@ use std::fmt;
 /// An invalid value of the data of an obstacle problem, with its position and time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ObstacleDataError {
-    /// An expression has no finite value.
+    /// An expression of the obstacle problem has no finite value.
     NotFinite {
         /// The key, in a specification, of the expression without a finite value.
         key: String,
         /// The value of the expression, NaN or infinite.
         value: f64,
-        /// The position of the invalid value.
+        /// The position at which the expression has no finite value.
         at: [f64; 3],
-        /// The time of the invalid value.
+        /// The time at which the expression has no finite value.
         t: f64,
     },
     /// The diffusion coefficient is negative, so that the equation would be ill-posed.
     NegativeDiffusion {
-        /// The value of the diffusion coefficient.
+        /// The value of the diffusion coefficient, which is negative.
         value: f64,
-        /// The position at which diffusion is negative.
+        /// The position at which the diffusion coefficient is negative.
         at: [f64; 3],
-        /// The time at which diffusion is negative.
+        /// The time at which the diffusion coefficient is negative.
         t: f64,
     },
-    /// The lower obstacle is above the upper one.
+    /// The lower obstacle is above the upper obstacle.
     Crossing {
-        /// The value of the lower obstacle.
+        /// The value of the lower obstacle where the obstacles cross.
         lower: f64,
-        /// The value of the upper obstacle.
+        /// The value of the upper obstacle where the obstacles cross.
         upper: f64,
         /// The position at which the obstacles cross.
         at: [f64; 3],
         /// The time at which the obstacles cross.
         t: f64,
     },
-    /// A Dirichlet value on a side is beyond an obstacle.
+    /// A Dirichlet value on a side of the domain is beyond an obstacle.
     GivenBeyond {
         /// The side of the domain with the Dirichlet condition.
         side: Side,
-        /// The value of `u` that the Dirichlet condition prescribes.
+        /// The value of the solution `u` that the Dirichlet condition prescribes.
         value: f64,
-        /// The value of the obstacle beyond which the Dirichlet value is.
+        /// The value of the obstacle beyond which the Dirichlet value lies.
         bound: f64,
         /// The position at which the Dirichlet value is beyond the obstacle.
         at: [f64; 3],
         /// The time at which the Dirichlet value is beyond the obstacle.
         t: f64,
     },
-    /// The initial value is beyond an obstacle.
+    /// The initial value of the solution `u` is beyond an obstacle.
     InitialBeyond {
-        /// The initial value of `u` at the position of the violation.
+        /// The initial value of the solution `u` where it is beyond the obstacle.
         value: f64,
-        /// The value of the obstacle beyond which the initial value is.
+        /// The value of the obstacle beyond which the initial value lies.
         bound: f64,
         /// The position at which the initial value is beyond the obstacle.
         at: [f64; 3],
@@ -62,7 +62,7 @@ pub enum ObstacleDataError {
 }
 
 impl ObstacleDataError {
-    /// Returns the key of the invalid value in a specification.
+    /// Returns the key, in a specification, of the expression with the invalid value.
     pub fn key(&self) -> String {
         match self {
             Self::NotFinite { key, .. } => key.clone(),
@@ -73,7 +73,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// Returns a machine-readable error code, which does not change between versions.
+    /// Returns a machine-readable code of the error, which does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "not_finite",
@@ -83,7 +83,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// Returns a description of a valid value, for messages.
+    /// Returns a description of the valid values of the expression, for error messages.
     pub fn expected(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "a finite value in the whole domain",

@@ -11,14 +11,15 @@ use problem::Warning;
 /// The boundary condition on a side of the domain.
 #[derive(Clone, Debug)]
 pub enum Condition {
-    /// A Dirichlet condition: the value of `u`.
+    /// A Dirichlet condition: the prescribed value of the solution `u`.
     Dirichlet(Field),
-    /// A Neumann condition: the inflow `a du/dn`, with the outward normal `n`.
+    /// A Neumann condition: the prescribed inflow `a du/dn`, with the diffusion coefficient `a` and the outward normal
+    /// `n`.
     Neumann(Field),
 }
 
 impl Condition {
-    /// Returns the field of a Dirichlet or Neumann condition.
+    /// Returns the prescribed function of a Dirichlet or Neumann condition.
     pub fn field(&self) -> &Field {
         match self {
             Self::Dirichlet(field) | Self::Neumann(field) => field,
@@ -26,12 +27,12 @@ impl Condition {
     }
 }
 
-/// A point of the domain at which `u` is an output.
+/// A point of the domain at which the solution `u` is an output.
 #[derive(Clone, Debug)]
 pub struct Probe {
-    /// The name of the output with the value of `u` at the point.
+    /// The name of the output with the value of the solution `u` at the point.
     pub name: String,
-    /// The coordinates of the output point, within the domain.
+    /// The coordinates of the point, within the domain.
     pub at: [f64; 3],
 }
 
@@ -40,29 +41,30 @@ pub struct Probe {
 pub struct Obstacle {
     /// The finite element grid on an interval, a rectangle or a box.
     pub grid: Grid,
-    /// The quadrature of mass, advection and reaction: nodal (lumped mass) or exact (consistent mass).
+    /// The quadrature of the mass, advection and reaction matrices: nodal (lumped mass) or exact (consistent mass).
     pub quadrature: Quadrature,
-    /// The diffusion coefficient `a` in each direction, nonnegative.
+    /// The diffusion coefficient `a` of the equation in each direction, nonnegative.
     pub diffusion: Vec<Field>,
-    /// The advection velocity `b` in each direction; empty without advection.
+    /// The advection velocity `b` of the equation in each direction; empty without advection.
     pub advection: Vec<Field>,
-    /// The reaction coefficient `c`, if there is a reaction term.
+    /// The reaction coefficient `c` of the equation; `None` without a reaction term.
     pub reaction: Option<Field>,
-    /// The source `f`, if there is one.
+    /// The source `f` of the equation; `None` without a source.
     pub source: Option<Field>,
-    /// The lower obstacle `phi`, if there is one.
+    /// The lower obstacle `phi`; `None` without a lower obstacle.
     pub lower: Option<Field>,
-    /// The upper obstacle `psi`, if there is one.
+    /// The upper obstacle `psi`; `None` without an upper obstacle.
     pub upper: Option<Field>,
-    /// The initial value of `u`, between the obstacles at every node.
+    /// The initial value of the solution `u`, between the obstacles at every node.
     pub initial: Field,
-    /// The boundary condition of each side, by [`Side::place`](crate::finite_elements::Side::place).
+    /// The boundary condition on each side of the domain, in the order of
+    /// [`Side::place`](crate::finite_elements::Side::place).
     pub conditions: Vec<Condition>,
-    /// The breakpoints in time of all data except the initial values.
+    /// The breakpoints in time of coefficients, source, obstacles and boundary values.
     pub breaks: Breaks,
-    /// The points at which `u` is an output.
+    /// The points of the domain at which the solution `u` is an output.
     pub probes: Vec<Probe>,
-    /// Warnings for the user, known before the problem is solved.
+    /// Warnings to the user about the obstacle problem, known before the problem is solved.
     pub warnings: Vec<Warning>,
 }
 
@@ -77,14 +79,16 @@ impl Breaking for Obstacle {
 }
 
 impl Obstacle {
-    /// Returns the names of the outputs: probes, then scalars of the whole domain (see [`Contact`](super::Contact)).
+    /// Returns the names of the outputs: values at points, then scalars of the whole domain (see
+    /// [`Contact`](super::Contact)).
     pub fn output_names(&self) -> Vec<String> {
         let probes = self.probes.iter().map(|probe| probe.name.clone());
         let scalars = Self::scalar_names(self.has_obstacle(), self.grid.dimension());
         probes.chain(scalars.iter().map(|&name| name.to_owned())).collect()
     }
 
-    /// Returns the names of the scalar outputs of a domain of the given dimension, with or without obstacles.
+    /// Returns the names of the scalar outputs of an obstacle problem on a domain of the given dimension, with or
+    /// without obstacles.
     pub fn scalar_names(has_obstacle: bool, dimension: usize) -> &'static [&'static str] {
         const NAMES: [&str; 5] = ["total", "pressure", "contact", "contact_from", "contact_to"];
         match (has_obstacle, dimension) {

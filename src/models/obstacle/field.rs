@@ -1,9 +1,10 @@
-//! Functions of time and position, given as symbolic expressions.
+//! Functions of time and position, given as symbolic expressions: the coefficients, source, obstacles, initial and
+//! boundary values of an obstacle problem.
 
 use expression::{Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
 
-/// A function of `t`, `x`, `y`, `z`, which are inputs 0 to 3 of its expression.
+/// A function of time `t` and position `x`, `y`, `z`, which are inputs 0 to 3 of its expression.
 #[derive(Clone, Debug)]
 pub struct Field {
     tape: Tape,
@@ -11,12 +12,13 @@ pub struct Field {
     constant: Option<f64>,
     inputs: Vec<usize>,
     node: Node,
-    /// The time derivative with its workspace; `None` if the function does not depend on time or is not smooth.
+    /// The compiled time derivative of the function with its workspace; `None` if the function does not depend on time
+    /// or is not smooth.
     rate: Option<(Tape, IntervalWorkspace)>,
 }
 
 impl Field {
-    /// Compiles a node of the graph to a function of time and position.
+    /// Compiles a node of the expression graph to a function of time and position.
     pub fn new(graph: &mut Graph, node: Node) -> Self {
         let inputs = graph.inputs(node);
         let tape = Tape::compile(graph, &[node]);
@@ -30,7 +32,7 @@ impl Field {
         Self { enclosures: IntervalWorkspace::new(&tape), tape, constant: graph.value(node), rate, inputs, node }
     }
 
-    /// Returns the value of the function if it is constant in time and space.
+    /// Returns the value of the function if it is constant in time and space; otherwise `None`.
     pub fn constant(&self) -> Option<f64> {
         self.constant
     }
@@ -45,7 +47,7 @@ impl Field {
         self.inputs.iter().any(|&input| input > 0)
     }
 
-    /// Returns the node of the graph from which the function was compiled.
+    /// Returns the node of the expression graph from which the function was compiled.
     pub fn node(&self) -> Node {
         self.node
     }
@@ -74,7 +76,7 @@ impl Field {
         value[0]
     }
 
-    /// Returns the value of the function at a time and a position; NaN or infinite outside the domain of the
+    /// Returns the value of the function at a time and a position; NaN or infinite outside the domain of the function's
     /// expression.
     pub fn at(&mut self, t: f64, [x, y, z]: [f64; 3]) -> f64 {
         match self.constant {

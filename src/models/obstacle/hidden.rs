@@ -20,28 +20,28 @@ use super::unseen::Unseen;
 use super::{GAMMA, ObstacleError, Semidiscrete};
 use problem::Control;
 
-/// Fractions of a step at which moving obstacles are compared with the parabolas of nodes: quarters of the time from
-/// the beginning to the stage, and the middle of the time from the stage to the end.
+/// Fractions of a TR-BDF2 step at which moving obstacles are compared with the parabolas through nodal values: quarters
+/// of the time from the beginning to the stage, and the middle of the time from the stage to the end.
 const BETWEEN: [f64; 4] = [0.25 * GAMMA, 0.5 * GAMMA, 0.75 * GAMMA, 0.5 * (1.0 + GAMMA)];
 
-/// Workspace for bounds on the motion of nodes between the stages of a step.
+/// Workspace for bounds on the motion of nodes between the stages of a TR-BDF2 step.
 pub struct Hidden {
     kept: Kept,
     resting: Resting,
-    /// The search for variations of the data between the beginning, the stage and the end of a step.
+    /// The search for variations of the problem's data between the beginning, the stage and the end of a step.
     pub unseen: Unseen,
 }
 
-/// Copies of the obstacles at the nodes at the end of a step.
+/// Copies of the obstacles' values at the nodes at the end of a step.
 #[derive(Default)]
 struct Kept {
     lower: Vec<f64>,
     upper: Vec<f64>,
 }
 
-/// The solution at the beginning, the stage and the end of a step.
+/// The solution of an obstacle problem at the beginning, the stage and the end of a step.
 pub struct Seen<'a> {
-    /// The times of the beginning, the stage and the end of the step.
+    /// The times of the beginning, the stage and the end of the TR-BDF2 step.
     pub times: [f64; 3],
     /// The nodal values at the beginning, the stage and the end of the step.
     pub values: [&'a [f64]; 3],
@@ -50,7 +50,7 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Returns the smallest and the largest value of a node at the beginning, the stage and the end of the step.
+    /// Returns the smallest and the largest of a node's values at the beginning, the stage and the end of the step.
     fn range(&self, node: usize) -> (f64, f64) {
         let of = self.values.iter().map(|values| values[node]);
         of.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)))
@@ -67,7 +67,7 @@ impl Seen<'_> {
 }
 
 impl Hidden {
-    /// Allocates the workspace for a semidiscrete system.
+    /// Allocates the workspace for the nodes of a semidiscrete obstacle problem.
     pub fn new(system: &Semidiscrete) -> Self {
         let resting = Resting::new(system.weights.len());
         Self { kept: Kept::default(), resting, unseen: Unseen::new(&system.problem) }
@@ -77,7 +77,8 @@ impl Hidden {
     /// are not refined below `negligible`. The vectors of `system` must be those of the end of the step, and are
     /// restored.
     ///
-    /// # Errors If data between the stages are not finite or contradict each other, or if `control` asks to stop.
+    /// # Errors
+    /// If data between the stages are not finite or contradict each other, or if `control` asks to stop.
     pub fn error(
         &mut self,
         system: &mut Semidiscrete,
@@ -104,7 +105,8 @@ impl Hidden {
         Ok((weighted.sum::<f64>() / system.weights.iter().sum::<f64>()).sqrt())
     }
 
-    /// Raises `moved` to the penetrations of the parabolas of nodes into obstacles at times between the stages.
+    /// Raises the displacement bounds `moved` to the depths to which the parabolas through nodal values penetrate
+    /// obstacles at times between the stages.
     fn look_at_obstacles(
         &mut self,
         system: &mut Semidiscrete,

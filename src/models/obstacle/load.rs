@@ -11,7 +11,7 @@ use problem::Control;
 /// `field` at the position `at`.
 struct Share<'a> {
     field: &'a mut Field,
-    /// The side of the domain for a face; `None` for an element.
+    /// The side of the domain for the contribution of a boundary face; `None` for that of an element.
     side: Option<Side>,
     at: [f64; 3],
     part: f64,
@@ -20,7 +20,8 @@ struct Share<'a> {
 
 /// Evaluates the load vector `f` at time `t`.
 ///
-/// # Errors If a value is not finite, or if `control` asks to stop.
+/// # Errors
+/// If a value is not finite, or if `control` asks to stop.
 pub(super) fn load_at(
     problem: &mut Obstacle,
     load: &mut [f64],
@@ -40,7 +41,8 @@ pub(super) fn load_at(
 
 /// Encloses the load vector `f` over a time interval, at the `wanted` nodes.
 ///
-/// # Errors If `control` asks to stop.
+/// # Errors
+/// If `control` asks to stop.
 pub(super) fn load_over(
     problem: &mut Obstacle,
     wanted: &[bool],

@@ -19,7 +19,8 @@ use problem::Control;
 
 /// Assembles the operator matrix `A` at time `t`; `matrix` must be zero.
 ///
-/// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+/// # Errors
+/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn stiffness(
     problem: &mut Obstacle,
     mut matrix: Assembly,
@@ -55,7 +56,8 @@ pub(super) fn stiffness(
 
 /// Checks all coefficients of the operator at time `t`.
 ///
-/// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+/// # Errors
+/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), ObstacleError> {
     let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
     for index in 0..grid.elements() {
@@ -71,7 +73,7 @@ pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Contr
     Ok(())
 }
 
-/// Returns the diffusion `a` and the advection `b` along one direction.
+/// Returns the diffusion coefficient `a` and the advection velocity `b` along one direction.
 fn coefficients(
     diffusion: &mut Field,
     advection: Option<&mut Field>,
@@ -88,7 +90,8 @@ fn coefficients(
 
 /// Returns the largest element Peclet number `|b| h / (2a)` at time `t`.
 ///
-/// # Errors If `control` asks to stop.
+/// # Errors
+/// If `control` asks to stop.
 pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, ObstacleError> {
     let Obstacle { grid, diffusion, advection, .. } = problem;
     let mut largest = 0.0_f64;
@@ -106,14 +109,15 @@ pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Resu
     Ok(largest)
 }
 
-/// Returns the fitted diffusion `a p coth p` for `p = flow / (2a)`, where `flow` is `|b| h`.
+/// Returns the exponentially fitted diffusion `a p coth p` for the Peclet number `p = flow / (2a)`, where `flow` is
+/// `|b| h`.
 fn fitted(a: f64, flow: f64) -> f64 {
-    // For small `p`, `p coth p - 1 = p^2/3 - ..` is below rounding, and the formula would divide zero by zero if
-    // `flow` and `a` are zero.
+    // For a small Peclet number `p`, `p coth p - 1 = p^2/3 - ..` is below rounding, and the formula would divide zero
+    // by zero if `flow` and `a` are zero.
     if flow <= 1e-8 * a {
         return a;
     }
-    // For `a = 0`, `p` is infinite and the result is `flow / 2`.
+    // For zero diffusion `a = 0`, the Peclet number `p` is infinite and the fitted diffusion is `flow / 2`.
     0.5 * flow / (0.5 * flow / a).tanh()
 }
 

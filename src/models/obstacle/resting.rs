@@ -12,55 +12,56 @@ use super::{ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
-/// Maximum number of bisections of a step in the proof of contact.
+/// Maximum number of bisections of a step in the proof that nodes stay in contact with an obstacle.
 const PARTS: usize = 64;
 
-/// Rounding error of the forces on a node, relative to the magnitude of their terms.
+/// Rounding error of the forces on a node (load, and force from its neighbours), relative to the magnitude of their
+/// terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Contact states and forces of all nodes at one time of a step.
+/// Contact states and contact forces of all nodes at one time of a step.
 #[derive(Clone, Default)]
 pub struct Moment {
     /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// The contact force on each node, upwards.
+    /// The contact force of the obstacles on each node, upwards.
     pub force: Vec<f64>,
-    /// The displacement of each node due to its contact force, with neighbours fixed.
+    /// The displacement of each node that its contact force causes, with neighbouring nodes fixed.
     pub kept: Vec<f64>,
-    /// The load vector `f` at the nodes.
+    /// The load vector `f` at the nodes of the grid.
     pub load: Vec<f64>,
 }
 
 impl Moment {
-    /// Allocates contact states, forces, displacements and loads for the given number of nodes.
+    /// Allocates contact states, contact forces, displacements and loads for the given number of nodes.
     pub fn new(nodes: usize) -> Self {
         Self { held: vec![0; nodes], force: vec![0.0; nodes], kept: vec![0.0; nodes], load: vec![0.0; nodes] }
     }
 
-    /// Returns the force on a node from its neighbours, which is the sum of contact force and load.
+    /// Returns the force on a node from its neighbours, which is the sum of its contact force and load.
     fn push(&self, node: usize) -> f64 {
         self.force[node] + self.load[node]
     }
 }
 
-/// A subinterval of a step in which contact forces may be adhesive.
+/// A subinterval of a step in which contact forces may be adhesive, so that nodes may leave the obstacle.
 struct Part {
     from: f64,
     to: f64,
-    /// The nodes whose contact force may be adhesive, with bounds on their displacements.
+    /// The nodes whose contact force may be adhesive in the subinterval, with bounds on their displacements.
     moved: Vec<(usize, f64)>,
-    /// The root mean square over the domain of the bounds on the displacements.
+    /// The root mean square over the domain of the bounds on the nodes' displacements.
     size: f64,
 }
 
-/// Workspace of the proof that nodes stay in contact.
+/// Workspace of the proof that nodes stay in contact with an obstacle within a step.
 pub struct Resting {
     wanted: Vec<bool>,
     load: Vec<Interval>,
 }
 
 impl Resting {
-    /// Allocates the workspace for the given number of nodes.
+    /// Allocates the workspace of the proof of contact for the given number of nodes.
     pub fn new(nodes: usize) -> Self {
         Self { wanted: vec![false; nodes], load: vec![Interval::point(0.0); nodes] }
     }
@@ -68,7 +69,8 @@ impl Resting {
     /// Adds to `moved` bounds on the displacement, between the beginning, the stage and the end of a step, of nodes
     /// in contact at all three times. Adds nothing if the root mean square of the bounds is below `negligible`.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn bound(
         &mut self,
         system: &mut Semidiscrete,
@@ -113,8 +115,8 @@ impl Resting {
         Ok(())
     }
 
-    /// Bounds the displacement, in a subinterval, of nodes in contact at the beginning, the stage and the end of the
-    /// step; `None` if contact is proven.
+    /// Bounds the displacement, in a subinterval of a step, of nodes in contact at the beginning, the stage and the end
+    /// of the step; `None` if contact is proven in the subinterval.
     fn part(
         &mut self,
         system: &mut Semidiscrete,
@@ -135,8 +137,8 @@ impl Resting {
             let (first, whole) = ((b - a) / middle, (c - a) / end);
             let bend = (whole - first) / (end - middle);
             let push = [from, to].map(|t| a + (t - times[0]) * (first + bend * (t - times[1])));
-            // Lower bound of the parabola on the subinterval: its chord less `bend (to - from)^2 / 4`, with the
-            // second divided difference `bend`.
+            // Lower bound on the subinterval of the parabola of the force from neighbours: its chord less
+            // `bend (to - from)^2 / 4`, with the second divided difference `bend`.
             let least = push[0].min(push[1]) - 0.25 * bend.max(0.0) * (to - from).powi(2);
             let load = self.load[node];
             let most = if side > 0.0 { load.hi } else { -load.lo };

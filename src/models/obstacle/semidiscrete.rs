@@ -13,20 +13,20 @@ use problem::{Control, ConvexSet, Interrupted};
 pub struct Semidiscrete {
     /// The obstacle problem before discretisation.
     pub problem: Obstacle,
-    /// The mass matrix `M` of the finite elements.
+    /// The mass matrix `M` of the finite element grid.
     pub mass: SparseMatrix,
-    /// The operator matrix `A`, with the sparsity pattern of `M`.
+    /// The matrix of the operator `A` (diffusion, advection and reaction), with the sparsity pattern of `M`.
     pub stiffness: SparseMatrix,
-    /// The load vector `f`, including the inflow through the sides.
+    /// The load vector `f`, including the inflow through the sides of the domain.
     pub load: Vec<f64>,
-    /// The set `K` between the obstacles; both bounds of a node with a Dirichlet condition are equal to the given
-    /// value.
+    /// The set `K` of nodal values between the obstacles; both bounds of a node with a Dirichlet condition are equal to
+    /// the prescribed value.
     pub set: ConvexSet,
     /// The integral of each shape function over the domain.
     pub weights: Vec<f64>,
-    /// For each node, whether `u` is given by a Dirichlet condition.
+    /// For each node, whether its value `u` is prescribed by a Dirichlet condition.
     pub is_given: Vec<bool>,
-    /// A zero matrix with the sparsity pattern of `A`, as start of its assembly.
+    /// A zero matrix with the sparsity pattern of `A`, from which the assembly of `A` starts.
     blank: Assembly,
     has_operator: bool,
     has_vectors: bool,
@@ -40,16 +40,18 @@ struct Varying {
     set: bool,
 }
 
-/// Number of elements assembled between two polls of [`Control`]: about a millisecond's work.
+/// Number of elements assembled between two polls of [`Control`] for interruption: about a millisecond's work.
 const AT_ONCE: usize = 1 << 13;
 
-/// Relative tolerance for violations of an obstacle: values beyond it by less are treated as values on the obstacle.
+/// Relative tolerance for violations of an obstacle: nodal values beyond it by less are treated as values on the
+/// obstacle.
 const ROUNDING: f64 = 1e-10;
 
 impl Semidiscrete {
     /// Assembles the mass matrix. [`Self::operator_at`] and [`Self::vectors_at`] evaluate `A`, `f` and `K`.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn new(problem: Obstacle, control: &Control) -> Result<Self, Interrupted> {
         let grid = &problem.grid;
         let n = grid.nodes();
@@ -94,19 +96,20 @@ impl Semidiscrete {
         })
     }
 
-    /// Returns whether the load `f` depends on time.
+    /// Returns whether the load vector `f` depends on time.
     pub(super) fn load_varies(&self) -> bool {
         self.varying.load
     }
 
-    /// Returns whether the set `K` depends on time.
+    /// Returns whether the set `K` between the obstacles depends on time.
     pub(super) fn set_varies(&self) -> bool {
         self.varying.set
     }
 
     /// Evaluates the operator matrix `A` at time `t`; returns whether it was assembled anew.
     ///
-    /// # Errors If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
+    /// # Errors
+    /// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
     pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, ObstacleError> {
         if self.has_operator && !self.varying.operator {
             return Ok(false);
@@ -118,7 +121,8 @@ impl Semidiscrete {
 
     /// Evaluates the load `f` and the set `K` at time `t`.
     ///
-    /// # Errors If a value is not finite, if obstacles cross, if a Dirichlet value is beyond an obstacle, or if
+    /// # Errors
+    /// If a value is not finite, if obstacles cross, if a Dirichlet value is beyond an obstacle, or if
     /// `control` asks to stop.
     pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         if self.varying.load || !self.has_vectors {
@@ -133,7 +137,8 @@ impl Semidiscrete {
 
     /// Evaluates the set `K` alone at time `t`.
     ///
-    /// # Errors See [`Self::vectors_at`].
+    /// # Errors
+    /// See [`Self::vectors_at`].
     pub(super) fn bounds_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         set_at(&mut self.problem, &mut self.set, &self.is_given, t, control)
     }
@@ -141,7 +146,8 @@ impl Semidiscrete {
     /// Returns the initial nodal values, with Dirichlet values on the sides. The load `f` and the set `K` must have
     /// been evaluated at the initial time.
     ///
-    /// # Errors If a value is not finite, if a value is beyond an obstacle (the worst is reported), or if `control`
+    /// # Errors
+    /// If a value is not finite, if a value is beyond an obstacle (the worst is reported), or if `control`
     /// asks to stop.
     pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, ObstacleError> {
         initial(&mut self.problem, &self.set, &self.is_given, t, control)
@@ -151,7 +157,8 @@ impl Semidiscrete {
 impl Obstacle {
     /// Checks all data of the problem at the initial time `t`, initial values included, without assembling matrices.
     ///
-    /// # Errors The first invalid value, or an interruption if `control` asks to stop.
+    /// # Errors
+    /// The first invalid value, or an interruption if `control` asks to stop.
     pub fn check(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         let n = self.grid.nodes();
         check_coefficients(self, t, control)?;
@@ -162,7 +169,7 @@ impl Obstacle {
         Ok(())
     }
 
-    /// Returns for each node whether `u` is given by a Dirichlet condition.
+    /// Returns for each node whether its value `u` is prescribed by a Dirichlet condition.
     fn is_given(&self) -> Vec<bool> {
         let mut is_given = vec![false; self.grid.nodes()];
         for (side, condition) in Side::all(self.grid.dimension()).zip(&self.conditions) {
@@ -174,7 +181,7 @@ impl Obstacle {
     }
 }
 
-/// Returns the initial nodal values, with Dirichlet values on the sides.
+/// Returns the initial nodal values, with Dirichlet values at the nodes on the sides of the domain.
 fn initial(
     problem: &mut Obstacle,
     set: &ConvexSet,
@@ -198,7 +205,7 @@ fn initial(
     worst.1.map_or(Ok(u), |error| Err(error.into()))
 }
 
-/// Evaluates the bounds of the set `K` at time `t`.
+/// Evaluates the bounds of the set `K` between the obstacles at time `t`.
 fn set_at(
     problem: &mut Obstacle,
     set: &mut ConvexSet,
@@ -261,7 +268,8 @@ pub(super) fn side_key(side: Side, kind: &str) -> String {
 
 /// Returns the value of a field at a time and a position.
 ///
-/// # Errors If the value is not finite.
+/// # Errors
+/// If the value is not finite.
 pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, ObstacleDataError> {
     let value = field.at(t, at);
     if value.is_finite() { Ok(value) } else { Err(ObstacleDataError::NotFinite { key: key.to_owned(), value, at, t }) }

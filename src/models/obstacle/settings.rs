@@ -7,17 +7,18 @@ use super::ObstacleDataError;
 pub struct Settings {
     /// The tolerance for the root mean square error of a step over the domain, relative to the largest `|u|`.
     pub rtol: f64,
-    /// The absolute tolerance, added to the relative one, in the unit of `u`.
+    /// The absolute error tolerance of a step, added to the relative tolerance, in the unit of `u`.
     pub atol: f64,
-    /// The fixed step size; `None` for adaptive steps.
+    /// The fixed step size of the time integration; `None` for adaptive steps.
     pub step: Option<f64>,
-    /// The size of the first step; `None` for a default.
+    /// The size of the first time step; `None` for a default.
     pub first_step: Option<f64>,
-    /// The maximum step size.
+    /// The maximum size of a time step.
     pub max_step: f64,
-    /// The minimum step size, below which the run fails.
+    /// The minimum size of a time step, below which the run fails.
     pub min_step: f64,
-    /// The tolerance for the natural-map residual of a stage, relative to the largest `|u|`.
+    /// The tolerance for the natural-map residual of the variational inequality of a stage, relative to the largest
+    /// `|u|`.
     pub vi_tolerance: f64,
 }
 
@@ -32,37 +33,37 @@ pub enum ObstacleError {
     StepTooSmall {
         /// The time at the beginning of the rejected step.
         t: f64,
-        /// The step size that was too small, at which the run failed.
+        /// The size of the rejected step, below the minimum.
         h: f64,
-        /// The reason for which the last step was rejected.
+        /// The reason for which the last attempted step was rejected.
         why: &'static str,
     },
     /// The variational inequality of a stage was not solved, in a run with a fixed step size.
     #[error("the inequality at a stage was not solved at t = {t:?}, step {h:e}: {why}")]
     Unsolved {
-        /// The time at the beginning of the step whose stage was not solved.
+        /// The time at the beginning of the step in which a stage was not solved.
         t: f64,
-        /// The size of the step whose stage was not solved.
+        /// The size of the step in which a stage was not solved.
         h: f64,
-        /// The reason for which the variational inequality was not solved.
+        /// The reason for which the variational inequality of the stage was not solved.
         why: &'static str,
     },
-    /// The factors of the stage matrix do not fit into memory.
+    /// The factors of the matrix of a stage do not fit into memory.
     #[error("the factors of a matrix of {nodes} nodes do not fit into memory")]
     Memory {
-        /// The number of rows of the matrix, one per node.
+        /// The number of rows of the stage matrix, one per node.
         nodes: usize,
     },
-    /// The run was interrupted through [`Control`](problem::Control).
+    /// The time integration was interrupted through [`Control`](problem::Control).
     #[error("stopped at t = {t:?}")]
     Interrupted {
-        /// The time that the run had reached.
+        /// The time that the run had reached when it was interrupted.
         t: f64,
     },
 }
 
 impl ObstacleError {
-    /// Returns a machine-readable error code, which does not change between versions.
+    /// Returns a machine-readable code of the error, which does not change between versions.
     pub fn code(&self) -> &'static str {
         match self {
             Self::ObstacleDataError(error) => error.code(),
@@ -77,27 +78,28 @@ impl ObstacleError {
 /// Statistics of the time integration of an obstacle problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// The number of accepted steps.
+    /// The number of accepted time steps.
     pub accepted: u64,
-    /// The number of steps rejected because their error was too large.
+    /// The number of time steps rejected because their error was too large.
     pub inaccurate: u64,
-    /// The number of steps rejected because a variational inequality was not solved.
+    /// The number of time steps rejected because the variational inequality of a stage was not solved.
     pub unsolved: u64,
-    /// The number of evaluations of the load `f` and the set `K`.
+    /// The number of evaluations of the load vector `f` and the set `K`.
     pub vectors: u64,
     /// The number of evaluations of the operator matrix `A`.
     pub operators: u64,
-    /// The number of stage matrices `M + d h A` that were set up.
+    /// The number of stage matrices `M + d h A` that were set up, with the diagonal coefficient `d` of TR-BDF2 and the
+    /// step size `h`.
     pub matrices: u64,
-    /// The number of variational inequalities solved.
+    /// The number of variational inequalities of stages that were solved.
     pub solves: u64,
-    /// The number of active sets tried, over all variational inequalities.
+    /// The number of active sets tried, over the variational inequalities of all stages.
     pub passes: u64,
     /// The number of fixed-size steps in which the hidden motion of nodes between the stages exceeds the tolerance.
     pub unproven: u64,
-    /// The sum of the estimated errors of fixed-size steps, relative to the largest `|u|`.
+    /// The sum of the estimated errors of the steps in a run with a fixed step size, relative to the largest `|u|`.
     pub given_steps: f64,
-    /// The largest natural-map residual of a stage, with rows divided by their diagonal entry, relative to the
-    /// largest `|u|`.
+    /// The largest natural-map residual of the variational inequality of a stage, with rows divided by their diagonal
+    /// entry, relative to the largest `|u|`.
     pub residual: f64,
 }

@@ -12,15 +12,15 @@ use factorisation::SparseMatrix;
 use problem::Control;
 use vi::{ActiveSet, Outcome, Unsuitable};
 
-/// A solver of the variational inequalities of stages, with the matrix and the active set of the last stage.
+/// A solver of the variational inequalities of TR-BDF2 stages, with the matrix and the active set of the last stage.
 pub struct Stage {
-    /// The contact force on each node; zero at nodes with Dirichlet conditions.
+    /// The contact force on each node in the last stage; zero at nodes with Dirichlet conditions.
     pub force: Vec<f64>,
-    /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
+    /// The contact state of each node in the last stage: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// The displacement of each node due to its contact force, with its neighbours fixed.
+    /// The displacement of each node that its contact force causes in the last stage, with its neighbours fixed.
     pub kept: Vec<f64>,
-    /// The numbers of matrices, solves and active sets so far.
+    /// The numbers of stage matrices, solves and active sets so far.
     pub work: Work,
     matrix: SparseMatrix,
     shape: Vec<usize>,
@@ -28,14 +28,14 @@ pub struct Stage {
     q: Vec<f64>,
 }
 
-/// Statistics of the solver of stage inequalities.
+/// Statistics of the solver of the variational inequalities of stages.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
-    /// The number of stage matrices set up.
+    /// The number of matrices of stages set up.
     pub matrices: u64,
-    /// The number of variational inequalities solved.
+    /// The number of variational inequalities of stages solved.
     pub solves: u64,
-    /// The number of active sets tried.
+    /// The number of active sets tried, over all stages.
     pub passes: u64,
 }
 
@@ -48,12 +48,12 @@ pub enum Unsolved {
     Memory,
     /// A diagonal entry of the stage matrix is not positive.
     Singular,
-    /// The iteration found no active set that solves the inequality.
+    /// The iteration over active sets found none that solves the variational inequality.
     NoSolution,
 }
 
 impl Stage {
-    /// Allocates the solver of stage inequalities for a semidiscrete system.
+    /// Allocates the solver of the variational inequalities of stages for a semidiscrete obstacle problem.
     pub fn new(system: &Semidiscrete) -> Self {
         let n = system.load.len();
         Self {
@@ -73,7 +73,8 @@ impl Stage {
     /// be evaluated at the time of the stage; `shift` is `s = d h`, and `changed` states whether `A` has changed
     /// since the last call.
     ///
-    /// # Errors The reason why the inequality was not solved.
+    /// # Errors
+    /// The reason why the inequality was not solved.
     pub fn solve(
         &mut self,
         system: &Semidiscrete,

@@ -29,73 +29,74 @@ use hybrid::Breaks;
 use problem::Control;
 use std::f64::consts::SQRT_2;
 
-/// The abscissa of the first stage, relative to the step.
+/// The abscissa of the first stage of TR-BDF2, as a fraction of the step.
 pub const GAMMA: f64 = 2.0 - SQRT_2;
-/// The diagonal coefficient `d` of TR-BDF2.
+/// The diagonal coefficient `d` of both stages of TR-BDF2.
 const D: f64 = 0.5 * GAMMA;
-/// The weights `a_31 = a_32` of TR-BDF2.
+/// The coefficients `a_31 = a_32` of TR-BDF2, the weights of the first two slopes.
 const W: f64 = 0.25 * SQRT_2;
 /// The weights of the embedded third-order method less those of TR-BDF2, for error estimation.
 const E: [f64; 3] = [(1.0 - W) / 3.0 - W, (3.0 * W + 1.0) / 3.0 - W, D / 3.0 - D];
 
-/// The default initial step size, relative to the integration interval.
+/// The default initial step size, as a fraction of the integration interval.
 const FIRST: f64 = 1e-4;
 
-/// The relative tolerance for hidden motion in runs with a fixed step size, in place of `rtol`.
+/// The relative tolerance, in place of `rtol`, for hidden motion of nodes between stages in runs with a fixed step
+/// size.
 const FIXED: f64 = 1e-3;
 
-/// Hidden motion below this fraction of the error tolerance is not refined further.
+/// Fraction of the error tolerance below which hidden motion of nodes between stages is not bounded more closely.
 const NEGLIGIBLE: f64 = 0.1;
 
-/// The length of the implicit Euler step that computes the initial slope, relative to the first step: short enough
-/// not to affect the accuracy of the run, yet a step that projects onto `K`.
+/// The length of the implicit Euler step that computes the initial slope `u'`, relative to the first time step: short
+/// enough not to affect the accuracy of the run, yet a step that projects onto `K`.
 const INITIAL: f64 = 1e-3;
 
 /// The TR-BDF2 stepper of an obstacle problem, with its state.
 pub struct TrBdf2<'c> {
     /// The semidiscrete equations, with vectors evaluated at the current time.
     pub system: Semidiscrete,
-    /// The time that the run has reached.
+    /// The time that the integration has reached.
     pub t: f64,
-    /// The nodal values at the current time.
+    /// The nodal values of the solution at the current time.
     pub u: Vec<f64>,
-    /// The contact force on each node at the current time.
+    /// The contact force of the obstacles on each node at the current time.
     pub force: Vec<f64>,
     /// The start time of the last step, the nodal values at that time, and the nodal values at the first stage.
     pub last: (f64, Vec<f64>, Vec<f64>),
-    /// Statistics of the run.
+    /// Statistics of the time integration.
     pub counts: Counts,
     end: f64,
     settings: Settings,
     control: &'c Control,
     stage: Stage,
-    /// The size of the next step to attempt.
+    /// The size of the next time step to attempt.
     h: f64,
     /// The slopes `k_j` at the beginning of the step and at both stages.
     slopes: [Vec<f64>; 3],
-    /// The explicit part `u + h sum_{j<i} a_ij k_j` of a stage.
+    /// The explicit part `u + h sum_{j<i} a_ij k_j` of stage `i`.
     base: Vec<f64>,
-    /// The error estimate of the step at each node.
+    /// The error estimate of the attempted step at each node.
     error: Vec<f64>,
-    /// The nodal values at both stages of the step that is attempted.
+    /// The nodal values at both stages of the attempted step.
     trial: [Vec<f64>; 2],
-    /// The contact states and forces at the beginning of the step and at both stages. `accept` swaps the first and
-    /// the last.
+    /// The contact states and forces at the beginning of the step and at both stages. When a step is accepted, `accept`
+    /// swaps the first and the last.
     moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
-    /// The least distance of a node without Dirichlet value from the obstacles at the current time.
+    /// The least distance of a node without a Dirichlet condition from the obstacles at the current time.
     gap: f64,
     breaks: Breaks,
-    /// Whether no step has been made since a breakpoint.
+    /// Whether no step has been made since a breakpoint of the data, so that the next step starts anew.
     restarts: bool,
-    /// The changes of contact since the last step began, with their times.
+    /// The beginnings and ends of contact since the last step began, with their times.
     pub changes: Vec<(f64, ContactChange)>,
 }
 
 /// The result of an attempted TR-BDF2 step.
 enum Attempt {
-    /// Both stages were solved; the error of the step, in units of the tolerance.
+    /// Both stages were solved; the error estimate of the step, in units of the tolerance.
     Made(f64),
     /// The variational inequality of a stage was not solved, for the given reason.
     Unsolved(&'static str),
@@ -147,15 +148,15 @@ impl<'c> TrBdf2<'c> {
         Ok(stepper)
     }
 
-    /// Returns the coefficients of `part` and `part^2` in the displacement of a node that came into contact within
-    /// the last step, where `part` is the fraction of the step; `None` for other nodes.
+    /// Returns the coefficients of `part` and `part^2` in the displacement of a node that came into contact within the
+    /// last step, where `part` is the fraction of the step; `None` for other nodes.
     fn approach(&self, node: usize) -> Option<[f64; 2]> {
         let (start, before, middle) = &self.last;
         let [at_end, at_middle, at_start] = &self.moments;
         if at_start.held[node] != 0 || at_end.held[node] == 0 {
             return None;
         }
-        // Since the step was accepted, `slopes[2]` holds the slope at its beginning.
+        // Once the step is accepted, `slopes[2]` contains the slope at the beginning of the step.
         let change = (self.t - start) * self.slopes[2][node];
         let bends = at_middle.held[node] == 0;
         let curvature = (middle[node] - before[node] - GAMMA * change) / (GAMMA * GAMMA);
@@ -200,7 +201,8 @@ impl<'c> TrBdf2<'c> {
         let largest = self.largest(h);
         let size = self.settings.atol + self.settings.rtol * largest;
         if self.settings.step.is_some() {
-            // With a fixed step size, hidden motion is compared with the tolerance `FIXED` instead of `rtol`.
+            // In a run with a fixed step size, compare the hidden motion of nodes with the tolerance `FIXED` instead of
+            // `rtol`.
             let size = FIXED / self.settings.rtol * size;
             self.counts.unproven += u64::from(self.hidden_error(h, next, size)? > size);
             self.counts.given_steps += if largest > 0.0 { self.error(h) / largest } else { 0.0 };
@@ -210,8 +212,8 @@ impl<'c> TrBdf2<'c> {
         Ok(Attempt::Made(if error == 0.0 { 0.0 } else { error / size }))
     }
 
-    /// Returns the largest `|u|` at both ends of the step; if `u` is zero, the largest displacement that the load
-    /// causes in a step of size `h`.
+    /// Returns the largest `|u|` over the nodes at both ends of the attempted step; if `u` is zero, the largest
+    /// displacement that the load causes in a step of size `h`.
     fn largest(&self, h: f64) -> f64 {
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
         if largest > 0.0 {
@@ -221,16 +223,16 @@ impl<'c> TrBdf2<'c> {
         loads.fold(0.0, |largest, (load, weight)| largest.max(h * load.abs() / weight))
     }
 
-    /// Returns the hidden motion of nodes between the stages of a step, computed to within the fraction `NEGLIGIBLE`
-    /// of the error tolerance `size`.
+    /// Returns the bound on hidden motion of nodes between the stages of a step, computed to within the fraction
+    /// `NEGLIGIBLE` of the error tolerance `size`.
     fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, ObstacleError> {
         let times = [self.t, self.t + GAMMA * h, next];
         let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
         self.hidden.error(&mut self.system, &seen, NEGLIGIBLE * size, self.control)
     }
 
-    /// Solves stage `i` from the initial guess `trial[i]` and computes its slope; the inner error is the reason why
-    /// the inequality was not solved.
+    /// Solves stage `i` of the attempted step from the initial guess `trial[i]` and computes its slope; the inner error
+    /// is the reason why the variational inequality was not solved.
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, ObstacleError> {
         self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;

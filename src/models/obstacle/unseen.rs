@@ -17,8 +17,8 @@ use nalgebra::DMatrix;
 use numerics::{Interval, is_seen};
 use problem::Control;
 
-/// Maximum number of bisections of a step, per datum and place. A part that is still undecided contributes the width
-/// of its enclosure.
+/// Maximum number of bisections of a step, for one time-dependent datum at one place. The parts of the step whose
+/// values then still do not represent the datum contribute the width of its enclosure.
 const PARTS: usize = 64;
 
 /// Largest deviation of a datum from the parabola through its values at the beginning, the stage and the end of a
@@ -39,32 +39,35 @@ enum Datum {
     Upper,
 }
 
-/// The search of one run for variations of the data (coefficients, source, boundary values, obstacles) that steps
-/// miss.
+/// The search of one run for variations in time of the problem's data (coefficients, source, boundary values,
+/// obstacles) that the steps miss.
 pub struct Unseen {
-    /// The data of the problem that depend on time.
+    /// The data of the obstacle problem that depend on time.
     data: Vec<Datum>,
-    /// The fraction of the step at which the first variation of the data begins that the beginning, the stage and the
-    /// end of the step miss; `None` if none is found.
+    /// The fraction of the step at which the first variation of the data begins that the values at the beginning, the
+    /// stage and the end of the step miss; `None` if none is found.
     pub begin: Option<f64>,
 }
 
-/// A part of a step in which sampled values do not represent a time-dependent datum closely enough.
+/// A part of a step in which the values at the beginning, the stage and the end do not represent a time-dependent datum
+/// closely enough.
 struct Part {
     from: f64,
     to: f64,
     range: Interval,
-    /// A bound on the effect of the datum in this part of the step.
+    /// A bound on the effect of the datum's variation in this part of the step.
     size: f64,
 }
 
-/// Samples of a datum in the parts of a step where they represent it, and the parts where they do not.
+/// Samples of a time-dependent datum in the parts of a step where the values at three times represent it, and the parts
+/// where they do not.
 struct Course {
     shown: Vec<([f64; 3], [f64; 3])>,
     open: Vec<Part>,
 }
 
-/// The time integrals of the deviations of a datum from its parabola, upwards and downwards.
+/// The time integrals of the deviations of a datum from the parabola through its values at the beginning, the stage and
+/// the end of the step: upwards and downwards.
 #[derive(Clone, Copy, Default)]
 struct Missed {
     above: f64,
@@ -72,7 +75,7 @@ struct Missed {
 }
 
 impl Unseen {
-    /// Collects the data of the problem that depend on time.
+    /// Collects the data of the obstacle problem that depend on time.
     pub fn new(problem: &Obstacle) -> Self {
         let Obstacle { diffusion, advection, reaction, source, lower, upper, conditions, grid, .. } = problem;
         let single = [
@@ -95,7 +98,8 @@ impl Unseen {
     /// Adds to `moved` the displacements of nodes caused by variations of the data that the step misses;
     /// displacements below `negligible` are not refined.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn bound(
         &mut self,
         system: &mut Semidiscrete,
@@ -125,8 +129,8 @@ impl Unseen {
         self.begin = Some(self.begin.map_or(part, |begin| begin.min(part)));
     }
 
-    /// Adds to `moved` the deviations of Dirichlet values on a side from the parabolas through their values at the
-    /// beginning, the stage and the end of the step.
+    /// Adds to the displacements `moved` the deviations of Dirichlet values on a side from the parabolas through their
+    /// values at the beginning, the stage and the end of the step.
     fn given(
         &mut self,
         system: &mut Semidiscrete,
@@ -153,7 +157,8 @@ impl Unseen {
         }
     }
 
-    /// Raises `moved` to the depths to which the parabolas of nodes lie beyond an obstacle.
+    /// Raises the displacements `moved` to the depths to which the parabolas through nodal values lie beyond an
+    /// obstacle.
     fn bounds(
         &mut self,
         system: &mut Semidiscrete,
@@ -198,8 +203,8 @@ impl Unseen {
                     };
                     let (from, to, depth) = parts[worst];
                     let middle = 0.5 * (from + to);
-                    // Stop bisecting once a sampled depth is at least a quarter of the bound on the depth, which is
-                    // accurate enough to choose the step size.
+                    // Stop bisecting the step once a sampled depth is at least a quarter of the bound on the depth,
+                    // which is accurate enough to choose the step size.
                     if depth <= negligible.max(4.0 * deepest) || middle <= from || middle >= to {
                         break;
                     }
@@ -224,8 +229,7 @@ impl Unseen {
         Ok(())
     }
 
-    /// Adds to `moved` the displacements of nodes caused by changes of the load or of the operator that the step
-    /// misses.
+    /// Adds to the displacements `moved` those caused by changes of the load or of the operator that the step misses.
     fn forces(
         &mut self,
         system: &mut Semidiscrete,
@@ -291,8 +295,8 @@ impl Unseen {
     }
 }
 
-/// Returns the places at which the values of a datum at the beginning, the stage and the end of a step do not
-/// represent it over the step; only the first place if the datum does not vary in space.
+/// Returns the places at which the values of a datum at the beginning, the stage and the end of a step do not represent
+/// it over the step; only the first place if the datum does not vary in space.
 fn open_places(
     problem: &mut Obstacle,
     datum: Datum,
@@ -382,16 +386,16 @@ impl Course {
         }
     }
 
-    /// Returns the deviation of a value from the parabola through the values at the beginning, the stage and the end
-    /// of the step; zero if it is a small fraction of the range of these values.
+    /// Returns the deviation of a datum's value from the parabola through its values at the beginning, the stage and
+    /// the end of the step; zero if it is a small fraction of the range of these values.
     fn off(seen: &Seen<'_>, known: [f64; 3], t: f64, value: f64) -> f64 {
         let [least, most] = [f64::min, f64::max].map(|of| known.into_iter().fold(known[0], of));
         let off = value - seen.parabola(t, known);
         if off.abs() > SHOWN * (most - least) { off } else { 0.0 }
     }
 
-    /// Returns the largest deviation of the datum from its parabola; `visit` is called with the beginning of each
-    /// part of the step and the deviation in that part.
+    /// Returns the largest deviation of the datum from the parabola through its three known values; `visit` is called
+    /// with the beginning of each part of the step and the deviation in that part.
     fn deviations(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> f64 {
         let mut largest = 0.0_f64;
         for (times, values) in &self.shown {
@@ -408,8 +412,8 @@ impl Course {
         largest
     }
 
-    /// Returns the time integrals of the deviations of the datum from its parabola; `visit` is called with the
-    /// beginning of each part of the step and the deviation in that part.
+    /// Returns the time integrals of the deviations of the datum from the parabola through its three known values;
+    /// `visit` is called with the beginning of each part of the step and the deviation in that part.
     fn integrals(&self, seen: &Seen<'_>, known: [f64; 3], mut visit: impl FnMut(f64, f64)) -> Missed {
         let mut missed = Missed::default();
         for (times, values) in &self.shown {
@@ -431,7 +435,7 @@ impl Course {
     }
 }
 
-/// The places where a datum is evaluated, and how its values act on the nodes.
+/// The places where a datum of the obstacle problem is evaluated, and how its values act on the nodes.
 struct Shape {
     places: Vec<[f64; 3]>,
     action: Action,

@@ -13,40 +13,41 @@ use super::scene::Body;
 use expression::Tape;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
-/// The state components of a body with respect to which its actions are differentiated: position and velocity of the
-/// origin, and angular velocity; indices into [`OF_BODY`].
+/// The state components of a body with respect to which the forces on bodies are differentiated: position and velocity
+/// of the origin of the body frame, and angular velocity; indices into [`OF_BODY`].
 pub const DERIVED: [usize; 9] = [0, 1, 2, 7, 8, 9, 10, 11, 12];
 
-/// The number of outputs of the compiled expressions of an action: force, torque, and the derivatives of their six
-/// components.
+/// The number of outputs of the compiled expressions of a motion-dependent force: force, torque, and the derivatives of
+/// their six components.
 pub const OUTPUTS: usize = 6 * (1 + DERIVED.len());
 
-/// A force and a torque on a body that depend on time and on the motion of bodies.
+/// A user-defined force and torque on a body that depend on time and on the motion of bodies.
 #[derive(Clone, Debug)]
 pub struct Action {
-    /// The body on which the action acts, then the other bodies on which force and torque depend: indices in the
+    /// The body on which force and torque act, then the other bodies on whose motion they depend: indices in the
     /// multibody system, and centres of mass in the user's body frames.
     pub bodies: Vec<(usize, Vector3<f64>)>,
-    /// The compiled expressions of force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t`
-    /// and the state of each body.
+    /// The compiled expressions of force, torque, and their derivatives with respect to the [`DERIVED`] state
+    /// components. Inputs are `t` and the state of each body.
     pub program: Tape,
-    /// The point of application of the force relative to the centre of mass, in the body frame.
+    /// The point of application of the force relative to the body's centre of mass, in the body frame.
     pub at: Vector3<f64>,
-    /// Whether force and torque are given in the body frame.
+    /// Whether force and torque are given in the frame of the body rather than in world axes.
     pub is_local: bool,
 }
 
 /// The state of a body at the midpoint of a time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Middle {
-    /// The position of the centre of mass and the orientation.
+    /// The position of the centre of mass and the orientation of the body.
     pub pose: Isometry3<f64>,
-    /// The mean velocity and angular velocity of the step.
+    /// The mean velocity and mean angular velocity of the body over the step.
     pub velocities: Vector6<f64>,
 }
 
 impl Middle {
-    /// Computes the state at the midpoint between two motions, with their mean frame and mean velocities.
+    /// Computes the state of a body at the midpoint between its motions at both ends of a step, with the mean frame and
+    /// the mean velocities.
     pub fn new(start: &Motion, end: &Motion, mean: &Frame, velocities: &Vector6<f64>) -> Self {
         let half = start.pose.rotation.nlerp(&end.pose.rotation, 0.5);
         Self { pose: Isometry3::from_parts(mean.at.into(), half), velocities: *velocities }
@@ -54,8 +55,9 @@ impl Middle {
 }
 
 impl Action {
-    /// Evaluates force and torque about the centre of mass, and their derivative with respect to the mean velocities
-    /// of a step of size `h`; `middles` are the states of the bodies in the order of `bodies`.
+    /// Evaluates force and torque about the centre of mass, and their derivative with respect to the mean velocities of
+    /// the bodies in a step of size `h`; `middles` are the states of the bodies at the midpoint, in the order of
+    /// `bodies`.
     pub fn evaluate(
         &mut self,
         t: f64,
@@ -85,8 +87,9 @@ impl Action {
         let torque = axes * Vector3::from_column_slice(&values[3..]) + arm.cross(&force);
         let mut matrix = Matrix6::zeros();
         for k in 0..2 {
-            // The origin of the body frame is at `x - o` with velocity `v - w x o`, where `o` is the vector from the
-            // origin to the centre of mass; the centre of mass has moved by `v h / 2` at the midpoint.
+            // The origin of the user's body frame is at `x - o` with velocity `v - w x o`, where `o` is the vector from
+            // the origin to the centre of mass `x`; at the midpoint of the step, the centre of mass has moved by
+            // `v h / 2`.
             let by_velocity = axes * (block(k, 3) + block(k, 0) * (0.5 * h));
             let by_omega = axes * (block(k, 6) + (block(k, 3) + block(k, 0) * (0.5 * h)) * origin.cross_matrix());
             matrix.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&by_velocity);
@@ -109,7 +112,8 @@ impl Action {
     }
 }
 
-/// Returns the index of the first input with the state of a body, given its index in [`Action::bodies`].
+/// Returns the index of the first input of the compiled expressions with the state of a body, given its index in
+/// [`Action::bodies`].
 pub const fn inputs_of(place: usize) -> usize {
     1 + place * OF_BODY.len()
 }

@@ -13,52 +13,54 @@ use super::scene::{Law, Patch};
 use nalgebra::{Matrix3, Vector3};
 use vi::coulomb::{Reach, Role};
 
-/// The smallest identity number of a joint stop; contact points of surfaces are numbered from zero.
+/// The smallest identity number of a contact that is a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
 
-/// The bit that distinguishes the identity number of the torque of a contact patch from that of its force.
+/// The bit that distinguishes the identity number of the torque of a contact patch from that of the patch's force.
 const TORQUES: u64 = 1 << 62;
 
 /// A contact between two bodies within one time step.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact {
-    /// Indices of both bodies among the moving bodies; `None` for a body that is fixed or has prescribed motion.
+    /// Indices of both bodies in contact among the moving bodies; `None` for a body that is fixed or has prescribed
+    /// motion.
     pub bodies: [Option<u32>; 2],
     /// The contact frame `E`: the normal from the first body to the second, and two tangents, as rows. With
     /// anisotropic friction, the length of the second tangent is the ratio of the coefficients in both directions.
     pub frame: Matrix3<f64>,
     /// The position of the contact point, in world coordinates.
     pub position: Vector3<f64>,
-    /// The lever arms from the centres of mass to the contact point.
+    /// The lever arms from the bodies' centres of mass to the contact point.
     pub arms: [Vector3<f64>; 2],
-    /// Whether impulses are angular: for the stop of a hinge, whose gap is an angle about the normal in radians, and
-    /// for the torque of a contact patch.
+    /// Whether the contact's impulses are angular: for the stop of a hinge, whose gap is an angle about the normal in
+    /// radians, and for the torque of a contact patch.
     pub turns: bool,
     /// The role in the contact law: a contact at a point, or the force or the torque of a contact patch. The torque
     /// of a patch follows its force in the list of contacts; the rows of its frame are the axes of drilling and
     /// rolling, with the length of a radius of gyration.
     pub role: Role,
-    /// The reference length for gaps: the size of the smaller body, or one radian for angles.
+    /// The reference length for the contact's gap: the size of the smaller body, or one radian for angles.
     pub size: f64,
-    /// The gap between the surfaces at the beginning of the step.
+    /// The gap between the bodies' surfaces at the beginning of the step.
     pub gap: f64,
-    /// The contact law: friction and restitution.
+    /// The contact law of the pair of bodies: friction and restitution.
     pub law: Law,
-    /// The contribution `b` of bodies with prescribed motion to the relative velocity `u`, averaged over the step.
+    /// The contribution `b` of bodies with prescribed motion to the relative velocity `u` at the contact, averaged over
+    /// the step.
     pub surface: Vector3<f64>,
     /// The identity of the contact: the indices of both bodies and the identity number of the contact point.
     pub key: (u32, u32, u64),
-    /// The index of the smooth part of the surface that a sphere touches.
+    /// The index of the smooth part (face, edge or vertex) of the surface that a sphere touches.
     pub feature: u32,
-    /// The normal and tangential impulses; the initial guess is the impulse of the last step.
+    /// The normal and tangential impulses of the contact; the initial guess is the impulse of the last step.
     pub impulse: Vector3<f64>,
-    /// The relative velocity `u` at the end of the last step, before forces act.
+    /// The relative velocity `u` at the contact at the end of the last step, before forces act.
     pub before: Vector3<f64>,
-    /// A bias added to the normal velocity without contact impulses.
+    /// A bias that is added to the contact's normal velocity without contact impulses.
     pub bias: f64,
-    /// The tolerance below which the gap counts as closed.
+    /// The tolerance below which the gap of the contact counts as closed.
     pub no_gap: f64,
-    /// The gap at the end of the step, predicted from velocities.
+    /// The gap of the contact at the end of the step, predicted from velocities.
     pub gap_at_end: f64,
     /// The work of the contact over the step by normal and tangential components, in joules.
     pub work: Vector3<f64>,
@@ -68,7 +70,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Builds the contact at a detected contact point, with the given frame.
+    /// Builds the contact between two bodies at a detected contact point, with the given contact frame.
     pub fn new(
         point: &ContactPoint,
         frame: Matrix3<f64>,
@@ -105,12 +107,14 @@ impl Contact {
         contact
     }
 
-    /// Returns the relative velocity `u` for given velocities `(v, w)` of the bodies.
+    /// Returns the relative velocity `u` at the contact for given velocities and angular velocities `(v, w)` of the
+    /// bodies.
     pub fn velocity(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         self.surface + self.change(of)
     }
 
-    /// Returns the change of the relative velocity `u` for given changes of the velocities `(v, w)` of the bodies.
+    /// Returns the change of the relative velocity `u` at the contact for given changes of the velocities and angular
+    /// velocities `(v, w)` of the bodies.
     pub fn change(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         let at = |side: usize| {
             self.bodies[side].map_or_else(Vector3::zeros, |body| {
@@ -172,19 +176,20 @@ impl Contact {
         self.role == Role::Torque
     }
 
-    /// Adds the surface velocities of bodies with prescribed motion to the relative velocity.
+    /// Adds the surface velocities of bodies with prescribed motion to the relative velocity at the contact.
     pub fn carried(self, surfaces: [Vector3<f64>; 2]) -> Self {
         let surface = self.frame * (surfaces[1] - surfaces[0]);
         Self { surface, before: self.before + surface, ..self }
     }
 
-    /// Predicts the gap at the end of a step of size `h` with the given mean velocities.
+    /// Predicts the gap of the contact at the end of a step of size `h` with the given mean velocities of the bodies.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
-        // The torque of a patch has no gap of its own; the patch is closed if its force is.
+        // The torque of a contact patch has no gap of its own; the patch is closed if the contact with its force is
+        // closed.
         self.gap_at_end = if self.is_torque() { f64::INFINITY } else { self.gap + h * self.velocity(of).x };
     }
 
-    /// Returns the slip speed for a relative velocity `u`.
+    /// Returns the slip speed of the contact for a relative velocity `u` in the contact frame.
     pub fn slip_speed(&self, u: &Vector3<f64>) -> f64 {
         u.y.hypot(if self.law.grain.is_some() { u.z / self.frame.row(2).norm() } else { u.z })
     }
@@ -205,13 +210,13 @@ impl Contact {
         self.key.2 >= STOPS
     }
 
-    /// Returns whether an open contact closes with an impulse within the step.
+    /// Returns whether the contact is open at the beginning of the step and closes with an impulse within it.
     pub fn strikes(&self) -> bool {
         !self.is_torque() && self.impulse.x > 0.0 && self.gap > self.no_gap
     }
 
-    /// Returns the time from the beginning of the step until the gap closes at the initial approach velocity;
-    /// infinite without an approach.
+    /// Returns the time from the beginning of the step until the gap of the contact closes at the initial approach
+    /// velocity; infinite without an approach.
     pub fn closes_after(&self) -> f64 {
         if self.before.x < 0.0 { self.gap / -self.before.x } else { f64::INFINITY }
     }
@@ -221,8 +226,8 @@ impl Contact {
         self.gap_at_end <= self.no_gap
     }
 
-    /// Returns the contribution of one side to `J^T r`: the impulse and the angular impulse of the contact impulse
-    /// `r` on the body.
+    /// Returns the contribution to `J^T r` of one side of the contact, with the contact Jacobian `J`: the impulse and
+    /// the angular impulse of the contact impulse `r` on the body.
     pub fn wrench(&self, side: usize, r: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let impulse = self.frame.tr_mul(r) * if side == 0 { -1.0 } else { 1.0 };
         if self.turns {
@@ -231,14 +236,14 @@ impl Contact {
         (impulse, self.arms[side].cross(&impulse))
     }
 
-    /// Returns the block `A` of the contact Jacobian `J` for the angular velocity of one side: `u = +-(E v + A w)`,
-    /// `A = -E [r]x`.
+    /// Returns the block `A` of the contact Jacobian `J` for the angular velocity of the body on one side:
+    /// `u = +-(E v + A w)`, `A = -E [r]x`, with the contact frame `E` and the lever arm `r`.
     pub fn angular(&self, side: usize) -> Matrix3<f64> {
         if self.turns { self.frame } else { -self.frame * self.arms[side].cross_matrix() }
     }
 }
 
-/// Sets `marked` for the torque of each contact patch whose force is marked.
+/// Sets `marked` for the torque of each contact patch whose force is marked, where forces precede their torques.
 pub(super) fn mark_torques(contacts: &[Contact], marked: &mut [bool]) {
     for k in 1..marked.len() {
         if contacts[k].is_torque() {

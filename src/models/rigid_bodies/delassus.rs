@@ -13,16 +13,16 @@ use nalgebra::Matrix3;
 use problem::Control;
 use vi::coulomb::{BlockMatrix, Factored, Grip, Mobility};
 
-/// Number of block rows assembled between two polls of [`Control`].
+/// Number of block rows of the Delassus operator assembled between two polls of [`Control`] for interruption.
 const ROWS_AT_ONCE: usize = 1 << 6;
 
-/// One side of a contact, with its rows of the Jacobian for one body.
+/// One side of a contact, with its blocks of the contact Jacobian for the body on this side.
 struct Touch {
     body: u32,
     contact: u32,
-    /// The block `s E` of the Jacobian for the velocity of the body.
+    /// The block `s E` of the contact Jacobian for the velocity of the body, with the sign `s` of the side.
     linear: Matrix3<f64>,
-    /// The block `s A` of the Jacobian for the angular velocity of the body.
+    /// The block `s A` of the contact Jacobian for the angular velocity of the body, with the sign `s` of the side.
     angular: Matrix3<f64>,
 }
 
@@ -53,8 +53,8 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
         start += group.len();
     }
     let mut blocks = Vec::with_capacity(touches.iter().map(|touch| on_body[touch.body as usize].len()).sum());
-    // Assemble by rows, so that blocks are almost sorted: only the blocks of the two bodies of each row have to be
-    // merged.
+    // Assemble the Delassus operator by rows, so that blocks are almost sorted: only the blocks of the two bodies of
+    // each row have to be merged.
     for (i, contact) in contacts.iter().enumerate() {
         if i % ROWS_AT_ONCE == 0 {
             control.go_on().ok()?;
@@ -75,12 +75,14 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
     Some(blocks)
 }
 
-/// Returns the Delassus operator of an island without joints as a sparse matrix; `None` if `control` asks to stop.
+/// Returns the Delassus operator of the contacts of an island without joints as a sparse matrix; `None` if `control`
+/// asks to stop.
 pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<BlockMatrix> {
     BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving, control)?)
 }
 
-/// Returns the Delassus operator of an island without joints in factored form, by bodies and contact Jacobians.
+/// Returns the Delassus operator of the contacts of an island without joints in factored form, by bodies and contact
+/// Jacobians.
 pub fn factors(contacts: &[Contact], moving: &[Motion]) -> Factored {
     let mobility = |motion: &Motion| Mobility { linear: motion.mass.recip(), angular: motion.mobility };
     let grip = |contact: &Contact| Grip { bodies: contact.bodies, frame: contact.frame, arms: contact.arms };

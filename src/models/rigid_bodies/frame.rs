@@ -6,12 +6,12 @@
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// The position of the centre of mass of a body, and its axes as columns.
+/// The frame of a body: the position of its centre of mass, and its axes as columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// The position of the centre of mass of the body.
     pub at: Vector3<f64>,
-    /// The axes of the body frame in the world, as columns.
+    /// The axes of the body frame in world coordinates, as columns.
     pub axes: Matrix3<f64>,
 }
 
@@ -20,12 +20,12 @@ impl Frame {
     pub const WORLD: Self =
         Self { at: Vector3::new(0.0, 0.0, 0.0), axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
 
-    /// Returns the frame of a body at a pose.
+    /// Returns the frame of a body at a given pose.
     pub fn of(pose: &Isometry3<f64>) -> Self {
         Self { at: pose.translation.vector, axes: pose.rotation.to_rotation_matrix().into_inner() }
     }
 
-    /// Returns the arithmetic mean of two frames, whose axes are not orthonormal in general.
+    /// Returns the arithmetic mean of two frames of a body, whose axes are not orthonormal in general.
     pub fn mean(&self, other: &Self) -> Self {
         Self { at: 0.5 * (self.at + other.at), axes: 0.5 * (self.axes + other.axes) }
     }

@@ -24,17 +24,19 @@ pub const INPUTS: usize = 4;
 /// A coefficient of friction that varies in time, with the position of the contact, or with the slip speed.
 #[derive(Clone, Debug)]
 pub struct Coefficient {
-    /// The compiled expression of the coefficient, with the inputs `t`, the position of the contact in world
-    /// coordinates, and the slip speed. It has one output, or two outputs whose geometric mean is the coefficient.
+    /// The compiled expression of the coefficient of friction, with the inputs `t`, the position of the contact in
+    /// world coordinates, and the slip speed. It has one output, or two outputs whose geometric mean is the
+    /// coefficient.
     pub program: Tape,
-    /// Whether the compiled expression of the coefficient has two outputs.
+    /// Whether the compiled expression of the coefficient of friction has two outputs.
     pub is_mean: bool,
 }
 
 impl Coefficient {
     /// Evaluates the coefficient of a contact.
     ///
-    /// # Errors The value of the coefficient if it is negative or not finite.
+    /// # Errors
+    /// The value of the coefficient if it is negative or not finite.
     pub fn at(&mut self, t: f64, place: &Vector3<f64>, slip_speed: f64) -> Result<f64, f64> {
         let inputs: [f64; INPUTS] = [place.x, place.y, place.z, slip_speed];
         let mut out = [0.0; 2];
@@ -45,7 +47,7 @@ impl Coefficient {
         if self.is_mean { Ok((first * of(out[1])?).sqrt()) } else { Ok(first) }
     }
 
-    /// Encloses the coefficient over an interval of time and a box of contact positions.
+    /// Encloses the coefficient of friction over an interval of time and a box of contact positions, at one slip speed.
     pub fn enclose(&self, t: Interval, place: &[Interval], slip_speed: f64, boxes: &mut IntervalWorkspace) -> Interval {
         let inputs = [place[0], place[1], place[2], Interval::point(slip_speed)];
         let mut out = [Interval::LINE; 2];
@@ -55,35 +57,36 @@ impl Coefficient {
     }
 }
 
-/// The axes in which a direction of anisotropic friction is fixed.
+/// The axes in which the direction of anisotropic friction is fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxesOfGrain {
-    /// The axes of the world.
+    /// The direction of anisotropic friction is fixed in the axes of the world.
     World,
-    /// The axes of the body with this material; if both bodies have it, of the body that comes first in the system.
+    /// The direction is fixed in the axes of the body with this material; if both bodies have it, of the body that
+    /// comes first in the system.
     Material(usize),
-    /// The axes of the body that comes first in the system.
+    /// The direction is fixed in the axes of the body of the pair that comes first in the system.
     First,
 }
 
-/// Anisotropic friction, whose coefficient depends on the slip direction.
+/// The law of anisotropic friction, whose coefficient depends on the slip direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grain {
-    /// The direction to which the given coefficient belongs, projected onto the contact plane.
+    /// The direction to which the given coefficient of friction belongs, before projection onto the contact plane.
     pub along: Vector3<f64>,
-    /// The axes in which the direction `along` is given.
+    /// The axes in which the direction `along` of anisotropic friction is given.
     pub axes: AxesOfGrain,
-    /// The coefficient across the direction `along`, divided by the coefficient along it.
+    /// The coefficient of friction across the direction `along`, divided by that along it.
     pub ratio: f64,
 }
 
-/// The sine of the angle between a direction and the contact normal below which the projection of the direction onto
-/// the contact plane is treated as zero.
+/// The sine of the angle between the direction of anisotropic friction and the contact normal below which the
+/// projection of the direction onto the contact plane is treated as zero.
 const UPRIGHT: f64 = 1e-6;
 
 impl Grain {
-    /// Returns the frame of a contact: the normal and the first tangent have unit length, the second tangent has the
-    /// length `ratio`.
+    /// Returns the frame of a contact with anisotropic friction: the normal and the first tangent have unit length, the
+    /// second tangent has the length `ratio`.
     pub fn frame(&self, normal: &Vector3<f64>, materials: [usize; 2], poses: [&Isometry3<f64>; 2]) -> Matrix3<f64> {
         let along = match self.axes {
             AxesOfGrain::World => self.along,

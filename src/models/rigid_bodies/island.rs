@@ -31,25 +31,25 @@ use problem::Control;
 use vi::Outcome;
 use vi::coulomb::{Role, mean_speed};
 
-/// Data shared by all islands of a multibody system.
+/// Data of a multibody system that all its islands share.
 #[derive(Debug)]
 pub struct Mechanism<'a> {
     /// The joints of the multibody system.
     pub joints: &'a [Joint],
-    /// The linkages: sets of bodies connected by joints.
+    /// The linkages of the multibody system: sets of bodies connected by joints.
     pub linkages: Vec<Linkage>,
-    /// The linkage that represents a single body without joints.
+    /// The linkage that stands for a single body without joints.
     pub alone: Linkage,
-    /// For each joint, the index of its linkage.
+    /// For each joint of the multibody system, the index of its linkage.
     pub of_joint: Vec<u32>,
-    /// The gravitational acceleration, in metres per second squared.
+    /// The gravitational acceleration of the multibody system, in metres per second squared.
     pub gravity: Vector3<f64>,
-    /// The functions of time that drive joints.
+    /// The functions of time that drive joints and bodies of the multibody system.
     pub signals: &'a Signals,
     /// The bodies with prescribed motion, with their poses at the beginning of the step.
     pub grounds: Vec<Ground>,
-    /// The parts of the steps of another run, if the steps of the current run are to be divided into parts at least
-    /// twice as long.
+    /// In a comparison run, whose steps are to be divided into parts at least twice as long as those of the first run,
+    /// the parts of the first run; otherwise `None`.
     pub exceeded: Option<MadeParts>,
 }
 
@@ -74,8 +74,8 @@ impl<'a> Mechanism<'a> {
         }
     }
 
-    /// Returns the motion of the body with index `k` among the prescribed ones over a part of the step, of length `h`
-    /// from time `t`.
+    /// Returns the motion of the body with index `k` among those with prescribed motion, over a part of the step, of
+    /// length `h` from time `t`.
     pub fn grounding(&self, k: u32, t: f64, h: f64) -> Grounding {
         self.grounds.get(k as usize).map_or(Grounding::WORLD, |ground| ground.over(t, h, self.signals))
     }
@@ -86,10 +86,10 @@ impl<'a> Mechanism<'a> {
 pub struct Carried {
     /// The constraint forces of the linkage's joints in the last step.
     pub tensions: Vec<Vector6<f64>>,
-    /// The largest kinetic energy of the linkage so far, in joules.
+    /// The largest kinetic energy of the linkage so far in the run, in joules.
     pub largest_energy: f64,
-    /// The longest step sizes to try without and with contacts, according to the parts into which the last steps were
-    /// divided.
+    /// The longest step sizes to try for the linkage without and with contacts, according to the parts into which the
+    /// last steps were divided.
     pub parts: Parts,
     /// The accelerations of the linkage's bodies in the last step if it had no contacts; otherwise empty.
     pub accelerations: Vec<Vector6<f64>>,
@@ -100,7 +100,7 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// Returns the initial state of a linkage.
+    /// Returns the state of a linkage at the beginning of a run.
     pub fn of(linkage: &Linkage, scene: &MultibodySystem) -> Self {
         let coordinate = |&joint: &u32| scene.joints[joint as usize].coordinate_at_start(&scene.bodies);
         let state = |joint| DriveState { coordinate: coordinate(joint), target: 0.0 };
@@ -117,13 +117,13 @@ impl Carried {
     }
 }
 
-/// The longest step sizes to try, in seconds. Lengths, unlike numbers of halvings, keep their meaning if a whole step
-/// is divided into parts.
+/// The longest step sizes to try for an island with joints, in seconds. Lengths, unlike numbers of halvings, keep their
+/// meaning if a whole step is divided into parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parts {
-    /// The longest step size to try without contacts.
+    /// The longest step size to try for an island without closed contacts.
     pub free: f64,
-    /// The longest step size to try with contacts.
+    /// The longest step size to try for an island with closed contacts.
     pub pushed: f64,
 }
 
@@ -134,28 +134,28 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// Returns the element-wise minimum with other step sizes: the smaller step size to try without contacts, and the
-    /// smaller one with contacts.
+    /// Returns the smaller of both step sizes to try without contacts, and the smaller of both with contacts.
     pub fn shortest(self, other: Self) -> Self {
         Self { free: self.free.min(other.free), pushed: self.pushed.min(other.pushed) }
     }
 }
 
-/// The mean velocities of bodies and the joint impulses by linkage, from an attempt at a step.
+/// An initial guess for a step, from an attempt at it: the mean velocities of bodies, and the joint impulses by
+/// linkage.
 #[derive(Debug)]
 struct Guess {
     mean: Vec<Vector6<f64>>,
     impulses: Vec<Vec<Vector6<f64>>>,
 }
 
-/// The work of forces and drives in a step, and the energy dissipated by dampers, in joules.
+/// The work of forces and drives on an island in a step, and the energy dissipated by its dampers, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// The work of applied forces in the step.
+    /// The work of applied forces on the island in the step.
     pub forces: f64,
-    /// The work of motors, servos and additional forces along joint coordinates.
+    /// The work of motors, servos and additional forces along joint coordinates in the step.
     pub drives: f64,
-    /// The energy dissipated by dampers in the step.
+    /// The energy dissipated by dampers of the island in the step.
     pub damped: f64,
 }
 
@@ -170,13 +170,13 @@ impl std::ops::AddAssign for Work {
 /// Why the equations of an island were not solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unsolved {
-    /// The constraint equations of the joints have no solution.
+    /// The constraint equations of the island's joints have no solution.
     Joints,
-    /// The step is too long for the constraint equations of the joints.
+    /// The time step is too long for the constraint equations of the joints.
     TooLong,
-    /// A coefficient of friction is negative or not finite.
+    /// A coefficient of friction of a contact is negative or not finite.
     Friction {
-        /// The indices of the two bodies in contact among all bodies.
+        /// The indices of the two bodies in contact among all bodies of the multibody system.
         bodies: [usize; 2],
         /// The value of the coefficient of friction, negative or not finite.
         mu: f64,
@@ -194,61 +194,62 @@ pub struct Island {
     /// (no joints or motion-dependent forces). After the solve, velocities are those at the end of the step and, for
     /// an implicit island, poses as well.
     pub moving: Vec<Motion>,
-    /// The island's contacts; their bodies are indices into `moving`.
+    /// The island's contacts, whose bodies are indices into `moving`.
     pub contacts: Vec<Contact>,
-    /// The indices of the island's contacts among all contacts.
+    /// The indices of the island's contacts among all contacts of the step.
     pub sources: Vec<u32>,
-    /// The indices of the island's joints among all joints.
+    /// The indices of the island's joints among all joints of the multibody system.
     pub joints: Vec<u32>,
     /// The indices of the island's linkages among all linkages, in ascending order.
     pub linkages: Vec<u32>,
-    /// The states of the island's linkages.
+    /// The states of the island's linkages that are carried from step to step.
     pub carried: Vec<Carried>,
     /// The motion-dependent forces on the island's bodies, with the indices of the bodies on which each depends.
     pub actions: Vec<(Action, Vec<u32>)>,
     /// The time that the island's bodies have reached.
     pub t: f64,
-    /// The work of drives and forces in the step.
+    /// The work of drives and forces on the island in the step.
     pub done: Work,
-    /// The largest kinetic energy of the island's bodies, in joules.
+    /// The largest kinetic energy of the island's bodies so far in the run, in joules.
     pub largest_energy: f64,
-    /// The longest step sizes to try without and with contacts.
+    /// The longest step sizes to try for the island without and with closed contacts.
     pub parts: Parts,
-    /// Whether the island belongs to a comparison run, in which impacts within one step that happen at different
-    /// times follow the sequential impact law, for comparison with a run that treats them as simultaneous.
+    /// Whether the island belongs to a comparison run, in which impacts within one step that happen at different times
+    /// follow the sequential impact law; the first run treats them as simultaneous.
     pub is_beside: bool,
     /// The velocity change by gravity within the step: a contact that closes more slowly is not an impact, but a
     /// sustained contact.
     kick: f64,
-    /// Whether the step must not be divided further, and is attempted whatever its length.
+    /// Whether the step of the island must not be divided further, and is attempted whatever its length.
     pub is_shortest: bool,
-    /// The accelerations of the island's bodies in the last step, as far as they are known.
+    /// The accelerations of the island's bodies in the last step; `None` where they are not known.
     accelerations: Vec<Option<Vector6<f64>>>,
-    /// The result of the last attempt at the step, as initial guess of the next attempt.
+    /// The result of the last attempt at the step of the island, as initial guess of the next attempt.
     guess: Option<Guess>,
-    /// The number of parts into which the step was divided.
+    /// The number of parts into which the step of the island was divided.
     pub steps: u64,
-    /// The begin and end times of the parts into which the step was divided, if the island is implicit.
+    /// The begin and end times of the parts into which the step was divided, if the island is implicit (has joints or
+    /// motion-dependent forces).
     pub made: Vec<[f64; 2]>,
     /// In a comparison run with longer steps, the total time in parts that are not at least twice as long as those of
     /// the first run.
     pub repeated: f64,
-    /// The number of Newton iterations in accepted and rejected steps.
+    /// The number of Newton iterations for the island, in accepted and rejected steps.
     pub newton: u64,
-    /// The friction cone or its polyhedral approximation.
+    /// The friction cone of the contact law, or its polyhedral approximation.
     pub cone: Cone,
-    /// The impact law for several impacts in one step.
+    /// The impact law for several impacts of the island in one step.
     pub impact_law: ImpactLaw,
-    /// The varying coefficients of friction.
+    /// The coefficients of friction of the multibody system that vary.
     pub coefficients: Vec<Coefficient>,
-    /// The report of the contact solver; `None` if there were no contacts.
+    /// The report of the contact solver for the island; `None` if there were no contacts.
     pub report: Option<Report>,
-    /// Why the island was not solved; `None` if it was solved.
+    /// Why the equations of the island were not solved; `None` if they were solved.
     pub unsolved: Option<Unsolved>,
 }
 
 impl Island {
-    /// Creates an island without bodies.
+    /// Creates an island without bodies, with the given friction cone, impact law and varying coefficients of friction.
     pub fn new(cone: Cone, impact_law: ImpactLaw, coefficients: &[Coefficient]) -> Self {
         Self {
             bodies: Vec::new(),
@@ -280,7 +281,7 @@ impl Island {
         }
     }
 
-    /// Clears the island, keeping its allocations.
+    /// Clears the island for the next set of bodies, keeping its allocations.
     pub fn clear(&mut self) {
         self.bodies.clear();
         self.moving.clear();
@@ -305,8 +306,8 @@ impl Island {
         !(self.joints.is_empty() && self.actions.is_empty())
     }
 
-    /// Solves for the impulses of the step and applies them to the velocities; for an implicit island, also moves its
-    /// bodies.
+    /// Solves for the contact and joint impulses of the step and applies them to the velocities of the island's bodies;
+    /// for an implicit island, also moves its bodies.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         (self.is_beside, self.kick) = (mechanism.exceeded.is_some(), h * mechanism.gravity.norm());
         if self.is_implicit() {
@@ -314,10 +315,10 @@ impl Island {
             return;
         }
         self.steps = 1;
-        // If the solve is interrupted, the caller discards the island.
+        // If the solve is interrupted through `control`, the caller discards the island.
         let is_rough = self.contacts.iter().any(|contact| contact.law.is_rough());
-        // The sweeps over the factored operator solve contacts one by one, but force and torque of a contact patch
-        // share one friction set.
+        // Do not use the factored Delassus operator for contact patches: its solver treats contacts one by one, but
+        // force and torque of a contact patch share one friction set.
         let has_patches = self.contacts.iter().any(Contact::is_torque);
         let (blocks, factors);
         let matrix = if !has_patches && is_factored(self.contacts.len(), is_rough.then_some(self.cone)) {
@@ -353,7 +354,8 @@ impl Island {
         }
     }
 
-    /// Returns the roles of the contacts in the contact law; empty if all are contacts at points.
+    /// Returns the roles of the island's contacts in the contact law (point contact, or force or torque of a contact
+    /// patch); empty if all are contacts at points.
     fn roles(&self) -> Vec<Role> {
         if self.contacts.iter().any(Contact::is_torque) {
             self.contacts.iter().map(|contact| contact.role).collect()
@@ -362,14 +364,14 @@ impl Island {
         }
     }
 
-    /// Evaluates the varying coefficients of friction at the end of the step, for contacts with the relative
-    /// velocities `u`; returns false if one is negative or not finite.
+    /// Evaluates the varying coefficients of friction at the end of the step, for contacts with the relative velocities
+    /// `u`; returns false if one is negative or not finite.
     fn take_coefficients(&mut self, u: &[Vector3<f64>], h: f64, mu: &mut [f64]) -> bool {
         for (k, (contact, mu)) in self.contacts.iter().zip(mu).enumerate() {
             let Some(place) = contact.law.varying else { continue };
             let t = self.t + h;
             let slip = contact.slip_speed(&u[k]);
-            // On a contact patch, use the mean of the slip speeds over the patch.
+            // On a contact patch, evaluate the coefficient of friction at the mean of the slip speeds over the patch.
             let slip =
                 if let Role::Force(reach) = contact.role { mean_speed(slip, reach.drill * u[k + 1].x) } else { slip };
             match self.coefficients[place as usize].at(t, &contact.position, slip) {
@@ -426,7 +428,7 @@ impl Island {
                 first = Some((time, approach));
                 continue;
             };
-            // Contacts whose gaps differ by less than the gap tolerance close at the same time.
+            // Two contacts whose gaps differ by less than the gap tolerance count as closing at the same time.
             let apart = (time - other).abs() * approach.max(speed);
             if (apart > contact.no_gap || apart.is_nan()) && approach.max(speed) > self.kick {
                 return true;
@@ -435,7 +437,7 @@ impl Island {
         false
     }
 
-    /// Solves the contact law by the given impact law.
+    /// Solves the contact law of the island with the given impact law.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses_by(
         &mut self,

@@ -16,46 +16,47 @@ use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
 
-/// Bytes per block row of a contact besides those of the contact law: in the list of all contacts, in the island of
-/// the contact, and in stored impulses.
+/// Memory in bytes per block row of a contact besides that of the contact law: in the list of all contacts, in the
+/// island of the contact, and in stored impulses.
 const OF_ROW: usize = 4 * size_of::<Contact>();
-/// Bytes per pair of bodies whose bounding boxes overlap.
+/// Memory in bytes per pair of bodies whose bounding boxes overlap.
 const OF_PAIR: usize = size_of::<(u32, u32)>();
-/// Bytes per body with joints besides those of matrices: motions at the beginning and the end of a step, and copies
-/// for rejected steps.
+/// Memory in bytes per body with joints besides that of matrices: motions at the beginning and the end of a step, and
+/// copies for rejected steps.
 const OF_HELD_BODY: usize = 8 * size_of::<Motion>();
-/// Bytes per joint besides those of matrices.
+/// Memory in bytes per joint besides that of matrices.
 const OF_JOINT: usize = 24 * size_of::<Vector6<f64>>();
-/// Bytes per pair of contacts coupled through joints, besides those of the contact law: the assembled compliance
-/// matrix and its symmetric part.
+/// Memory in bytes per pair of contacts coupled through joints, besides that of the contact law: the assembled
+/// compliance matrix and its symmetric part.
 const OF_COUPLING: usize = 2 * size_of::<(usize, Matrix3<f64>)>();
 
-/// The memory estimate for the contacts that have been found.
+/// The memory estimate of a time step with the contacts that have been found so far.
 #[derive(Clone, Debug, Default)]
 pub struct Load {
-    /// The number of pairs of bodies whose bounding boxes overlap.
+    /// The number of pairs of bodies whose bounding boxes overlap in the step.
     pub pairs: usize,
-    /// The number of contacts found so far.
+    /// The number of contacts found so far in the step.
     pub contacts: usize,
-    /// The number of block rows of the contacts: two for a contact on a patch, otherwise one.
+    /// The number of block rows of the contacts found so far: two for a contact on a patch, otherwise one.
     rows: usize,
     friction: Option<Cone>,
     bodies: Vec<Touched>,
-    /// The largest islands as `(root, bytes)`, at most as many as are solved in parallel (`at_a_time`).
+    /// The largest islands as `(root, bytes)`, where `root` identifies the island; at most as many as are solved in
+    /// parallel (`at_a_time`).
     largest: Vec<(u32, usize)>,
-    /// The number of islands that are solved in parallel.
+    /// The number of islands that are solved in parallel, so that their matrices are in memory at once.
     at_a_time: usize,
-    /// For each linkage, the index of one of its bodies and the bytes of its equations.
+    /// For each linkage, the index of one of its bodies and the memory of its equations in bytes.
     linkages: Vec<(usize, usize)>,
 }
 
-/// A body as a node of the union-find forest of islands; `island` is valid for roots.
+/// A body as a node of the union-find forest of islands; the field `island` is valid for roots.
 #[derive(Clone, Copy, Debug)]
 struct Touched {
     parent: u32,
-    /// The number of contacts on the body.
+    /// The number of contacts found so far on the body.
     contacts: u32,
-    /// The number of block rows of the contacts on the body.
+    /// The number of block rows of the contacts found so far on the body.
     rows: u32,
     has_joints: bool,
     island: Island,
@@ -69,12 +70,12 @@ struct Island {
     joined: usize,
     /// Whether the island has a contact on a patch.
     has_patches: bool,
-    /// The bytes of the equations of the island's linkages.
+    /// The memory of the equations of the island's linkages, in bytes.
     linkages: usize,
 }
 
 impl Load {
-    /// Returns the estimate for a multibody system without contacts.
+    /// Returns the memory estimate for a multibody system without contacts.
     pub fn of(scene: &MultibodySystem) -> Self {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let place = |body: usize| moving.binary_search(&body).ok().map(|place| place as u32);
@@ -90,7 +91,7 @@ impl Load {
         load
     }
 
-    /// Resets the estimate to that of a multibody system without contacts, keeping allocations.
+    /// Resets the memory estimate to that of a multibody system without contacts, keeping allocations.
     pub fn begin(&mut self, scene: &MultibodySystem) {
         (self.pairs, self.contacts, self.rows) = (0, 0, 0);
         self.friction = scene.laws.any(Law::is_rough).then_some(scene.cone);
@@ -114,7 +115,8 @@ impl Load {
         }
     }
 
-    /// Adds `contacts` contacts with one contact law between two bodies; `None` is a body that does not move.
+    /// Adds to the memory estimate `contacts` contacts with one contact law between two bodies; `None` is a body that
+    /// does not move.
     pub fn add(&mut self, [a, b]: [Option<usize>; 2], contacts: usize, law: Law) {
         if contacts == 0 {
             return;
@@ -141,7 +143,7 @@ impl Load {
         self.weigh(root);
     }
 
-    /// Returns the estimated bytes of a step with the contacts found so far.
+    /// Returns the estimated memory of a step with the contacts found so far, in bytes.
     pub fn bytes(&self) -> usize {
         let islands = self.largest.iter().map(|(_, bytes)| *bytes).fold(0, usize::saturating_add);
         islands.saturating_add(self.pairs * OF_PAIR).saturating_add(self.rows * OF_ROW)
@@ -176,7 +178,7 @@ impl Load {
         body
     }
 
-    /// Updates the list of the largest islands with the island of `root`.
+    /// Updates the list of the largest islands by memory with the island of the body `root`.
     fn weigh(&mut self, root: usize) {
         let bytes = self.bodies[root].island.bytes(self.friction);
         let island = (root as u32, bytes);
@@ -202,7 +204,7 @@ impl Island {
     }
 
     fn bytes(&self, friction: Option<Cone>) -> usize {
-        // Blocks of contacts coupled through joints, in addition to blocks of contacts on the same body.
+        // Add the blocks of contacts coupled through joints to those of contacts on the same body.
         let coupled = self.joined.saturating_mul(self.joined);
         let blocks = self.blocks.saturating_add(coupled);
         let has_factors = self.joined == 0 && !self.has_patches;

@@ -3,14 +3,14 @@
 //! first, would use the same parts and have the same errors. The second run uses parts that are at least twice as
 //! long as those of the first run instead.
 
-/// Relative difference below which parts of steps count as equally long: their ends are sums of binary fractions of a
-/// step.
+/// Relative difference below which the lengths of two parts of steps count as equal: the ends of parts are sums of
+/// binary fractions of a step.
 const WITHIN: f64 = 1e-6;
 
-/// The parts of the steps of a run, each as `[begin, end]`, in the order of time.
+/// The parts into which the time steps of a run were divided, each as `[begin, end]`, in the order of time.
 #[derive(Clone, Debug, Default)]
 pub struct MadeParts {
-    /// The parts of steps in which all bodies move together.
+    /// The parts of steps in which all bodies move together, in the order of time.
     whole: Vec<[f64; 2]>,
     /// For each moving body, the parts into which its island divided the steps, if the island has joints or
     /// motion-dependent forces.
@@ -18,12 +18,12 @@ pub struct MadeParts {
 }
 
 impl MadeParts {
-    /// Creates an empty record for `moving` bodies.
+    /// Creates an empty record of parts for a number `moving` of moving bodies.
     pub fn new(moving: usize) -> Self {
         Self { whole: Vec::new(), of_bodies: vec![Vec::new(); moving] }
     }
 
-    /// Adds a part of a step in which all bodies move together.
+    /// Records a part of a step in which all bodies move together.
     pub(super) fn add_whole(&mut self, part: [f64; 2]) {
         self.whole.push(part);
     }
@@ -33,8 +33,8 @@ impl MadeParts {
         bodies.iter().for_each(|&body| self.of_bodies[body as usize].extend_from_slice(parts));
     }
 
-    /// Moves the parts of steps that begin before the time `until` to `others`, and discards what was in `others`
-    /// before.
+    /// Moves the recorded parts of steps that begin before the time `until` to `others`, and discards what was in
+    /// `others` before.
     pub fn hand_over(&mut self, until: f64, others: &mut Self) {
         let move_parts = |from: &mut Vec<[f64; 2]>, to: &mut Vec<[f64; 2]>| {
             let over = from.partition_point(|[begin, _]| *begin < until);

@@ -22,28 +22,28 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 /// iteration without visible effect.
 pub const CONVERGED: f64 = 1e-9;
 
-/// Velocity scale of the rounding error of positions, relative to position over step size: velocity changes due to
-/// rounding are below [`CONVERGED`] relative to this scale.
+/// Velocity scale of the rounding error of positions, as a multiple of position divided by step size: velocity changes
+/// due to rounding are below [`CONVERGED`] relative to this scale.
 const ROUNDING: f64 = 32.0 * f64::EPSILON / CONVERGED;
 
-/// A Newton iterate of the midpoint rule for a set of bodies.
+/// A Newton iterate of the implicit midpoint rule for a set of bodies.
 #[derive(Debug)]
 pub struct Midpoint {
-    /// The time at the beginning of the step.
+    /// The time at the beginning of the step of the midpoint rule.
     pub t: f64,
-    /// The step size, in seconds.
+    /// The step size of the midpoint rule, in seconds.
     pub h: f64,
     /// The motions of the bodies at the beginning of the step.
     pub start: Vec<Motion>,
     /// The mean velocities and angular velocities of the bodies over the step.
     pub mean: Vec<Vector6<f64>>,
-    /// The impulses of constant forces on the bodies.
+    /// The impulses of constant forces on the bodies over the step.
     pub forces: Vec<Vector6<f64>>,
-    /// The impulses of contacts on the bodies.
+    /// The impulses of contacts on the bodies over the step.
     pub pushes: Vec<Vector6<f64>>,
-    /// The motion-dependent forces, with the indices of the bodies on which each depends.
+    /// The motion-dependent forces on the bodies, with the indices of the bodies on which each depends.
     actions: Vec<(Action, Vec<u32>)>,
-    /// The impulses of the motion-dependent forces on the bodies at the mean velocities.
+    /// The impulses of the motion-dependent forces on the bodies over the step, evaluated at the mean velocities.
     applied: Vec<Vector6<f64>>,
     /// The derivatives of the impulses of motion-dependent forces with respect to the mean velocities of their
     /// bodies.
@@ -56,8 +56,8 @@ pub struct Midpoint {
     pub ends: Vec<Frame>,
     /// The mean frames of the bodies over the step.
     pub means: Vec<Frame>,
-    /// The matrix `B = (I + [h w / 2]x + (h w / 2)(h w / 2)^T) / (1 + |h w / 2|^2)` of each body, with its mean
-    /// angular velocity `w`.
+    /// The Cayley matrix `B = (I + [h w / 2]x + (h w / 2)(h w / 2)^T) / (1 + |h w / 2|^2)` of each body, with its mean
+    /// angular velocity `w` over the step.
     pub turning: Vec<Matrix3<f64>>,
     inertia: Vec<Matrix3<f64>>,
 }
@@ -72,14 +72,14 @@ pub fn join(velocity: &Vector3<f64>, omega: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(velocity.x, velocity.y, velocity.z, omega.x, omega.y, omega.z)
 }
 
-/// Splits a vector into velocity and angular velocity; inverse of [`join`].
+/// Splits a vector of six components into velocity and angular velocity; inverse of [`join`].
 pub fn apart(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
 }
 
 impl Midpoint {
-    /// Creates the first Newton iterate, from the bodies at the beginning of a step and the impulses of constant
-    /// forces.
+    /// Creates the first Newton iterate of the midpoint rule, from the bodies at the beginning of a step and the
+    /// impulses of constant forces.
     pub fn new(
         start: Vec<Motion>,
         forces: Vec<Vector6<f64>>,
@@ -112,7 +112,7 @@ impl Midpoint {
         midpoint
     }
 
-    /// Sets the initial guess of the mean velocities of bodies whose accelerations are known from the last step.
+    /// Sets the initial guess of the mean velocities of those bodies whose accelerations are known from the last step.
     pub fn extrapolate(&mut self, accelerations: &[Option<Vector6<f64>>]) {
         for ((mean, start), acceleration) in self.mean.iter_mut().zip(&self.start).zip(accelerations) {
             if let Some(acceleration) = acceleration {
@@ -124,7 +124,8 @@ impl Midpoint {
         }
     }
 
-    /// Updates poses and frames at the end of the step, and motion-dependent forces, for the current mean velocities.
+    /// Updates poses and frames of the bodies at the end of the step, and motion-dependent forces, for the current mean
+    /// velocities.
     pub fn arrive(&mut self) {
         for k in 0..self.start.len() {
             let (velocity, omega) = apart(&self.mean[k]);
@@ -138,7 +139,7 @@ impl Midpoint {
         self.apply();
     }
 
-    /// Evaluates the impulses of the motion-dependent forces at the mean velocities.
+    /// Evaluates the impulses of the motion-dependent forces over the step at the mean velocities.
     fn apply(&mut self) {
         self.applied.fill(Vector6::zeros());
         self.gradients.fill(Matrix6::zeros());
@@ -157,8 +158,8 @@ impl Midpoint {
         }
     }
 
-    /// Returns the kinetic energy of the change of velocity-dependent impulses between the mean velocities and
-    /// `velocities`, those at the end of the step.
+    /// Returns the kinetic energy of the change of the impulses of motion-dependent forces between the mean velocities
+    /// and `velocities`, those at the end of the step.
     pub fn stiffness_of_actions(&self, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |k: usize| {
             let (push, twist_push) = apart(&(self.gradients[k] * (velocities[k] - self.mean[k])));
@@ -181,7 +182,7 @@ impl Midpoint {
         let momentum = inertia * omega;
         let change = self.turning[k] * (omega.cross(&momentum) * h + inertia * (omega - motion.omega) * 2.0);
         let linear = (velocity - motion.velocity) * (2.0 * motion.mass);
-        // The derivative of the matrix `B` is `dB = B [h dw / 2]x B`.
+        // The derivative of the Cayley matrix `B` of a body's rotation over the step is `dB = B [h dw / 2]x B`.
         let inner = change.cross_matrix() * (-0.5 * h) - momentum.cross_matrix() * h
             + omega.cross_matrix() * inertia * h
             + inertia * 2.0;
@@ -211,7 +212,7 @@ impl Midpoint {
         self.moved.iter().map(moved).collect()
     }
 
-    /// Returns the kinetic energy of some bodies at the end of the step, for given velocities of all bodies.
+    /// Returns the kinetic energy of the given bodies at the end of the step, for given velocities of all bodies.
     pub fn kinetic_energy_at_end(&self, bodies: &[u32], velocities: &[Vector6<f64>]) -> f64 {
         let energy = |&body: &u32| {
             let mut motion = self.moved[body as usize];
@@ -221,7 +222,7 @@ impl Midpoint {
         bodies.iter().map(energy).sum()
     }
 
-    /// Sets the impulses of contacts on the bodies.
+    /// Sets the impulses of contacts on the bodies from the given contact impulses.
     pub fn push(&mut self, contacts: &[Contact], impulses: &[Vector3<f64>]) {
         self.pushes.fill(Vector6::zeros());
         for (contact, impulse) in contacts.iter().zip(impulses) {
@@ -234,8 +235,9 @@ impl Midpoint {
         }
     }
 
-    /// Returns the squared velocity scale of the convergence test, in the mass norm: the sum of initial velocities,
-    /// mean velocities, velocity changes by forces, and rounding errors of positions divided by the step size.
+    /// Returns the squared velocity scale of Newton's convergence test, in the mass norm: the sum of initial
+    /// velocities, mean velocities, velocity changes by forces, and rounding errors of positions divided by the step
+    /// size.
     pub fn size(&self) -> f64 {
         let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
         let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
@@ -248,7 +250,7 @@ impl Midpoint {
         rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
     }
 
-    /// Returns twice the kinetic energy of the given velocities at the initial poses, their squared mass norm.
+    /// Returns the squared mass norm of the given velocities at the initial poses, which is twice their kinetic energy.
     pub fn weigh(&self, velocities: &[Vector6<f64>]) -> f64 {
         let twice = |k: usize| {
             let (velocity, omega) = apart(&velocities[k]);

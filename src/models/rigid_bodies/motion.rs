@@ -1,44 +1,45 @@
-//! The state of moving bodies: small contiguous records, without names and shapes.
+//! The state of moving bodies: small contiguous records of pose, velocities and inertia, without names and shapes.
 
 use super::rotation::rotate;
 use super::scene::Body;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::TAU;
 
-/// Deviation from a motion with constant accelerations, relative to the distance, below which it is treated as zero:
-/// ten times the tolerance of the contact law.
+/// Deviation of a path from a motion with constant accelerations, relative to the distance covered, below which it is
+/// treated as zero: ten times the tolerance of the contact law.
 const EVEN: f64 = 1e-9;
 
-/// Rounding error of a displacement, relative to the position, or of a rotation, relative to one radian.
+/// Rounding error of a body's displacement, relative to its position, or of its rotation, relative to one radian.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// The state of a moving body.
+/// The state of a moving body: pose, velocities and inertia.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     /// The pose of the body frame, whose origin is the centre of mass.
     pub pose: Isometry3<f64>,
-    /// The velocity of the centre of mass.
+    /// The velocity of the body's centre of mass.
     pub velocity: Vector3<f64>,
-    /// The angular velocity in world axes.
+    /// The angular velocity of the body in world axes.
     pub omega: Vector3<f64>,
     /// The mass of the body in kilograms.
     pub mass: f64,
-    /// The inertia in the body frame.
+    /// The inertia of the body about its centre of mass, in the body frame.
     pub inertia: Matrix3<f64>,
     inertia_inverse: Matrix3<f64>,
-    /// The inverse inertia in world axes, at the current pose.
+    /// The inverse inertia of the body in world axes, at the current pose.
     pub mobility: Matrix3<f64>,
-    /// The time of the pose less the time of the velocity: half a step if the velocity is that of the midpoint of a
-    /// step, else zero.
+    /// The time of the pose less the time of the velocities: half a step if the velocities are those of the midpoint of
+    /// a step, else zero.
     pub lag: f64,
-    /// Whether the inertia is isotropic, so that it is constant in world axes.
+    /// Whether the inertia of the body is isotropic, so that it is constant in world axes.
     is_round: bool,
 }
 
 impl Motion {
     /// Returns the initial state of a body; `None` if its inertia is singular.
     pub fn new(body: &Body) -> Option<Self> {
-        // Scale the inertia to unit size, since the determinant of a small one would underflow to zero.
+        // Scale the inertia to unit size before inversion, since the determinant of a small inertia would underflow to
+        // zero.
         let unit = body.inertia.amax();
         let inertia_inverse = (body.inertia / unit).try_inverse()? / unit;
         let round = body.inertia - Matrix3::from_diagonal_element(body.inertia[(0, 0)]);
@@ -70,12 +71,12 @@ impl Motion {
         self.omega += self.mobility * angular;
     }
 
-    /// Returns a copy of the motion with `by` added to the velocity.
+    /// Returns a copy of the body's motion with `by` added to the velocity.
     pub fn kicked(&self, by: &Vector3<f64>) -> Self {
         Self { velocity: self.velocity + by, ..*self }
     }
 
-    /// Moves the body without forces for a time `h`, with gyroscopic terms in the angular velocity.
+    /// Moves the body without forces for a time `h`; gyroscopic terms change its angular velocity.
     pub fn drift(&mut self, h: f64) {
         self.pose.translation.vector += self.velocity * h;
         if self.omega == Vector3::zeros() {
@@ -91,8 +92,8 @@ impl Motion {
         self.turn_mobility();
     }
 
-    /// Moves the body under gravity for a time `h`; the velocities are those at the beginning and the end of this
-    /// time.
+    /// Moves the body under gravity for a time `h`, from its velocities at the beginning of this time to those at its
+    /// end.
     pub fn fly(&mut self, h: f64, gravity: &Vector3<f64>) {
         let half = gravity * (0.5 * h);
         self.velocity += half;
@@ -100,7 +101,7 @@ impl Motion {
         self.velocity += half;
     }
 
-    /// Returns a copy of the body that has moved under gravity for a time `h`.
+    /// Returns a copy of the body's motion that has moved under gravity for a time `h`.
     pub fn flown(&self, h: f64, gravity: &Vector3<f64>) -> Self {
         let mut flown = *self;
         flown.fly(h, gravity);
@@ -118,7 +119,7 @@ impl Motion {
         moved
     }
 
-    /// Returns the inertia in world axes, at the current pose.
+    /// Returns the inertia of the body in world axes, at the current pose.
     pub fn inertia_in_world(&self) -> Matrix3<f64> {
         if self.is_round {
             return self.inertia;
@@ -127,29 +128,29 @@ impl Motion {
         rotation.matrix() * self.inertia * rotation.matrix().transpose()
     }
 
-    /// Returns the pose after a time `h` with given mean velocities; the centre of mass and directions fixed in the
-    /// body move along chords (Cayley's rotation).
+    /// Returns the pose of the body after a time `h` with given mean velocities; the centre of mass and directions
+    /// fixed in the body move along chords (Cayley's rotation).
     pub fn moved_by_chords(&self, velocity: &Vector3<f64>, omega: &Vector3<f64>, h: f64) -> Isometry3<f64> {
         let turn = UnitQuaternion::new_normalize(Quaternion::from_parts(1.0, omega * (0.5 * h)));
         let rotation = UnitQuaternion::new_normalize((turn * self.pose.rotation).into_inner());
         Isometry3::from_parts((self.pose.translation.vector + velocity * h).into(), rotation)
     }
 
-    /// Sets pose and velocities, which then belong to the same time (zero lag).
+    /// Sets pose and velocities of the body, which then belong to the same time (zero lag).
     pub fn arrive(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) {
         (self.pose, self.velocity, self.omega, self.lag) = (*pose, *velocity, *omega, 0.0);
         self.turn_mobility();
     }
 
-    /// Returns the displacement and the rotation vector from this motion's pose to the pose of another motion.
+    /// Returns the displacement and the rotation vector from the pose of this motion to the pose of another motion.
     pub fn way_to(&self, other: &Self) -> Vector6<f64> {
         let by = other.pose.translation.vector - self.pose.translation.vector;
         let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
         Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
-    /// Returns the motion at a time `d` after this one, interpolated by a parabola to the motion `end`, which is at a
-    /// time `s` after this one.
+    /// Returns the motion at a time `d` after this one, interpolated by a parabola to the motion `end` of the same
+    /// body, which is at a time `s` after this one.
     pub fn between(&self, end: &Self, s: f64, d: f64) -> Self {
         let (part, way) = (d / s, self.way_to(end));
         let bend = |way: Vector3<f64>, rate: &Vector3<f64>| rate * d + (way - rate * s) * (part * part);
@@ -177,7 +178,7 @@ impl Motion {
             && self.omega.cross(&end.omega).norm() <= EVEN * spin * spin
     }
 
-    /// Moves the pose by a displacement and a rotation vector, without changing velocities.
+    /// Moves the pose of the body by a displacement and a rotation vector, without changing velocities.
     pub fn displace(&mut self, by: &Vector3<f64>, rotation: &Vector3<f64>) {
         self.pose.translation.vector += by;
         self.turn(rotation);
@@ -189,7 +190,7 @@ impl Motion {
         self.pose.rotation = UnitQuaternion::new_normalize(turned.into_inner());
     }
 
-    /// Returns the kinetic energy `(m v.v + w.J w) / 2`.
+    /// Returns the kinetic energy `(m v.v + w.J w) / 2` of the body, with mass `m` and inertia `J`.
     pub fn kinetic_energy(&self) -> f64 {
         let omega = self.pose.rotation.inverse() * self.omega;
         0.5 * (self.mass * self.velocity.norm_squared() + omega.dot(&(self.inertia * omega)))

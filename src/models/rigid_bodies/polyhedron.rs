@@ -11,25 +11,25 @@ use parry3d_f64::shape::ConvexPolyhedron;
 pub struct Face {
     /// The outward unit normal of the face.
     pub normal: Vector3<f64>,
-    /// The value of `normal . x` on the face, in metres.
+    /// The value of `normal . x` for points `x` on the face, in metres.
     pub offset: f64,
-    /// The indices of the vertices of the face, in counter-clockwise order.
+    /// The indices of the polyhedron's vertices of the face, in counter-clockwise order.
     pub vertices: Vec<usize>,
 }
 
 /// An edge of a polyhedron between two faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
-    /// The indices of the vertices at both ends.
+    /// The indices of the polyhedron's vertices at both ends of the edge.
     pub vertices: [usize; 2],
-    /// The indices of the two faces that meet at the edge.
+    /// The indices of the two faces of the polyhedron that meet at the edge.
     pub faces: [usize; 2],
 }
 
 /// A bounded convex polyhedron with a volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
-    /// The vertices in metres, in the body frame.
+    /// The vertices of the polyhedron in metres, in the body frame.
     pub vertices: Vec<Vector3<f64>>,
     /// The faces of the polyhedron.
     pub faces: Vec<Face>,
@@ -38,23 +38,23 @@ pub struct Polyhedron {
 }
 
 impl Polyhedron {
-    /// Returns the box `[-a, a] x [-b, b] x [-c, c]` with the half side lengths `half = (a, b, c)`.
+    /// Returns the cuboid `[-a, a] x [-b, b] x [-c, c]` with the half side lengths `half = (a, b, c)`.
     pub fn cuboid(half: Vector3<f64>) -> Self {
-        // The bits of the number `k` of a vertex are the signs of its coordinates.
+        // The bits of the number `k` of a cuboid's vertex are the signs of its coordinates.
         let sign = |k: usize, axis: usize| if k >> axis & 1 == 1 { 1.0 } else { -1.0 };
         let vertices = (0..8).map(|k| Vector3::from_fn(|axis, _| sign(k, axis) * half[axis])).collect();
         let loops = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         Self::from_loops(vertices, loops.into_iter().map(Vec::from))
     }
 
-    /// Returns the convex hull of points; `None` if the points span no volume.
+    /// Returns the convex hull of the given points as a polyhedron; `None` if the points span no volume.
     pub fn hull(points: &[Vector3<f64>]) -> Option<Self> {
         let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         let size = points.iter().map(|p| (p - centre).amax()).fold(0.0, f64::max);
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        // Scale the points to unit size, since the thresholds of the collision library are absolute.
+        // Scale the points of the hull to unit size, since the thresholds of the collision library are absolute.
         let unit: Vec<Vector> =
             points.iter().map(|p| (p - centre) / size).map(|p| Vector::new(p.x, p.y, p.z)).collect();
         if !spans_volume(&unit) {
@@ -75,7 +75,7 @@ impl Polyhedron {
         let faces: Vec<Face> = loops
             .map(|vertices_of| {
                 let corner = |k: usize| vertices[vertices_of[k % vertices_of.len()]];
-                // Newell's method: `area` is twice the vector area of the polygon.
+                // Newell's method: `area` is twice the vector area of the polygonal face.
                 let area: Vector3<f64> =
                     (1..vertices_of.len()).map(|k| (corner(k) - corner(0)).cross(&(corner(k + 1) - corner(0)))).sum();
                 let normal = area.normalize();
@@ -97,14 +97,15 @@ impl Polyhedron {
         Self { vertices, faces, edges }
     }
 
-    /// Checks Euler's formula, which holds if every edge was found with both adjacent faces.
+    /// Returns whether Euler's formula is satisfied, as it is if every edge was found with both adjacent faces.
     fn is_closed(&self) -> bool {
         let used: std::collections::HashSet<usize> =
             self.faces.iter().flat_map(|face| &face.vertices).copied().collect();
         used.len() + self.faces.len() == self.edges.len() + 2
     }
 
-    /// Returns tetrahedra `(0, a, b, c)` with signed volumes that sum to the volume of the polyhedron.
+    /// Returns tetrahedra `(0, a, b, c)` with signed volumes that sum to the volume of the polyhedron, each as its
+    /// volume and `[a, b, c]`.
     fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Vector3<f64>; 3])> + '_ {
         self.faces.iter().flat_map(move |face| {
             let corner = move |k: usize| self.vertices[face.vertices[k]];
@@ -120,14 +121,14 @@ impl Polyhedron {
         self.tetrahedra().map(|(volume, _)| volume).sum()
     }
 
-    /// Returns the centre of mass at uniform density.
+    /// Returns the centre of mass of the polyhedron at uniform density.
     pub fn centre(&self) -> Vector3<f64> {
         let moment: Vector3<f64> = self.tetrahedra().map(|(v, [a, b, c])| (a + b + c) * (v / 4.0)).sum();
         moment / self.volume()
     }
 
-    /// Returns the second moment `int x x^T dV` about the origin; for a tetrahedron of volume `V` with vertices
-    /// `v_i`, `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
+    /// Returns the second moment `int x x^T dV` of the polyhedron about the origin; for a tetrahedron of volume `V`
+    /// with vertices `v_i`, `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
     pub fn second_moment(&self) -> Matrix3<f64> {
         self.tetrahedra()
             .map(|(v, [a, b, c])| {
@@ -137,7 +138,7 @@ impl Polyhedron {
             .sum()
     }
 
-    /// Moves the origin of the body frame to `centre`.
+    /// Moves the origin of the body frame, in which the vertices are given, to `centre`.
     pub fn shift(&mut self, centre: &Vector3<f64>) {
         for vertex in &mut self.vertices {
             *vertex -= centre;
@@ -153,8 +154,8 @@ impl Polyhedron {
         farthest.copied().unwrap_or_else(Vector3::zeros)
     }
 
-    /// Returns the point of the surface nearest to `p`, the outward normal at the nearest point, and the distance,
-    /// negative inside.
+    /// Returns the point of the polyhedron's surface nearest to `p`, the outward normal at the nearest point, and the
+    /// distance, negative inside.
     pub fn nearest(&self, p: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
         let height = |face: &Face| face.normal.dot(p) - face.offset;
         let highest = self.faces.iter().max_by(|a, b| height(a).total_cmp(&height(b)));
@@ -169,7 +170,7 @@ impl Polyhedron {
             .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
         let point = nearest.unwrap_or(*p);
         let distance = (p - point).norm();
-        // For points on the surface, the normal is that of the face.
+        // For points on the surface of the polyhedron, the normal is that of the face.
         let normal = if distance > f64::EPSILON * p.norm() { (p - point) / distance } else { face.normal };
         (point, normal, distance)
     }
@@ -192,7 +193,7 @@ impl Polyhedron {
     }
 }
 
-/// Returns whether points of unit size have an extent (standard deviation) above 1e-3 in every direction.
+/// Returns whether points, scaled to unit size, have an extent (standard deviation) above 1e-3 in every direction.
 fn spans_volume(points: &[Vector]) -> bool {
     let mut covariance = Matrix3::zeros();
     let mean = points.iter().fold(Vector3::zeros(), |sum, p| sum + Vector3::new(p.x, p.y, p.z)) / points.len() as f64;

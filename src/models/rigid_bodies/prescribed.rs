@@ -15,27 +15,27 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 /// system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prescription {
-    /// The motion of the origin of the body frame; `None` if the origin is at rest.
+    /// The prescribed motion of the origin of the body frame; `None` if the origin is at rest.
     pub linear: Option<Linear>,
-    /// The rotation of the body; `None` if it does not rotate.
+    /// The prescribed rotation of the body; `None` if it does not rotate.
     pub angular: Option<Angular>,
 }
 
-/// A prescribed rotation of a body.
+/// The prescribed rotation of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Angular {
-    /// The angular velocity in world axes, as indices of signals.
+    /// The angular velocity of the body in world axes, as indices of signals (functions of time).
     Velocity([usize; 3]),
-    /// The rotation vector, as indices of signals, and the orientation from which it turns the body.
+    /// The rotation vector of the body, as indices of signals, and the orientation from which it turns the body.
     Rotation([usize; 3], UnitQuaternion<f64>),
 }
 
-/// The prescribed motion of a point.
+/// The prescribed motion of the origin of the body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Linear {
-    /// The position of the point, as indices of signals.
+    /// The position of the origin of the body frame, as indices of signals (functions of time).
     Position([usize; 3]),
-    /// The velocity of the point, as indices of signals.
+    /// The velocity of the origin of the body frame, as indices of signals (functions of time).
     Velocity([usize; 3]),
 }
 
@@ -44,18 +44,18 @@ pub enum Linear {
 pub struct Prescribed {
     /// The index of the body in the multibody system.
     pub body: usize,
-    /// The pose at the beginning of the step, which is replaced by `end` after the step.
+    /// The pose of the body at the beginning of the step, which is replaced by `end` after the step.
     pub pose: Isometry3<f64>,
     /// The pose of the body at the end of the step.
     pub end: Isometry3<f64>,
     /// The mean velocity of the body frame's origin over the step.
     pub velocity: Vector3<f64>,
-    /// The mean angular velocity over the step.
+    /// The mean angular velocity of the body over the step.
     pub omega: Vector3<f64>,
 }
 
 impl Prescription {
-    /// Returns the pose at the end of a step. The rotation is the exponential of the integral of the angular
+    /// Returns the prescribed pose at the end of a step. The rotation is the exponential of the integral of the angular
     /// velocity: exact for a constant axis, otherwise of second order.
     fn end(&self, from: &Isometry3<f64>, course: &SignalStep) -> Isometry3<f64> {
         let at = |values: &[f64], of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
@@ -76,8 +76,8 @@ impl Prescription {
 }
 
 impl Prescription {
-    /// Returns the velocity of the origin of the body frame and the angular velocity, from the values and the rates
-    /// of all signals.
+    /// Returns the prescribed velocity of the origin of the body frame and the angular velocity, from the values and
+    /// the rates of all signals.
     pub fn velocities(&self, values: &[f64], rates: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
         let at = |values: &[f64], of: &[usize; 3]| Vector3::from(of.map(|function| values[function]));
         let velocity = match &self.linear {
@@ -94,11 +94,11 @@ impl Prescription {
     }
 }
 
-/// Length of the rotation vector, in radians, below which a Taylor series replaces the quotients that suffer from
-/// cancellation: the truncated terms are at rounding level.
+/// Length of the rotation vector, in radians, below which a Taylor series replaces the quotients of the angular
+/// velocity that suffer from cancellation: the truncated terms are at rounding level.
 const SMALL: f64 = 1e-2;
 
-/// Returns the angular velocity for a rotation vector `r` with the time derivative `rate`.
+/// Returns the angular velocity of a body whose rotation vector is `r` with the time derivative `rate`.
 fn angular_velocity(r: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let a = r.norm();
     let [first, second] = if a < SMALL {
@@ -114,7 +114,7 @@ fn angular_velocity(r: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
 /// A body with prescribed motion to which joints are attached, with its pose at the beginning of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Ground {
-    /// The time at the beginning of the step.
+    /// The time at the beginning of the step, to which the pose belongs.
     pub t: f64,
     /// The pose of the body at the beginning of the step.
     pub pose: Isometry3<f64>,
@@ -150,7 +150,7 @@ impl Grounding {
 }
 
 impl Ground {
-    /// Returns the motion of the body over a part of the step, of length `h` from the time `t`.
+    /// Returns the prescribed motion of the body over a part of the step, of length `h` from the time `t`.
     pub fn over(&self, t: f64, h: f64, signals: &Signals) -> Grounding {
         let pose = |until: f64| {
             if until > self.t { self.by.end(&self.pose, &signals.over(self.t, until - self.t)) } else { self.pose }
@@ -170,7 +170,7 @@ impl Ground {
 }
 
 impl Prescribed {
-    /// Returns the state of a body at its initial pose, with zero velocities.
+    /// Returns the state of a body with prescribed motion at its initial pose, with zero velocities.
     pub fn new(body: usize, pose: Isometry3<f64>) -> Self {
         Self { body, pose, end: pose, velocity: Vector3::zeros(), omega: Vector3::zeros() }
     }
@@ -190,7 +190,8 @@ impl Prescribed {
         (self.velocity, self.omega) = by.velocities(&values, &rates);
     }
 
-    /// Returns the mean velocity of the material point that is at `place` at the beginning of the step.
+    /// Returns the mean velocity over the step of the material point of the body that is at `place` at the beginning of
+    /// the step.
     pub fn velocity_at(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.omega.cross(&(place - self.pose.translation.vector))
     }

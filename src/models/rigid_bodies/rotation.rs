@@ -12,15 +12,16 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Maximum number of Newton iterations for the free rotation. From the explicit guess, three to five suffice; for
-/// fast rotation see [`LARGEST_ANGLE`].
+/// Maximum number of Newton iterations for the free rotation of a body. From the explicit guess, three to five suffice;
+/// for fast rotation see [`LARGEST_ANGLE`].
 const ITERATIONS: usize = 20;
 
-/// The angle per step, in radians, above which the factor `k = h` is used: the rotation is not resolved, and `tan`
-/// would become unbounded.
+/// The angle of rotation per step, in radians, above which the Cayley factor `k = h` is used: the rotation is not
+/// resolved, and `tan` would become unbounded.
 const LARGEST_ANGLE: f64 = 2.0;
 
-/// Rotates a free body for a time `h`: returns the rotation and the new angular velocity, both in the body frame.
+/// Rotates a body without torque for a time `h`: returns the rotation and the new angular velocity, both in the body
+/// frame.
 pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let momentum = inertia * omega;
     let mut next = *omega;
@@ -28,8 +29,8 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
         let mean = (omega + next) * 0.5;
         let k = cayley_step(&mean, h);
         let residual = inertia * next - momentum - (inertia * mean).cross(&mean) * k;
-        // The derivative is `d(J w x w) = (J dw) x w + (J w) x dw`; the mean changes by half of the change of the end
-        // value.
+        // The gyroscopic term has the derivative `d(J w x w) = (J dw) x w + (J w) x dw`; the mean angular velocity
+        // changes by half of the change of its value at the end.
         let spin = (inertia * mean).cross_matrix() - mean.cross_matrix() * inertia;
         let Some(change) = (inertia - spin * (0.5 * k)).lu().solve(&residual) else { break };
         next -= change;
@@ -43,7 +44,8 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
     (axis.map_or_else(UnitQuaternion::identity, |axis| UnitQuaternion::from_axis_angle(&axis, angle)), next)
 }
 
-/// Returns the factor `k` for which the Cayley transform of `k w` is the exponential of `h w`.
+/// Returns the factor `k` for which the Cayley transform of `k w` is the rotation by the angular velocity `w` in the
+/// time `h`, the exponential of `h w`.
 fn cayley_step(omega: &Vector3<f64>, h: f64) -> f64 {
     let half = 0.5 * h * omega.norm();
     if half == 0.0 || 2.0 * half > LARGEST_ANGLE { h } else { h * half.tan() / half }
@@ -87,8 +89,8 @@ mod tests {
         let (j, omega) = (Vector3::new(1.0_f64, 2.0, 3.0), Vector3::new(1.0_f64, 0.0, 1.0));
         let energy = 0.5 * j.dot(&omega.component_mul(&omega));
         let momentum = j.component_mul(&omega).norm_squared();
-        // The formulas hold for squared momentum `> 2 E J_2` (Landau and Lifshitz, Mechanics, section 37), with `J_3`
-        // the largest moment of inertia.
+        // Jacobi's formulas hold for squared momentum `> 2 E J_2` (Landau and Lifshitz, Mechanics, section 37), with
+        // the energy `E` and `J_3` the largest moment of inertia.
         let (upper, lower) = (momentum - 2.0 * energy * j.x, 2.0 * energy * j.z - momentum);
         let rate = ((j.z - j.y) * upper / (j.x * j.y * j.z)).sqrt();
         let m = (j.y - j.x) * lower / ((j.z - j.y) * upper);

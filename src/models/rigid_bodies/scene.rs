@@ -18,37 +18,37 @@ use std::collections::HashSet;
 pub struct Body {
     /// The name of the body, the prefix of its output names.
     pub name: String,
-    /// The shape relative to the centre of mass, or to the origin of the user's frame if the body is fixed.
+    /// The shape of the body relative to its centre of mass, or to the origin of the user's frame if the body is fixed.
     pub collider: Collider,
-    /// The index of the body's material in the contact laws.
+    /// The index of the body's material, which selects the contact law of a pair of bodies.
     pub material: usize,
     /// Whether the body is fixed or has prescribed motion, so that forces and impulses do not move it.
     pub fixed: bool,
-    /// Whether the contact forces on the body are outputs.
+    /// Whether the solution contains the contact forces on the body as outputs.
     pub tells_contacts: bool,
     /// The prescribed motion of a `fixed` body; `None` if the body is at rest.
     pub motion: Option<Prescription>,
     /// The collision group of the body, for the pairs in [`MultibodySystem::apart`]; a body without a group collides
     /// with all bodies.
     pub group: Option<u32>,
-    /// The mass in kilograms, positive if the body moves.
+    /// The mass of the body in kilograms, positive if the body moves.
     pub mass: f64,
-    /// The inertia about the centre of mass, in the body frame.
+    /// The inertia of the body about its centre of mass, in the body frame.
     pub inertia: Matrix3<f64>,
-    /// The centre of mass in the user's frame.
+    /// The centre of mass of the body in the user's frame.
     pub centre: Vector3<f64>,
-    /// The initial pose, which maps the body frame to the world.
+    /// The initial pose of the body, which maps the body frame to the world.
     pub pose: Isometry3<f64>,
-    /// The initial velocity of the centre of mass.
+    /// The initial velocity of the body's centre of mass.
     pub velocity: Vector3<f64>,
-    /// The initial angular velocity in world axes.
+    /// The initial angular velocity of the body in world axes.
     pub omega: Vector3<f64>,
 }
 
-/// The contact law of a pair of materials.
+/// The contact law of a pair of materials: friction and restitution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Law {
-    /// The coefficient of friction in Coulomb's law; for a varying coefficient, its last value.
+    /// The coefficient of friction in Coulomb's law; for a coefficient that varies, the value at its last evaluation.
     pub friction: f64,
     /// The index of the coefficient of friction in [`Laws::coefficients`], if it varies.
     pub varying: Option<u32>,
@@ -56,21 +56,24 @@ pub struct Law {
     pub grain: Option<u32>,
     /// The index of the contact patch in [`Laws::patches`], if there is drilling or rolling friction.
     pub patch: Option<u32>,
-    /// The coefficient of restitution in Newton's law, from 0 to 1.
+    /// The coefficient of restitution in Newton's impact law, from 0 to 1.
     pub restitution: f64,
 }
 
-/// The patch on which two bodies touch, for drilling and rolling friction.
+/// The contact patch on which two bodies touch, for drilling and rolling friction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Patch {
-    /// The radius of a disc with uniform pressure, in metres: friction resists drilling, coupled with sliding.
+    /// The radius of the patch, a disc with uniform pressure, in metres: friction resists drilling, coupled with
+    /// sliding.
     pub radius: f64,
-    /// The coefficient of rolling friction, in metres: the largest rolling torque divided by the normal force.
+    /// The coefficient of rolling friction of the patch, in metres: the largest rolling torque divided by the normal
+    /// force.
     pub rolling: f64,
 }
 
 impl Law {
-    /// Returns the number of block rows of a contact: two for the force and the torque on a patch, otherwise one.
+    /// Returns the number of block rows of a contact with this law: two for the force and the torque on a patch,
+    /// otherwise one.
     pub fn rows(&self) -> usize {
         if self.patch.is_some() { 2 } else { 1 }
     }
@@ -86,16 +89,16 @@ impl Law {
 pub struct Laws {
     materials: usize,
     laws: Vec<Law>,
-    /// The varying coefficients of friction.
+    /// The coefficients of friction that vary, to which [`Law::varying`] refers.
     pub coefficients: Vec<Coefficient>,
-    /// The directions and ratios of anisotropic friction.
+    /// The directions and ratios of anisotropic friction, to which [`Law::grain`] refers.
     pub grains: Vec<Grain>,
-    /// The contact patches of drilling and rolling friction.
+    /// The contact patches of drilling and rolling friction, to which [`Law::patch`] refers.
     pub patches: Vec<Patch>,
 }
 
 impl Laws {
-    /// Collects the contact laws of all pairs of a number of materials, by rows.
+    /// Collects the contact laws of all pairs of a number of materials; `laws` are in row order.
     pub fn new(materials: usize, laws: Vec<Law>) -> Self {
         Self { materials, laws, coefficients: Vec::new(), grains: Vec::new(), patches: Vec::new() }
     }
@@ -119,29 +122,30 @@ impl Laws {
 /// A multibody system: bodies, contact laws, joints and forces.
 #[derive(Clone, Debug)]
 pub struct MultibodySystem {
-    /// The gravitational acceleration, in metres per second squared.
+    /// The gravitational acceleration of the system, in metres per second squared.
     pub gravity: Vector3<f64>,
     /// All bodies of the system, including fixed ones.
     pub bodies: Vec<Body>,
-    /// The contact laws of all pairs of materials.
+    /// The contact laws of all pairs of the bodies' materials.
     pub laws: Laws,
-    /// The friction cone or its polyhedral approximation.
+    /// The friction cone of the contact law, or its polyhedral approximation.
     pub cone: Cone,
     /// Pairs of collision groups, smaller index first, whose bodies do not collide with each other.
     pub apart: HashSet<(u32, u32)>,
     /// The joints of the system, and springs between points.
     pub joints: Vec<Joint>,
-    /// The forces on bodies that depend on time and motion.
+    /// The user-defined forces on bodies that depend on time and motion.
     pub actions: Vec<Action>,
-    /// The functions of time that drive joints and bodies.
+    /// The signals of the system: functions of time that drive joints and bodies.
     pub signals: Signals,
-    /// Whether initial overlaps are resolved, and initial velocities are projected onto the joint constraints.
+    /// Whether initial overlaps of bodies are resolved, and initial velocities are projected onto the joint
+    /// constraints.
     pub resolve: bool,
-    /// Warnings for the user, known before the problem is solved.
+    /// Warnings to the user about the multibody system, known before the problem is solved.
     pub warnings: Vec<Warning>,
 }
 
-/// Two bodies that overlap initially.
+/// A pair of bodies that overlap initially.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
     /// The indices of the two overlapping bodies in the system.
@@ -154,7 +158,8 @@ impl MultibodySystem {
     /// Returns the pairs of bodies that initially overlap by more than `fraction` of the smaller body's size, sorted;
     /// at most `most`.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn overlaps(&self, fraction: f64, most: usize, control: &Control) -> Result<Vec<Overlap>, Interrupted> {
         let mut overlaps = Vec::new();
         let margin = |a: usize, b: usize| fraction * self.reach(a).min(self.reach(b));
@@ -176,7 +181,8 @@ impl MultibodySystem {
 
     /// Returns the memory estimate for the initial contacts; counting stops when the estimate reaches `enough` bytes.
     ///
-    /// # Errors If `control` asks to stop.
+    /// # Errors
+    /// If `control` asks to stop.
     pub fn load(&self, enough: usize, control: &Control) -> Result<Load, Interrupted> {
         let mut load = Load::of(self);
         let moving = |body: usize| (!self.bodies[body].fixed).then_some(body);
@@ -230,7 +236,7 @@ impl MultibodySystem {
         }
     }
 
-    /// Returns whether two bodies belong to groups that do not collide.
+    /// Returns whether two bodies belong to collision groups that do not collide with each other.
     pub fn is_apart(&self, a: u32, b: u32) -> bool {
         let [a, b] = [a, b].map(|body| self.bodies[body as usize].group);
         a.zip(b).is_some_and(|(a, b)| self.apart.contains(&(a.min(b), a.max(b))))

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 /// The shape of a body, with lengths in metres.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// A ball about the origin of the body frame.
+    /// A ball whose centre is the origin of the body frame.
     Sphere {
         /// The radius of the ball.
         radius: f64,
@@ -20,7 +20,7 @@ pub enum Shape {
     Capsule {
         /// The radius of the capsule's caps and barrel.
         radius: f64,
-        /// Half of the distance between the centres of the caps.
+        /// Half of the distance between the centres of the capsule's caps.
         half_height: f64,
     },
     /// A circular cylinder about the z axis of the body frame.
@@ -30,19 +30,19 @@ pub enum Shape {
         /// Half of the height of the cylinder.
         half_height: f64,
     },
-    /// A box or a convex hull.
+    /// A convex polyhedron: a box or a convex hull of points.
     Polyhedron(Polyhedron),
-    /// A half space: all points `x` with `normal . x <= 0`.
+    /// A half space: all points `x` of the body frame with `normal . x <= 0`.
     HalfSpace {
         /// The outward unit normal of the half space.
         normal: Vector3<f64>,
     },
-    /// A triangle mesh.
+    /// A triangle mesh, in the form of the collision library.
     Mesh(SharedShape),
 }
 
 impl Shape {
-    /// Returns the name of the shape in specifications and messages.
+    /// Returns the name of the kind of shape in specifications and messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Sphere { .. } => "sphere",
@@ -54,8 +54,8 @@ impl Shape {
         }
     }
 
-    /// Returns the volume, the centre of mass and the second moment `S` about the origin; `None` for shapes without a
-    /// volume.
+    /// Returns the volume of the shape, the centre of mass and the second moment `S` about the origin of the body
+    /// frame; `None` for shapes without a volume.
     pub fn moments(&self) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
         let (volume, radial, axial) = match self {
             Self::Sphere { radius } => {
@@ -69,7 +69,7 @@ impl Shape {
             Self::Capsule { radius, half_height } => {
                 let (r, l) = (*radius, *half_height);
                 let (barrel, caps) = (PI * r * r * 2.0 * l, 4.0 / 3.0 * PI * r.powi(3));
-                // The centroid of a half ball of radius `r` is at `3 r / 8` above its base.
+                // The centroid of a half ball of radius `r`, a cap of the capsule, is at `3 r / 8` above its base.
                 let axial = barrel * l * l / 3.0 + caps * (r * r / 5.0 + l * l + 2.0 * l * 3.0 / 8.0 * r);
                 (barrel + caps, barrel * r * r / 4.0 + caps * r * r / 5.0, axial)
             }
@@ -81,7 +81,8 @@ impl Shape {
         Some((volume, Vector3::zeros(), Matrix3::from_diagonal(&Vector3::new(radial, radial, axial))))
     }
 
-    /// Returns the largest distance of a point of the shape from the origin; infinite for a half space.
+    /// Returns the largest distance of a point of the shape from the origin of the body frame; infinite for a half
+    /// space.
     pub fn reach(&self) -> f64 {
         match self {
             Self::Sphere { radius } => *radius,

@@ -6,12 +6,12 @@ use expression::{Breaks, Graph, Node, Tape};
 use hybrid::Breaking;
 use numerics::Interval;
 
-/// The nodes and weights of Gauss quadrature of order six on the unit interval, which is more accurate than the time
-/// stepping.
+/// The nodes and weights of Gauss quadrature of order six on the unit interval, for the integrals of signals over a
+/// step: more accurate than the time stepping.
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Rounding error of a signal, relative to the largest intermediate result of its expression.
+/// Rounding error of a signal (function of time), relative to the largest intermediate result of its expression.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Largest number of parts between breakpoints into which a step is divided for the integrals of its signals; the rest
@@ -21,9 +21,9 @@ const MOST_PARTS: usize = 1000;
 /// The signals of a multibody system, compiled to one program.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
-    /// The compiled expressions of all signals, each followed by its time derivative.
+    /// The compiled expressions of all signals (functions of time), each followed by its time derivative.
     pub program: Tape,
-    /// The number of signals of the system.
+    /// The number of signals (functions of time) of the multibody system.
     pub count: usize,
     /// The event functions of time at whose sign changes a signal has a kink or a jump; `None` if there are none.
     edges: Option<Edges>,
@@ -43,18 +43,18 @@ impl Breaking for Edges {
     }
 }
 
-/// Values, rates and integrals of the signals over one time step.
+/// Values, rates and integrals of the signals (functions of time) over one time step.
 #[derive(Clone, Debug, Default)]
 pub struct SignalStep {
-    /// The values of the signals at the beginning of the step.
+    /// The values of the signals (functions of time) at the beginning of the step.
     pub start: Vec<f64>,
     /// The mean values of the signals over the step.
     pub means: Vec<f64>,
     /// The values of the signals at the end of the step.
     pub end: Vec<f64>,
-    /// The time derivatives of the signals at the end of the step.
+    /// The time derivatives of the signals (functions of time) at the end of the step.
     pub rates: Vec<f64>,
-    /// The integrals of the signals over the time step.
+    /// The integrals of the signals (functions of time) over the time step.
     pub integrals: Vec<f64>,
     /// The length of the time step over which the signals are integrated.
     pub h: f64,
@@ -80,14 +80,14 @@ impl Signals {
     }
 
     /// Returns the rounding error of values and derivatives of the signals at a time, estimated from the largest
-    /// intermediate result (cancellation).
+    /// intermediate result of their expressions (cancellation).
     pub fn rounding(&self, t: f64) -> f64 {
         let mut program = self.program.clone();
         program.evaluate(t, &[], &mut vec![0.0; 2 * self.count]);
         ROUNDING * program.largest()
     }
 
-    /// Evaluates and integrates the signals over a step of length `h` from time `t`.
+    /// Evaluates and integrates the signals (functions of time) over a step of length `h` from time `t`.
     pub fn over(&self, t: f64, h: f64) -> SignalStep {
         if self.count == 0 {
             return SignalStep { h, ..SignalStep::default() };

@@ -52,19 +52,19 @@ use problem::Control;
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 
-/// Maximum number of halvings of a step that is too long for the joint equations, in a system with contacts.
+/// Maximum number of halvings of a step that is too long for the equations of joints, in a system with contacts.
 const HALVINGS: u32 = 16;
 
-/// The residual of the contact law above which a step fails.
+/// The residual of the contact law above which a time step fails.
 const UNSOLVED: f64 = 0.1;
 
-/// The Moreau-Jean time-stepping scheme and its state.
+/// The Moreau-Jean time-stepping scheme for a multibody system, and its state.
 #[derive(Debug)]
 pub struct MoreauStepping<'a> {
     scene: &'a MultibodySystem,
-    /// The moving bodies, with the velocities at which the last step moved them.
+    /// The moving bodies, with the velocities that have moved their positions in the last step.
     moving: Vec<Motion>,
-    /// The moving bodies, with the velocities at the end of the last step.
+    /// The moving bodies, with positions and velocities at the end of the last step.
     pub ends: Vec<Motion>,
     /// For each moving body, whether it is in sustained contact.
     held: Vec<bool>,
@@ -76,7 +76,7 @@ pub struct MoreauStepping<'a> {
     /// For each moving body, whether it is in an implicit island (with joints or motion-dependent forces).
     jointed: Vec<bool>,
     mechanism: Mechanism<'a>,
-    /// The states of the linkages that are carried from step to step.
+    /// The states of the linkages (bodies connected by joints) that are carried from step to step.
     carried: Vec<Carried>,
     /// For each body of the system, its index among the moving bodies.
     places: Vec<Option<u32>>,
@@ -85,19 +85,20 @@ pub struct MoreauStepping<'a> {
     acting: Vec<(u32, Option<u32>, u32)>,
     /// The time that the simulation has reached.
     t: f64,
-    /// Whether the current part of a step must not be halved further.
+    /// Whether the current part of a step must not be halved further, and is attempted whatever its length.
     is_shortest: bool,
-    /// The contact force and torque of the last step, for each body with contact outputs.
+    /// For each body with contact outputs, the contact force and the contact torque on it in the last step.
     contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
-    /// The states of the bodies with prescribed motion.
+    /// The states of the bodies with prescribed motion in the current step.
     prescribed: Vec<Prescribed>,
     /// For each body of the system, its index among the bodies with prescribed motion.
     given: Vec<Option<u32>>,
-    /// The contacts of the current step.
+    /// The contacts of the current step that are closed or may close.
     pub contacts: Vec<Contact>,
-    /// The contacts with an impulse in the last solve of the contact law, if coefficients of friction vary.
+    /// The contacts that had an impulse when the contact law was last solved; empty unless coefficients of friction
+    /// vary.
     rubbing: Vec<Contact>,
-    /// The contact events of the last step.
+    /// The contact events (impact, stick, slip, lift-off) of the last step.
     pub new_events: Vec<NewEvent>,
     /// The state of the event-driven integration, which locates impacts; `None` for time stepping.
     located: Option<Box<Located>>,
@@ -108,22 +109,22 @@ pub struct MoreauStepping<'a> {
     broad_phase: BroadPhase,
     pairs: Vec<(u32, u32)>,
     points: Vec<ContactPoint>,
-    /// The contact impulses of the last step in world axes, by contact identity.
+    /// The contact impulses of the last step in world axes, by contact identity, for the warm start.
     kept: FxHashMap<(u32, u32, u64), Vector3<f64>>,
     islands: Islands,
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
     laws: Vec<Law>,
     load: Load,
-    /// The limit on the memory for contacts and their matrices, in bytes.
+    /// The limit on the memory for contacts and their matrices in a step, in bytes.
     pub most_memory: usize,
-    /// The record of the parts into which steps were divided, if another run is to use longer parts; otherwise
+    /// The record of the parts into which steps were divided, if a comparison run is to use longer parts; otherwise
     /// `None`.
     pub made: Option<MadeParts>,
 }
 
 impl<'a> MoreauStepping<'a> {
-    /// Initialises the scheme at the initial time `t`.
+    /// Initialises the time-stepping scheme at the initial time `t`.
     pub fn new(scene: &'a MultibodySystem, t: f64, settings: &Settings) -> Self {
         let mut moving = Vec::new();
         let mut places = Vec::with_capacity(scene.bodies.len());
@@ -195,14 +196,16 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Returns the motion of a body, given its index in the system; `None` if the body is fixed.
+    /// Returns the motion of a body, given its index in the system; `None` if the body is fixed or has prescribed
+    /// motion.
     pub fn motion(&self, body: usize) -> Option<&Motion> {
         self.places[body].map(|place| &self.moving[place as usize])
     }
 
     /// Makes a step of length `h` from the time `t`, by time stepping or event-driven.
     ///
-    /// # Errors If the step fails.
+    /// # Errors
+    /// If the step fails.
     pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.t = t;
         self.forget_last_step();
@@ -225,7 +228,7 @@ impl<'a> MoreauStepping<'a> {
         self.contact_forces.fill(Default::default());
     }
 
-    /// Detects the contacts of a step of length `h`, and moves apart the bodies that overlap at its beginning.
+    /// Detects the contacts of a step of length `h`, and resolves the overlaps of bodies at its beginning.
     fn detect_and_part(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
@@ -233,13 +236,13 @@ impl<'a> MoreauStepping<'a> {
         self.part_overlaps(h, control)
     }
 
-    /// Records the kinetic energy of all bodies in the report if it is the largest so far.
+    /// Records the kinetic energy of all bodies in the step's report if it is the largest so far.
     fn note_kinetic_energy(&mut self) {
         let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
         self.report.kinetic = self.report.kinetic.max(kinetic);
     }
 
-    /// Starts to record the parts into which steps are divided.
+    /// Starts to record the parts into which steps are divided, for a comparison run.
     pub fn record_parts(&mut self) {
         self.made = Some(MadeParts::new(self.moving.len()));
     }
@@ -252,7 +255,7 @@ impl<'a> MoreauStepping<'a> {
         self.mechanism.exceeded.get_or_insert_with(|| MadeParts::new(moving))
     }
 
-    /// Makes a step of length `h`, in two halves if it is too long for the joint equations or for contacts.
+    /// Makes a step of length `h`, in two halves if it is too long for the equations of joints or for contacts.
     fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
         let part = [self.t, self.t + h];
         let longest = self.mechanism.exceeded.as_ref().map(|parts| parts.longest(part));
@@ -291,7 +294,7 @@ impl<'a> MoreauStepping<'a> {
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
-            // Of the rejected attempt, keep only the longest step sizes that linkages should try next.
+            // Of the rejected attempt at a step, keep only the longest step sizes that linkages should try next.
             for island in &self.tasks[..self.islands.len()] {
                 island.linkages.iter().for_each(|&linkage| self.carried[linkage as usize].parts = island.parts);
             }
@@ -318,8 +321,8 @@ impl<'a> MoreauStepping<'a> {
         Ok(())
     }
 
-    /// Records the parts of a step and, in a comparison run with longer steps, the time in which they are not at
-    /// least twice as long as those of the first run, whose longest part has the length `longest`.
+    /// Records the parts of a step and, in a comparison run with longer steps, the time in which the parts are not at
+    /// least twice as long as those of the first run; `longest` is the length of the longest of the latter.
     fn note_parts(&mut self, part: [f64; 2], longest: Option<f64>) {
         let tasks = &self.tasks[..self.islands.len()];
         if let Some(made) = &mut self.made {
@@ -334,7 +337,7 @@ impl<'a> MoreauStepping<'a> {
     }
 
     /// Passes the poses of the bodies with prescribed motion at the beginning of the step to the joints attached to
-    /// them.
+    /// these bodies.
     pub(super) fn ground(&mut self) {
         let of = |prescribed: &Prescribed| {
             let by = self.scene.bodies[prescribed.body].motion?;
@@ -344,7 +347,8 @@ impl<'a> MoreauStepping<'a> {
         self.mechanism.grounds.extend(self.prescribed.iter().filter_map(of));
     }
 
-    /// Applies gravity to the velocities of bodies in explicit islands.
+    /// Applies gravity for a time `h` to the velocities of bodies in explicit islands (without joints and
+    /// motion-dependent forces).
     fn kick(&mut self, h: f64) {
         let gravity = self.scene.gravity;
         for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
@@ -363,7 +367,8 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Stores the impulses for the next step, and records impulses and work of contacts in the report.
+    /// Stores the contact impulses for the warm start of the next step, and records impulses and work of contacts in
+    /// the report.
     fn record(&mut self) {
         self.kept.clear();
         self.pushed.fill(false);
@@ -392,7 +397,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Checks that the contact law was solved: that its residual is not above `UNSOLVED`.
+    /// Checks that the contact law was solved in the step: that its residual is not above `UNSOLVED`.
     fn check_law(&self) -> Result<(), StepFailure> {
         match self.report.residual {
             residual if residual > UNSOLVED => Err(StepFailure::Unsolved { residual }),
@@ -412,13 +417,13 @@ impl<'a> MoreauStepping<'a> {
         (0..self.places.len()).find(|&body| lost(body)).map_or(Ok(()), |body| Err(StepFailure::NotFinite { body }))
     }
 
-    /// Returns the kinetic and the potential energy; the gravitational potential is zero at the origin.
+    /// Returns the kinetic and the potential energy of the system; the gravitational potential is zero at the origin.
     pub fn energies(&self) -> [f64; 2] {
         self.energies_of(&self.ends)
     }
 
-    /// Returns the kinetic and the potential energy for given states of the moving bodies; springs have the energy of
-    /// the end of the step.
+    /// Returns the kinetic and the potential energy of the system for given states of the moving bodies; springs have
+    /// the energy of the end of the step.
     pub fn energies_of(&self, moving: &[Motion]) -> [f64; 2] {
         let kinetic = moving.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);

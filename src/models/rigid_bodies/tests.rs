@@ -1,4 +1,4 @@
-//! Tests of the motion of rigid bodies against closed-form solutions.
+//! Tests of the motion of systems of rigid bodies against closed-form solutions.
 
 use super::collision::Collider;
 use super::*;
@@ -134,13 +134,13 @@ fn on_a_tray(rows: u32) -> MultibodySystem {
 fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     let scene = on_a_tray(4);
     let load = scene.load(usize::MAX, &Control::new()).unwrap();
-    // The contacts are the four corners of the tray and sixteen spheres.
+    // The contacts are those of the tray's four corners with the ground and of the sixteen spheres with the tray.
     assert_eq!((load.contacts, load.most_touched()), (20, Some((1, 20))));
     let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
-    // The matrix has blocks for all pairs of contacts on the tray, and one diagonal block per sphere for its second
-    // body.
+    // The Delassus matrix has blocks for all pairs of contacts on the tray, and one diagonal block per sphere for its
+    // second body.
     let bytes = |blocks| {
         ::contact::law::Size { contacts: 20, blocks, has_factors: true, friction: Some(Cone::Quadratic) }.bytes()
     };

@@ -10,18 +10,19 @@ use super::motion::Motion;
 use problem::EventKind;
 use rustc_hash::FxHashMap;
 
-/// Rounding error of a relative velocity, relative to the speeds of both bodies.
+/// Rounding error of the relative velocity of two bodies, relative to the sum of their speeds.
 const ROUNDING: f64 = 1e-9;
 
-/// The slip velocity at which slip ends, relative to the velocity change by gravity within a step.
+/// The slip velocity below which slip of a contact ends, relative to the velocity change by gravity within a step.
 const ENDS: f64 = 1e-3;
-/// The slip velocity at which slip begins, relative to the velocity change by gravity within a step.
+/// The slip velocity above which slip of a contact begins, relative to the velocity change by gravity within a step.
 const BEGINS: f64 = 1e-2;
 
-/// An event between two bodies: its kind, the indices of the bodies, and its time; `None` is the end of the step.
+/// A contact event between two bodies: its kind, the indices of the bodies, and its time; `None` is the end of the
+/// step.
 pub type NewEvent = (EventKind, [usize; 2], Option<f64>);
 
-/// The pairs of bodies that are in contact.
+/// The pairs of bodies that are in contact, followed from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct Touches {
     pairs: FxHashMap<(u32, u32), Touch>,
@@ -32,11 +33,11 @@ pub struct Touches {
 #[derive(Clone, Copy, Debug)]
 struct Touch {
     slips: bool,
-    /// The first and the last step at whose end the pair was in contact.
+    /// The numbers of the first and the last step at whose end the pair was in contact.
     steps: [u64; 2],
 }
 
-/// A contact between two bodies in a step, with the data that determine its events.
+/// A contact between two bodies in a step, with the data that determine its events (impact, stick, slip, lift-off).
 pub struct Touched<'a> {
     /// The contact, with its impulse in the step.
     pub contact: &'a Contact,
@@ -47,8 +48,8 @@ pub struct Touched<'a> {
 }
 
 impl Touches {
-    /// Updates the pairs with the contacts of a step, grouped by pair, and appends events. `fall` is the velocity
-    /// change by gravity within a step.
+    /// Updates the pairs in contact with the contacts of a step, grouped by pair, and appends contact events. `fall` is
+    /// the velocity change by gravity within a step.
     pub fn follow<'a>(
         &mut self,
         contacts: impl Iterator<Item = Touched<'a>>,
@@ -101,13 +102,13 @@ impl Touches {
     }
 }
 
-/// The contacts of a pair of bodies in one step, combined.
+/// The contacts of a pair of bodies in one step, combined to one state.
 #[derive(Debug, Default)]
 struct Pair {
     is_closed: bool,
     is_struck: bool,
-    /// Whether an impact occurred: a contact without impulse in the last step has an impulse, and its normal velocity
-    /// exceeds the threshold.
+    /// Whether an impact of the pair occurred: a contact without impulse in the last step has an impulse, and its
+    /// normal velocity exceeds the threshold.
     strikes: bool,
     /// Whether a contact of the pair with an impulse slips faster than the threshold for the onset of slip.
     slips: bool,

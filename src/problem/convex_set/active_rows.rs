@@ -17,28 +17,30 @@ use super::polyhedron::{Polyhedron, dot};
 pub struct ActiveRows {
     /// The indices of the active rows of the polyhedron, in the order in which they became active.
     rows: Vec<usize>,
-    /// The multipliers of the active rows, in the order of `rows`.
+    /// The multipliers of the active rows of the polyhedron, in the order of `rows`.
     multipliers: Vec<f64>,
-    /// The orthonormal factor `Q` of the active rows (`N^T = Q R`), by columns.
+    /// The orthonormal factor `Q` of the active rows `N` of the polyhedron (`N^T = Q R`), by columns.
     q: Vec<f64>,
-    /// The triangular factor `R` of the active rows (`N^T = Q R`), by columns, each padded to the dimension of the
-    /// space.
+    /// The triangular factor `R` of the active rows `N` of the polyhedron (`N^T = Q R`), by columns, each padded to the
+    /// dimension of the space.
     r: Vec<f64>,
-    /// The coefficients of the row that enters the active set, as a linear combination of the active rows.
+    /// The coefficients of the row of the polyhedron that enters the active set, as a linear combination of the active
+    /// rows.
     coefficients: Vec<f64>,
-    /// The component of the row that enters the active set, orthogonal to the active rows.
+    /// The component, orthogonal to the active rows, of the row of the polyhedron that enters the active set.
     rest: Vec<f64>,
 }
 
-/// Relative rounding error of a row `a^T p - b`: violations below this fraction of `|x| + |b|` are treated as zero.
+/// Relative rounding error of a row `a^T p - b` of the polyhedron at a point `p`: violations below this fraction of
+/// `|x| + |b|` are treated as zero, where `x` is the projected point.
 const NOISE: f64 = 1e-14;
 
-/// A row of unit length is treated as linearly dependent on the active rows if its component orthogonal to them is
-/// shorter than this threshold.
+/// A row of the polyhedron, of unit length, is treated as linearly dependent on the active rows if its component
+/// orthogonal to them is shorter than this threshold.
 const DEPENDENT: f64 = 1e-10;
 
 impl ActiveRows {
-    /// Returns the indices of the rows that were active at the end of the last projection.
+    /// Returns the indices of the rows of the polyhedron that were active at the end of the last projection.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
@@ -85,7 +87,8 @@ impl ActiveRows {
         true
     }
 
-    /// Projects `x` in place onto the null space of the active rows: `x - Q Q^T x` with their orthonormal basis `Q`.
+    /// Projects `x` in place onto the null space of the polyhedron's active rows: `x - Q Q^T x` with their orthonormal
+    /// basis `Q`.
     pub(super) fn restrict(&self, x: &mut [f64]) {
         let n = x.len();
         for q in self.q.chunks_exact(n.max(1)).take(self.rows.len()) {
@@ -96,7 +99,7 @@ impl ActiveRows {
         }
     }
 
-    /// Returns whether `d` is a nonnegative combination of the active rows, up to rounding.
+    /// Returns whether the vector `d` is a nonnegative combination of the polyhedron's active rows, up to rounding.
     pub(super) fn generate(&mut self, d: &[f64]) -> bool {
         let noise = 1e-9 * norm(d);
         self.resolve(d, self.rows.len()) <= noise && self.coefficients.iter().all(|c| *c >= -noise)
@@ -126,8 +129,8 @@ impl ActiveRows {
         worst
     }
 
-    /// Decomposes a row as `N^T c + rest`, with `N` the first `k` active rows and `rest` orthogonal to them; stores
-    /// `c` and `rest`, and returns the length of `rest`.
+    /// Decomposes a row of the polyhedron as `N^T c + rest`, with `N` the first `k` active rows and `rest` orthogonal
+    /// to them; stores `c` and `rest`, and returns the length of `rest`.
     fn resolve(&mut self, row: &[f64], k: usize) -> f64 {
         let n = row.len();
         self.rest.copy_from_slice(row);
@@ -142,7 +145,7 @@ impl ActiveRows {
                 }
             }
         }
-        // Store the new column of the triangular factor `R` in case the row enters the active set.
+        // Store the new column of the triangular factor `R` of the active rows, in case the row enters the active set.
         if k < n {
             self.r[k * n..k * n + k].copy_from_slice(&self.coefficients);
         }
@@ -154,8 +157,8 @@ impl ActiveRows {
         norm(&self.rest)
     }
 
-    /// Ratio test: returns the active row whose multiplier is the first to fall to zero as the multiplier of the
-    /// entering row grows, and the growth at which it does.
+    /// Ratio test of the dual active-set method: returns the active row whose multiplier is the first to fall to zero
+    /// as the multiplier of the entering row grows, and the growth at which it does.
     fn first_to_leave(&self) -> (usize, f64) {
         let mut first = (0, f64::INFINITY);
         for (i, (l, c)) in self.multipliers.iter().zip(&self.coefficients).enumerate() {
@@ -172,8 +175,8 @@ impl ActiveRows {
         self.multipliers.push(multiplier);
     }
 
-    /// Writes column `k` of `Q`, and its diagonal entry of `R`, from the result of the last call of `resolve`; `left`
-    /// is the length of the orthogonal component.
+    /// Writes column `k` of the factor `Q` of the active rows, and its diagonal entry of `R`, from the result of the
+    /// last call of `resolve`; `left` is the length of the orthogonal component.
     fn write_column(&mut self, k: usize, left: f64) {
         let n = self.rest.len();
         for (q, rest) in self.q[k * n..][..n].iter_mut().zip(&self.rest) {
@@ -182,8 +185,8 @@ impl ActiveRows {
         self.r[k * n + k] = left;
     }
 
-    /// Removes an active row, given by its position in the active set, and orthogonalises the rows that entered after
-    /// it anew.
+    /// Removes a row from the active set, given by its position in the set, and orthogonalises the rows that entered
+    /// after it anew.
     fn leave(&mut self, set: &Polyhedron, place: usize) {
         self.multipliers.remove(place);
         self.rows.remove(place);

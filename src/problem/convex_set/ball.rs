@@ -7,7 +7,7 @@
 //! inside and outside the ball, respectively. On the sphere `|x| = r`, where `P` has a kink, `P'` is set to the
 //! identity.
 
-/// Writes the projection of `x` onto the ball to `p`.
+/// Writes the projection of `x` onto the ball `|z| <= radius` to `p`.
 pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     let norm = norm(x);
     let factor = if norm <= radius { 1.0 } else { radius / norm };
@@ -16,7 +16,7 @@ pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection onto the ball at `x`, by columns.
+/// Writes the derivative at `x` of the projection onto the ball `|z| <= radius`, by columns.
 pub(super) fn derivative(radius: f64, x: &[f64], out: &mut [f64]) {
     let norm = norm(x);
     let inside = norm <= radius;
@@ -37,7 +37,7 @@ pub(super) fn norm(x: &[f64]) -> f64 {
     largest * x.iter().map(|x| (x / largest) * (x / largest)).sum::<f64>().sqrt()
 }
 
-/// Returns the index of the component of largest absolute value.
+/// Returns the index of the component of `x` of largest absolute value.
 pub(super) fn largest(x: &[f64]) -> usize {
     (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or(0)
 }

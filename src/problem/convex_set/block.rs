@@ -1,14 +1,14 @@
-//! Blocks: factors of the convex set `K` that couple several components of `z`.
+//! Blocks: factors of the convex set `K` that couple several components of the variables `z`.
 
 use super::active_rows::ActiveRows;
 use super::face::Face;
 use super::polyhedron::{Polyhedron, dot};
 use super::{ball, second_order_cone, simplex};
 
-/// The shape of a block: a convex set in the space of its `k` components.
+/// The shape of a block of `K`: a convex set in the space of the block's `k` components.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// The Euclidean ball `|z| <= radius`.
+    /// The Euclidean ball `|z| <= radius` about the origin.
     Ball {
         /// The radius of the ball, nonnegative.
         radius: f64,
@@ -26,7 +26,7 @@ pub enum Shape {
 pub struct Block {
     /// The indices of the block's components in `z`, in the order of the shape's coordinates.
     pub members: Vec<usize>,
-    /// The shape of the block.
+    /// The shape of the block, a convex set in the space of its components.
     pub shape: Shape,
 }
 
@@ -38,8 +38,8 @@ pub struct BlockWorkspace {
 }
 
 impl Shape {
-    /// Writes the projection of `x` onto the shape to `p`; `x` and `p` have one entry per component of the block. NaN
-    /// in `x` gives NaN in `p`.
+    /// Writes the projection of `x` onto the block's shape to `p`; `x` and `p` have one entry per component of the
+    /// block. NaN in `x` gives NaN in `p`.
     pub fn project(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) {
         match self {
             Shape::Ball { radius } => ball::project(*radius, x, p),
@@ -73,7 +73,7 @@ impl Shape {
         }
     }
 
-    /// Returns the face of the shape whose relative interior contains the projection of `x`; the projection is
+    /// Returns the face of the block's shape whose relative interior contains the projection of `x`; the projection is
     /// written to `p`.
     pub fn face(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) -> Face {
         self.project(x, p, work);
@@ -90,7 +90,8 @@ impl Shape {
         }
     }
 
-    /// Returns the support function `sup <d, z>` of the shape; infinite if the shape is unbounded in direction `d`.
+    /// Returns the support function `sup <d, z>` over points `z` of the block's shape; infinite if the shape is
+    /// unbounded in direction `d`.
     pub fn support(&self, d: &[f64], work: &mut BlockWorkspace) -> f64 {
         match self {
             Shape::Ball { radius } => radius * ball::norm(d),
@@ -101,8 +102,8 @@ impl Shape {
         }
     }
 
-    /// Returns whether `d` is in the recession cone of the shape: whether `z + s d` stays in the shape for all `s >=
-    /// 0`.
+    /// Returns whether `d` is in the recession cone of the block's shape: whether `z + s d` stays in the shape for all
+    /// `s >= 0`.
     pub fn recedes(&self, d: &[f64]) -> bool {
         match self {
             Shape::Ball { .. } | Shape::Simplex => d.iter().all(|d| *d == 0.0),
@@ -111,8 +112,8 @@ impl Shape {
         }
     }
 
-    /// Returns the length scale of the shape: the radius of a ball, one for a simplex, the largest distance of a
-    /// bounding plane of a polyhedron from the origin. `None` for cones.
+    /// Returns the length scale of the block's shape: the radius of a ball, one for a simplex, the largest distance of
+    /// a bounding plane of a polyhedron from the origin. `None` for cones.
     pub fn size(&self) -> Option<f64> {
         let size = match self {
             Shape::Ball { radius } => *radius,
@@ -123,7 +124,7 @@ impl Shape {
         (size > 0.0).then_some(size)
     }
 
-    /// Returns whether the shape is bounded: whether its recession cone is zero.
+    /// Returns whether the block's shape is bounded: whether its recession cone is zero.
     pub fn is_bounded(&self, work: &mut BlockWorkspace) -> bool {
         match self {
             Shape::Ball { .. } | Shape::Simplex => true,
@@ -139,7 +140,7 @@ impl Shape {
         }
     }
 
-    /// Returns whether the shape, as a set in `k` dimensions, is nonempty.
+    /// Returns whether the block's shape, as a set in `k` dimensions, is nonempty.
     pub fn is_nonempty(&self, k: usize) -> bool {
         match self {
             Shape::Ball { radius } => *radius >= 0.0,
@@ -148,7 +149,8 @@ impl Shape {
         }
     }
 
-    /// Returns the constraint violation of `z` as a length; at most zero if `z` is in the shape.
+    /// Returns the largest violation of a constraint of the block's shape by `z`, as a length; at most zero if `z` is
+    /// in the shape.
     pub fn violation(&self, z: &[f64]) -> f64 {
         match self {
             Shape::Ball { radius } => ball::norm(z) - radius,

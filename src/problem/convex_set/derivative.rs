@@ -1,16 +1,16 @@
-//! An element `V` of the B-subdifferential of the projection onto `K`: zero or one for an interval, a symmetric
-//! matrix for a block.
+//! An element `V` of the B-subdifferential of the projection onto `K` (a generalised derivative): zero or one for an
+//! interval, a symmetric matrix for a block.
 
 use super::{ConvexSet, Workspace};
 
 /// An element `V` of the B-subdifferential of the projection onto `K` at one point, stored by the factors of `K`.
 #[derive(Clone, Debug, Default)]
 pub struct Derivative {
-    /// The diagonal entries, for the components in intervals, of the derivative `V` of the projection onto `K`: one
-    /// in the interior of the interval, zero otherwise.
+    /// The diagonal entries of the generalised derivative `V` of the projection onto `K`, for components in intervals:
+    /// one in the interior of the interval, zero otherwise.
     intervals: Vec<f64>,
-    /// The diagonal blocks, for the blocks of `K`, of the derivative `V` of the projection onto `K`: concatenated
-    /// matrices, each by columns.
+    /// The diagonal blocks of the generalised derivative `V` of the projection onto `K`, for the blocks of `K`:
+    /// concatenated matrices, each by columns.
     blocks: Vec<f64>,
 }
 

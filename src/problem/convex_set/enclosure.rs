@@ -1,36 +1,37 @@
-//! Interval enclosures of the monitors of a face over a box of `z` and `G`, in the order of
-//! [`FaceEquations::monitors`](super::FaceEquations).
+//! Interval enclosures, over a box of `z` and `G`, of the event functions (monitors) of an active face of `K`, in the
+//! order of [`FaceEquations::monitors`](super::FaceEquations).
 
 use super::block::Shape;
 use super::face::{Elimination, Face};
 use super::polyhedron::Polyhedron;
 use numerics::Interval;
 
-/// The interval enclosure of a monitor (event function) of a face of a block of `K`, in the unit of `z` or of `G`.
+/// The interval enclosure of an event function (monitor) of a face of a block of `K`, in the unit of `z` or of `G`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MonitorRange {
-    /// The enclosure of a distance to an inactive inequality, in the unit of `z`.
+    /// The enclosure of the distance to an inactive inequality of the block, in the unit of `z`.
     Distance(Interval),
-    /// The enclosure of a multiplier of an active inequality, in the unit of `G`.
+    /// The enclosure of the multiplier of an active inequality of the block, in the unit of `G`.
     Multiplier(Interval),
 }
 
 use MonitorRange::{Distance, Multiplier};
 
-/// A monitor of a face that is affine in `z` and `G`: `constant + sum c_i z_i + sum d_i G_i` over the members of the
-/// block.
+/// An event function (monitor) of a face of a block of `K` that is affine in `z` and `G`:
+/// `constant + sum c_i z_i + sum d_i G_i` over the members of the block.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlatMonitor {
-    /// The constant term of the monitor.
+    /// The constant term of the affine event function.
     pub constant: f64,
-    /// The coefficients `c` of `z`, as pairs `(member, c)`.
+    /// The coefficients `c` of `z` in the event function, as pairs `(member of the block, c)`.
     pub of_z: Vec<(usize, f64)>,
-    /// The coefficients `d` of `G`, as pairs `(member, d)`; empty if the monitor is a distance.
+    /// The coefficients `d` of `G` in the event function, as pairs `(member of the block, d)`; empty if the event
+    /// function is a distance.
     pub of_g: Vec<(usize, f64)>,
 }
 
 impl FlatMonitor {
-    /// Returns the range of the monitor over a box of `z` and `G`.
+    /// Returns the range of the affine event function over a box of `z` and `G`.
     pub fn range(&self, z: &[Interval], g: &[Interval]) -> Interval {
         let of = |terms: &[(usize, f64)], of_members: &[Interval]| {
             sum(terms.iter().map(|&(i, factor)| Interval::point(factor) * of_members[i]))
@@ -40,13 +41,13 @@ impl FlatMonitor {
 }
 
 impl Shape {
-    /// Returns whether all monitors of a face are affine in `z` and `G`.
+    /// Returns whether all event functions (monitors) of a face of the block are affine in `z` and `G`.
     pub fn is_flat(&self, face: &Face) -> bool {
         matches!((self, face), (Self::Simplex | Self::Polyhedron(_), Face::Interior | Face::Edge(_)))
     }
 
-    /// Returns the affine monitors of a face of a block with `members` components, in the order of
-    /// [`FaceEquations::monitors`](super::FaceEquations); `None` if the monitors are nonlinear.
+    /// Returns the affine event functions (monitors) of a face of a block with `members` components, in the order of
+    /// [`FaceEquations::monitors`](super::FaceEquations); `None` if they are nonlinear.
     pub fn flat_monitors(&self, face: &Face, members: usize) -> Option<Vec<FlatMonitor>> {
         let slack = |polyhedron: &Polyhedron, j: usize| FlatMonitor {
             constant: polyhedron.offset(j),
@@ -83,8 +84,8 @@ impl Shape {
         }
     }
 
-    /// Encloses the nonlinear monitors of a face over a box of `z` and `G`; `radius` encloses the radius of a ball
-    /// and is ignored for other shapes.
+    /// Encloses the nonlinear event functions (monitors), which become negative where a solution leaves a face of the
+    /// block, over a box of `z` and `G`; `radius` encloses the radius of a ball and is ignored for other shapes.
     pub fn enclose_monitors(
         &self,
         face: &Face,
@@ -112,7 +113,7 @@ fn sum(terms: impl Iterator<Item = Interval>) -> Interval {
     terms.fold(Interval::point(0.0), |sum, term| sum + term)
 }
 
-/// Encloses the Euclidean norm over the box `x`.
+/// Encloses the Euclidean norm over the box `x` of intervals.
 fn norm(x: &[Interval]) -> Interval {
     sum(x.iter().map(|x| x.square())).sqrt()
 }

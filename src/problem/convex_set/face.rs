@@ -31,51 +31,56 @@ use super::ball;
 use super::block::Shape;
 use super::polyhedron::{Polyhedron, dot};
 
-/// A face of a block of `K`.
+/// A face of a block of `K`: the part of the block on which the same inequalities are active.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Face {
-    /// The interior of the block, where none of its inequalities is active.
+    /// The interior of the block of `K`, where none of its inequalities is active.
     Interior,
-    /// The curved boundary of a ball or a cone without its apex. The number is the pivot for a ball; for a cone, 0
-    /// for the primal form of the equations (in `z`), 1 for the dual form (in `G`).
+    /// The curved boundary of a ball or a cone without its apex. The number is the index of the pivot component for a
+    /// ball; for a cone, 0 for the primal form of the equations (in `z`), 1 for the dual form (in `G`).
     Boundary(usize),
-    /// A single point: the apex of a cone, or a ball of radius zero.
+    /// A single point of the block: the apex of a cone, or a ball of radius zero.
     Vertex,
-    /// A flat face, given by its active inequalities: the zero members of a simplex, the active rows of a polyhedron.
+    /// A flat face of the block, given by its active inequalities: the zero members of a simplex, the active rows of a
+    /// polyhedron.
     Edge(Vec<usize>),
 }
 
-/// A monitor (event function) of a face: nonnegative as long as the face is active.
+/// An event function of a face of a block (monitor): nonnegative as long as the face is the active one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Monitor {
-    /// The distance to an inactive inequality, in the unit of `z`.
+    /// The distance to an inactive inequality of the block, in the unit of `z`.
     Distance(f64),
-    /// The multiplier of an active inequality, in the unit of `G`.
+    /// The multiplier of an active inequality of the block, in the unit of `G`.
     Multiplier(f64),
 }
 
-/// The equations `Phi = R G + c` of a face at one point of a block that couples `k` components of `z`, its members.
+/// The equations `Phi = R G + c = 0` of a face of a block of `K` at one point; the block couples `k` components of `z`,
+/// its members.
 #[derive(Clone, Debug, Default)]
 pub struct FaceEquations {
-    /// The number `k` of members of the block.
+    /// The number `k` of components of `z` that the block couples.
     pub members: usize,
-    /// The derivative `R` of `Phi` with respect to `G`, by rows: zero in rows of constraints on `z`, rows of the
-    /// transposed tangent basis `T^T` otherwise.
+    /// The derivative `R` of the residual `Phi` with respect to `G`, by rows: zero in rows of constraints on `z`, rows
+    /// of the transposed tangent basis `T^T` otherwise.
     pub combination: Vec<f64>,
-    /// The term `c` of `Phi = R G + c`: the constraint residuals; zero in rows that are not constraints.
+    /// The term `c` of the residual `Phi = R G + c`: the constraint residuals; zero in rows that are not constraints on
+    /// `z`.
     pub constraint: Vec<f64>,
-    /// For each row of `Phi`, whether it has the unit of `z` rather than that of `G`.
+    /// For each row of the residual `Phi`, whether it has the unit of `z` rather than that of `G`.
     pub is_of_z: Vec<bool>,
-    /// The derivative of `Phi` with respect to `z` at constant `G`, by rows: constraint gradients, and curvature terms.
+    /// The derivative of the residual `Phi` with respect to `z` at constant `G`, by rows: constraint gradients, and
+    /// curvature terms.
     pub own: Vec<f64>,
-    /// The derivative of `Phi` with respect to the radius of a ball.
+    /// The derivative of the residual `Phi` with respect to the radius of a ball.
     pub by_radius: Vec<f64>,
-    /// The monitors of the face, in an order that depends on the face only.
+    /// The event functions (monitors) of the face, in an order that depends on the face only.
     pub monitors: Vec<Monitor>,
 }
 
 impl FaceEquations {
-    /// Sets the equations and monitors of `face` at `z` and `G`, both in the coordinates of the shape.
+    /// Sets the equations and event functions of the block's face `face` at `z` and `G`, both in the coordinates of the
+    /// shape.
     pub fn set(&mut self, shape: &Shape, face: &Face, z: &[f64], g: &[f64]) {
         let k = z.len();
         self.members = k;
@@ -102,12 +107,12 @@ impl FaceEquations {
         }
     }
 
-    /// Returns row `i` of the derivative `R` of `Phi` with respect to `G`.
+    /// Returns row `i` of the derivative `R` of the face equations' residual `Phi` with respect to `G`.
     pub fn combination_of(&self, i: usize) -> &[f64] {
         &self.combination[i * self.members..][..self.members]
     }
 
-    /// Returns entry `i` of the residual `Phi` for the given `G`.
+    /// Returns entry `i` of the residual `Phi = R G + c` of the face equations for the given `G`.
     pub fn value(&self, i: usize, g: &[f64]) -> f64 {
         self.constraint[i] + dot(self.combination_of(i), g)
     }
@@ -167,7 +172,7 @@ impl FaceEquations {
             self.own[i * k] = -ratio * g[0] / z[0];
             self.own[i] = ratio;
         }
-        // The cone constraint `c = (|v|^2/s - s)/2` with `z = (s, v)`.
+        // The boundary of the cone is given by the constraint `c = (|v|^2/s - s)/2 = 0` with `z = (s, v)`.
         self.constraint[0] = 0.5 * (square - 1.0) * z[0];
         self.own[0] = -0.5 * (square + 1.0);
         self.is_of_z[0] = true;
@@ -183,14 +188,14 @@ impl FaceEquations {
             self.combination[i * k + i] = -z[0] / g[0];
             self.combination[i * k] = ratio * z[0] / g[0];
             self.combination[i] = ratio;
-            // The product `R G` is zero in row `i`, so that `Phi_i` is the constraint alone.
+            // The product `R G` is zero in row `i`, so that the residual `Phi_i` is the constraint on `z` alone.
             self.constraint[i] = -(z[i] + ratio * z[0]);
             self.own[i * k + i] = -1.0;
             self.own[i * k] = -ratio;
             self.is_of_z[i] = true;
         }
-        // The constraint `(|v|^2/s - s)/2` with `(s, v) = G` is homogeneous of degree one, and so equals its
-        // derivative times `G`.
+        // In the dual form, the constraint `(|v|^2/s - s)/2` with `(s, v) = G` is homogeneous of degree one, and so
+        // equals its derivative times `G`.
         self.combination[0] = -0.5 * (square + 1.0);
         self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
     }
@@ -246,8 +251,8 @@ impl FaceEquations {
     }
 }
 
-/// The matrices `N_p^-1 N` and `N_p^-1` for active rows `N` of a polyhedron, with pivot columns `p` chosen by
-/// complete pivoting.
+/// The matrices `N_p^-1 N` and `N_p^-1` for the active rows `N` of a polyhedron, where `N_p` are the pivot columns of
+/// `N`, chosen by complete pivoting.
 pub(super) struct Elimination {
     pub(super) pivots: Vec<usize>,
     normals: Vec<f64>,

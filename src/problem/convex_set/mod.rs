@@ -22,20 +22,20 @@ pub use enclosure::{FlatMonitor, MonitorRange};
 pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 
-/// The convex set `K = [l_1, u_1] x .. x [l_m, u_m]` with `-inf <= l_i <= u_i <= inf`, where a block replaces the
-/// intervals of its members.
+/// The convex set `K = [l_1, u_1] x .. x [l_m, u_m]` with `-inf <= l_i <= u_i <= inf`, where a block (a convex set that
+/// couples several components) replaces the intervals of its members.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexSet {
-    /// The lower ends `l` of the `m` intervals.
+    /// The lower ends `l` of the `m` intervals of `K`.
     pub lower: Vec<f64>,
-    /// The upper ends `u` of the `m` intervals.
+    /// The upper ends `u` of the `m` intervals of `K`.
     pub upper: Vec<f64>,
     blocks: Vec<Block>,
-    /// The index of the block that contains each component; empty if `K` has no blocks.
+    /// For each component, the index of the block that contains it; empty if `K` has no blocks.
     home: Vec<Option<usize>>,
 }
 
-/// Workspace for projections onto `K`; it grows to the size of the largest block.
+/// Workspace for projections onto `K`; it grows to the size of the largest block that has used it.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     x: Vec<f64>,
@@ -44,23 +44,23 @@ pub struct Workspace {
 }
 
 impl ConvexSet {
-    /// Returns the whole space of `m` dimensions.
+    /// Returns the unconstrained set `K`, the whole space of `m` dimensions.
     pub fn free(m: usize) -> Self {
         Self::intervals(vec![f64::NEG_INFINITY; m], vec![f64::INFINITY; m])
     }
 
-    /// Returns the nonnegative orthant of `m` dimensions.
+    /// Returns the nonnegative orthant of `m` dimensions as the set `K`.
     pub fn nonnegative(m: usize) -> Self {
         Self::intervals(vec![0.0; m], vec![f64::INFINITY; m])
     }
 
-    /// Returns the product of `m` intervals with the given ends.
+    /// Returns the set `K` that is the product of `m` intervals with the given ends.
     pub fn intervals(lower: Vec<f64>, upper: Vec<f64>) -> Self {
         Self { lower, upper, blocks: Vec::new(), home: Vec::new() }
     }
 
-    /// Adds a block of the components `members`, replacing their intervals; the components must not be in another
-    /// block.
+    /// Adds to `K` a block of the components `members`, replacing their intervals; the components must not be in
+    /// another block.
     pub fn bind(&mut self, members: Vec<usize>, shape: Shape) {
         self.home.resize(self.dimension(), None);
         for &i in &members {
@@ -80,7 +80,7 @@ impl ConvexSet {
         !self.blocks.is_empty()
     }
 
-    /// Returns the index of the block that contains component `i`, if any.
+    /// Returns the index of the block of `K` that contains component `i`, if any.
     pub fn block_of(&self, i: usize) -> Option<usize> {
         self.home.get(i).copied().flatten()
     }
@@ -103,8 +103,8 @@ impl ConvexSet {
         power
     }
 
-    /// Returns the factor of `K` for the components `kept`, in their order; the members of a block must all be kept
-    /// or all be left out.
+    /// Returns the factor of `K` for the components `kept`, in their order; the members of a block must all be kept or
+    /// all be left out.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let end = |ends: &[f64]| kept.iter().map(|&i| ends[i]).collect();
         let mut factor = Self::intervals(end(&self.lower), end(&self.upper));
@@ -117,17 +117,17 @@ impl ConvexSet {
         factor
     }
 
-    /// Returns `m`, the dimension of the space of `K`.
+    /// Returns the dimension `m` of the space of `K`.
     pub fn dimension(&self) -> usize {
         self.lower.len()
     }
 
-    /// Returns whether component `i` is unconstrained.
+    /// Returns whether component `i` is unconstrained in `K`.
     pub fn is_free(&self, i: usize) -> bool {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY && self.block_of(i).is_none()
     }
 
-    /// Returns whether `K` is nonempty; false if an end of an interval is NaN.
+    /// Returns whether `K` is nonempty; false if an end of one of its intervals is NaN.
     pub fn is_nonempty(&self) -> bool {
         let nonempty =
             |(&lower, &upper): (&f64, &f64)| lower <= upper && lower < f64::INFINITY && upper > -f64::INFINITY;
@@ -135,7 +135,7 @@ impl ConvexSet {
             && self.blocks.iter().all(|block| block.shape.is_nonempty(block.members.len()))
     }
 
-    /// Returns the projection of `z` onto the interval of component `i`, which must not be in a block. NaN is
+    /// Returns the projection of `z` onto the interval of `K` of component `i`, which must not be in a block. NaN is
     /// returned as NaN.
     pub fn project(&self, i: usize, z: f64) -> f64 {
         if z < self.lower[i] {
@@ -204,7 +204,7 @@ impl ConvexSet {
         (0..self.dimension()).all(finite) && self.blocks.iter().all(|block| block.shape.is_bounded(&mut work.block))
     }
 
-    /// Returns the face of a block that contains the projection of `z`.
+    /// Returns the face of a block of `K` that contains the projection of the block's components of `z`.
     pub fn face(&self, block: usize, z: &[f64], work: &mut Workspace) -> Face {
         let block = &self.blocks[block];
         work.gather(block, z);
@@ -212,7 +212,8 @@ impl ConvexSet {
         block.shape.face(x, p, inner)
     }
 
-    /// Returns the residual `max |z - P(z - scale G)|` of the natural map over the members of one block.
+    /// Returns the residual `max |z - P(z - scale G)|` of the natural map over the members of one block of `K`, with
+    /// the projection `P` onto the block.
     pub fn defect(&self, block: usize, z: &[f64], g: &[f64], scale: f64, work: &mut Workspace) -> f64 {
         let Block { members, shape } = &self.blocks[block];
         work.x.clear();

@@ -10,14 +10,14 @@ use super::ball::norm;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
     dimension: usize,
-    /// The concatenated rows of `A`, each of unit length.
+    /// The concatenated rows of the matrix `A` of the polyhedron, each of unit length.
     normals: Vec<f64>,
-    /// The right-hand side `b`, scaled by the same factors as the rows of `A`.
+    /// The right-hand side `b` of the polyhedron, scaled by the same factors as the rows of `A`.
     offsets: Vec<f64>,
 }
 
-/// Maximum number of times that the support function multiplies the distance of the point that it projects onto the
-/// polyhedron by eight.
+/// Maximum number of steps in the computation of a polyhedron's support function; each step projects a point onto the
+/// polyhedron that is eight times as far out as that of the last step.
 const LEAPS: usize = 40;
 
 impl Polyhedron {
@@ -41,32 +41,32 @@ impl Polyhedron {
         ActiveRows::default().project(&polyhedron, 1.0, &vec![0.0; dimension], &mut point).then_some(polyhedron)
     }
 
-    /// Returns the number of rows of `A`.
+    /// Returns the number of rows of the matrix `A` of the polyhedron.
     pub fn rows(&self) -> usize {
         self.offsets.len()
     }
 
-    /// Returns row `i` of `A`, of unit length.
+    /// Returns row `i` of the matrix `A` of the polyhedron, of unit length.
     pub fn normal(&self, i: usize) -> &[f64] {
         &self.normals[i * self.dimension..][..self.dimension]
     }
 
-    /// Returns entry `i` of `b`, scaled to the unit length of row `i` of `A`.
+    /// Returns entry `i` of the right-hand side `b` of the polyhedron, scaled to the unit length of row `i` of `A`.
     pub fn offset(&self, i: usize) -> f64 {
         self.offsets[i]
     }
 
-    /// Returns the largest distance of a bounding plane from the origin.
+    /// Returns the largest distance of a bounding plane of the polyhedron from the origin.
     pub(super) fn reach(&self) -> f64 {
         self.offsets.iter().fold(0.0, |most, b| b.abs().max(most))
     }
 
-    /// Returns the dimension of the space.
+    /// Returns the dimension of the space of the polyhedron.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// Returns whether `z + s d` stays in the polyhedron for all `s >= 0`.
+    /// Returns whether `d` is in the recession cone of the polyhedron: whether `z + s d` stays in it for all `s >= 0`.
     pub(super) fn recedes(&self, d: &[f64]) -> bool {
         let noise = 1e-12 * norm(d);
         (0..self.rows()).all(|i| dot(self.normal(i), d) <= noise)

@@ -33,7 +33,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection onto the second-order cone at `x`, by columns.
+/// Writes the derivative at `x` of the projection onto the second-order cone, by columns.
 pub(super) fn derivative(x: &[f64], out: &mut [f64]) {
     let (s, v) = (x[0], norm(&x[1..]));
     let outside = v > s && v > -s;

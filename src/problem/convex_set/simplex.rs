@@ -15,7 +15,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64], sorted: &mut [f64]) {
     }
     sorted.copy_from_slice(x);
     sorted.sort_unstable_by(|a, b| b.total_cmp(a));
-    // Subtract the largest component, so that a large mean of `x` does not cause cancellation.
+    // Subtract the largest component of `x` first, so that a large mean of `x` does not cause cancellation.
     let top = sorted[0];
     let (mut sum, mut tau) = (0.0, -1.0);
     for (count, &x) in sorted.iter().enumerate() {
@@ -31,7 +31,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64], sorted: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection onto the unit simplex, by columns, from its result `p`.
+/// Writes the derivative of the projection onto the unit simplex, by columns, given the projected point `p`.
 pub(super) fn derivative(p: &[f64], out: &mut [f64]) {
     let support = p.iter().filter(|p| **p > 0.0).count().max(1) as f64;
     for (j, column) in out.chunks_exact_mut(p.len()).enumerate() {

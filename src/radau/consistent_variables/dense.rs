@@ -12,9 +12,9 @@ pub(super) struct Dense {
     mass: Option<LU<f64, Dyn, Dyn>>,
     /// Inverse of the mass matrix `M`; `None` for the identity.
     pub inverse_mass: Option<DMatrix<f64>>,
-    /// Index of each variable among the free variables; `usize::MAX` for other variables.
+    /// Index of each variable among the free variables; `usize::MAX` for variables that are not free.
     place: Vec<usize>,
-    /// The linear response that was computed last.
+    /// The linear response of the free variables to residuals that was computed last.
     response: Option<Response>,
 }
 
@@ -100,7 +100,7 @@ impl Dense {
         self.response.as_ref()
     }
 
-    /// Whether the stored linear response of the variables belongs to the present face, free variables and
+    /// Whether the stored linear response of the variables is that of the present active face, free variables and
     /// derivatives.
     pub fn is_known(&self, system: &System<'_>, inside: &[usize]) -> bool {
         self.response.as_ref().is_some_and(|known| {
@@ -226,7 +226,7 @@ pub struct Response {
     pub to_hidden: DMatrix<f64>,
 }
 
-/// Relative rank threshold: singular values below this fraction of the largest are rounding.
+/// Relative rank threshold: singular values below this fraction of the largest count as zero.
 const RANK: f64 = 1e-10;
 
 /// Returns the rank of `D`, and combinations of its rows, those that do not vanish first. Since rows and columns have

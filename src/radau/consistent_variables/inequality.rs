@@ -20,7 +20,7 @@ use numerics::components;
 use problem::ConvexSet;
 use vi::{JosephyNewton, NonlinearVi, SolverKind};
 
-/// The variational inequality at a fixed time and fixed states.
+/// The variational inequality for the variables at a fixed time and fixed states.
 struct AtStates<'a, 'p> {
     system: &'a mut System<'p>,
     t: f64,
@@ -75,8 +75,8 @@ fn determined(system: &System<'_>) -> Vec<usize> {
     (0..system.unknowns - n).filter(|&k| is_taken(k)).collect()
 }
 
-/// Returns the strongly connected components of the dependences between the variables `members`, each after those
-/// that it depends on; the members of a block depend on each other.
+/// Returns the strongly connected components of the dependences between the variables `members`, each component after
+/// those that it depends on; the members of a block depend on each other.
 fn parts(system: &System<'_>, members: &[usize]) -> Vec<Vec<usize>> {
     let n = system.states;
     let place_of = |k: usize| members.binary_search(&k).ok();

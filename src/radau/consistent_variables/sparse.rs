@@ -10,7 +10,8 @@ use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::{SymbolicSparseColMat, Triplet};
 use problem::Mass;
 
-/// Largest error with which a regular `M` reproduces a vector of ones; beyond it, `M` counts as singular.
+/// Largest error with which the factors of a regular mass matrix `M` reproduce a vector of ones; beyond it, `M` counts
+/// as singular.
 const REGULAR: f64 = 1e-6;
 
 pub(super) struct Sparse {
@@ -22,13 +23,13 @@ pub(super) struct Sparse {
     factored: Vec<f64>,
     right: Vec<f64>,
     is_inside: Vec<bool>,
-    /// Whether each row of `D = G_z` has a nonzero entry.
+    /// Whether each row of `D = G_z` has a nonzero entry in the pattern of derivatives.
     is_direct: Vec<bool>,
 }
 
 impl Sparse {
-    /// Allocates for the equations of `system`; returns `None` if the mass matrix `M` is singular, or memory is
-    /// insufficient.
+    /// Allocates the solver for the consistent variables of `system`; returns `None` if the mass matrix `M` is
+    /// singular, or memory is insufficient.
     pub fn new(system: &System<'_>, pattern: &SymbolicSparseColMat<usize>, analysis: &Analysis) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if let Mass::Constant(mass) = system.mass()

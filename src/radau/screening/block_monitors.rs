@@ -17,17 +17,17 @@ use problem::{Block, Face, FlatMonitor, MonitorRange, Shape};
 /// Rounding error of a Euclidean norm, relative to the norm.
 const NORM_ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// Workspace for the monitors of blocks.
+/// Workspace for the monitors (event functions) of blocks of variables.
 #[derive(Debug, Default)]
 pub(super) struct BlockMonitors {
     /// Ranges of `z` and of `G` for one block, and of its monitors.
     z: Vec<Interval>,
     g: Vec<Interval>,
     monitors: Vec<MonitorRange>,
-    /// The blocks whose monitors the box of the unknowns does not prove to keep their signs.
+    /// The blocks whose monitors are not yet proven to keep their signs by the ranges (box) of the unknowns.
     open: Vec<usize>,
     /// The linear forms of `z` and `G` in the monitors of each block, with their reductions by the equations of the
-    /// face.
+    /// active face of `K`.
     moving: Vec<Vec<(FlatMonitor, Reduced)>>,
     /// The active face of `K` to which the linear forms of the blocks belong.
     face: Option<ActiveFace>,
@@ -35,31 +35,32 @@ pub(super) struct BlockMonitors {
     are_reduced: bool,
 }
 
-/// Data of the screening over a part of a step; the part takes the time `h`.
+/// Data of the screening for switches over a part of a step; the part takes the time `h`.
 pub(super) struct Over<'a> {
-    /// Which equations determine the free variables.
+    /// Which equations determine the free variables on the active face.
     pub told: Told,
     pub slopes: &'a Rows,
     /// Values of the unknowns and the rows at the midpoint of the part of the step.
     pub middle: &'a Point,
     /// The ranges of the rows of the problem over the part.
     pub rows: &'a [Interval],
-    /// Bounds on the distances of the unknowns from their polynomials.
+    /// Bounds on the distances of the unknowns from their polynomials over the part.
     pub errors: &'a [f64],
     pub part: &'a Part,
     pub h: f64,
 }
 
 impl BlockMonitors {
-    /// Marks all blocks as open (not proven), except those left out of the proof; returns whether no block is open.
+    /// Marks the monitors of all blocks as not yet proven to keep their signs, except those left out of the proof;
+    /// returns whether no block is left to prove.
     pub fn leave_open(&mut self, system: &System<'_>, limits: &Limits) -> bool {
         self.open.clear();
         self.open.extend((0..system.set.blocks().len()).filter(|&b| !limits.is_left_out(b)));
         self.open.is_empty()
     }
 
-    /// Whether no monitor of a block falls below minus its limit if the unknowns and the rows lie in the boxes
-    /// `unknowns` and `rows`, and the unknowns err by `errors` (empty for no errors).
+    /// Whether no monitor (event function) of a block falls below minus its limit if the unknowns and the rows lie in
+    /// the boxes `unknowns` and `rows`, and the unknowns err by `errors` (empty for no errors).
     pub fn are_proven_by_box(
         &mut self,
         system: &System<'_>,
@@ -99,8 +100,8 @@ impl BlockMonitors {
         self.open.is_empty()
     }
 
-    /// Whether the ranges of slopes prove that no monitor falls below minus its limit, of those blocks that are not
-    /// proven so far.
+    /// Whether the ranges of slopes prove that no monitor falls below minus its limit, among the monitors of those
+    /// blocks that are not proven so far.
     pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &Limits) -> bool {
         self.take_face(on.system);
         self.reduce(on, over);
@@ -162,7 +163,7 @@ impl BlockMonitors {
         }
     }
 
-    /// Updates the linear forms in the monitors of the blocks to the face of `system`.
+    /// Updates the linear forms in the monitors of the blocks to the active face of `system`.
     fn take_face(&mut self, system: &System<'_>) {
         if self.face.as_ref() == Some(&system.face) {
             return;
@@ -174,7 +175,7 @@ impl BlockMonitors {
         self.are_reduced = false;
     }
 
-    /// Reduces the linear forms in the monitors of the blocks by the equations of the face.
+    /// Reduces the linear forms in the monitors of the blocks by the equations of the active face of `K`.
     fn reduce(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
         if std::mem::replace(&mut self.are_reduced, true) && on.system.constant_jacobian() {
             return;
@@ -189,8 +190,8 @@ impl BlockMonitors {
         }
     }
 
-    /// Whether no monitor of a block with curved monitors falls below minus its limit if `z` and `G` lie in the boxes
-    /// `self.z` and `self.g`.
+    /// Whether no monitor of a block whose monitors are curved (nonlinear) falls below minus its limit if `z` and `G`
+    /// lie in the boxes `self.z` and `self.g`.
     fn is_curved_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
         block.shape.enclose_monitors(face, &self.z, &self.g, radius, &mut self.monitors);
         self.monitors.iter().all(|monitor| match monitor {
@@ -200,13 +201,13 @@ impl BlockMonitors {
     }
 }
 
-/// A linear form of `z` and `G` over a part of a step.
+/// Values of a linear form of `z` and `G` over a part of a step.
 struct Form {
-    /// Value of the linear form at the midpoint of the part.
+    /// Value of the linear form at the midpoint of the part of the step.
     value: f64,
-    /// Range of the slope of the linear form over the part, with the part as the unit of time.
+    /// Range of the slope of the linear form over the part of the step, with the part as the unit of time.
     slope: Interval,
-    /// Bound on the error of the values of the linear form.
+    /// Bound on the error of the values of the linear form over the part of the step.
     error: f64,
 }
 
@@ -232,8 +233,8 @@ fn norm(forms: &[Form]) -> Interval {
     Interval::new(by_box.lo.max(value - beside), by_box.hi.min(value + beside))
 }
 
-/// Returns the linear forms of a block on a face: its monitors if they are linear, otherwise the quantities that
-/// enter the monitors.
+/// Returns the linear forms of a block on a face: its monitors if they are linear, otherwise the linear quantities from
+/// which the monitors are computed.
 fn moving(block: &Block, face: &Face) -> Vec<FlatMonitor> {
     let members = block.members.len();
     let each = |of: fn(usize) -> FlatMonitor| (0..members).map(of).collect();

@@ -13,7 +13,7 @@
 use nalgebra::{DMatrix, DVector};
 use numerics::Interval;
 
-/// A matrix of intervals, by midpoints and radii.
+/// A matrix of intervals, stored by midpoints and radii.
 #[derive(Clone, Debug)]
 pub(crate) struct Enclosed {
     pub middle: DMatrix<f64>,
@@ -25,7 +25,7 @@ impl Enclosed {
         Self { middle: DMatrix::zeros(rows, columns), radius: DMatrix::zeros(rows, columns) }
     }
 
-    /// Adds an interval to an entry; an interval that is not defined everywhere has an infinite radius.
+    /// Adds an interval to an entry of the matrix; an interval that is not defined everywhere has an infinite radius.
     pub fn add(&mut self, at: (usize, usize), value: Interval) {
         let (middle, radius) = value.ball();
         let is_known = value.defined && middle.is_finite();
@@ -33,13 +33,13 @@ impl Enclosed {
         self.radius[at] += if is_known { radius } else { f64::INFINITY };
     }
 
-    /// Returns the product with another matrix of intervals on the right.
+    /// Returns the product of this matrix of intervals with another matrix of intervals on the right.
     pub fn times(&self, other: &Self) -> Self {
         let (a, b) = (self.middle.abs(), other.middle.abs());
         Self { middle: &self.middle * &other.middle, radius: a * &other.radius + &self.radius * (b + &other.radius) }
     }
 
-    /// Returns the product with a known matrix on the left.
+    /// Returns the product of this matrix of intervals with a known matrix on the left.
     pub fn combined(&self, left: &DMatrix<f64>) -> Self {
         Self { middle: left * &self.middle, radius: left.abs() * &self.radius }
     }
@@ -70,10 +70,10 @@ impl Enclosed {
     }
 }
 
-/// Bounds on the distances of variables from the roots of their equations.
+/// Bounds on the distances of variables from the roots of their equations, if there are any, over a box.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Errors {
-    /// A bound for each variable.
+    /// A bound on the distance of each variable from its root.
     Bounded(DVector<f64>),
     /// No bounds over this box, since the derivatives vary too much; a smaller box may have bounds.
     Wide,
@@ -82,8 +82,8 @@ pub(crate) enum Errors {
 }
 
 impl Errors {
-    /// Writes the bounds for `variables` to `out`, infinite without bounds; returns whether the box is too wide for
-    /// bounds.
+    /// Writes the bounds on the distances of `variables` from the roots of their equations to `out`, infinite without
+    /// bounds; returns whether the box is too wide for bounds.
     pub fn write(self, variables: &[usize], out: &mut [f64]) -> bool {
         match &self {
             Self::Bounded(errors) => variables.iter().zip(errors).for_each(|(&k, error)| out[k] = *error),

@@ -17,17 +17,18 @@ use numerics::Interval;
 /// Limits (infinite) of a block whose monitors are left out of the proof.
 const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
 
-/// Limits below which monitors count as zero, over the part of the step examined last.
+/// Limits below which monitors (event functions) count as zero, over the part of the step examined last.
 #[derive(Debug, Default)]
 pub(super) struct Limits {
     uncertainties: Uncertainties,
-    /// The unknowns at the beginning of the step.
+    /// The unknowns at the beginning of the step that is screened.
     begin: Vec<f64>,
-    /// Limits below which the distances of each variable from its bounds, and its `G`, count as zero.
+    /// For each variable in an interval, the limits below which its distances from its bounds, and its `G`, count as
+    /// zero.
     of_variables: Vec<[f64; 2]>,
-    /// Blocks whose monitors are left out of the proof.
+    /// For each block, whether its monitors are left out of the proof.
     left_out: Vec<bool>,
-    /// Least magnitudes of the derivatives of the rows over the part of the step.
+    /// Least magnitudes of the derivatives of the rows of the problem over the part of the step.
     slopes: Vec<f64>,
 }
 
@@ -73,14 +74,14 @@ impl Limits {
         self.of_variables.extend(limits);
     }
 
-    /// Returns the limit below which a monitor counts as zero.
+    /// Returns the limit below which the monitor (event function) `monitor` counts as zero.
     pub fn of(&self, monitor: &Watched) -> f64 {
         let [of_z, of_g] = self.of_variables[monitor.variable];
         if monitor.place == Activity::Inactive { of_z } else { of_g }
     }
 
-    /// Returns the change of a monitor by errors of the states within their tolerances; `form` is the monitor
-    /// [reduced](Reduced) by the equations of the free variables, which follow the states.
+    /// Returns the change of a monitor (event function) by errors of the states within their tolerances; `form` is the
+    /// monitor [reduced](Reduced) by the equations of the free variables, which follow the states.
     pub fn of_form(&self, system: &System<'_>, form: &Reduced) -> f64 {
         form.least_error(&self.uncertainties.errors[..system.states])
     }
@@ -104,7 +105,7 @@ impl Limits {
         is_new
     }
 
-    /// Whether block `b` is left out of the proof.
+    /// Whether block `b` is left out of the proof that monitors keep their signs.
     pub fn is_left_out(&self, b: usize) -> bool {
         self.left_out[b]
     }

@@ -42,7 +42,7 @@ use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
 
-/// Workspace for the enclosures of monitors over one part of a step.
+/// Workspace for the enclosures of monitors (event functions) over one part of a step.
 #[derive(Debug, Default)]
 pub(super) struct Enclosure {
     ranges: Vec<Interval>,
@@ -53,7 +53,8 @@ pub(super) struct Enclosure {
     /// The forms of the monitors of variables in intervals, [reduced](Reduced) by the equations of the free
     /// variables, in the order of the monitors.
     forms: Vec<Reduced>,
-    /// The active face of `K` to which the reduced forms of the monitors belong; `None` if the forms vary on a face.
+    /// The active face of `K` to which the reduced forms of the monitors belong; `None` if the derivatives, and with
+    /// them the forms, vary on a face.
     face: Option<ActiveFace>,
     /// Magnitudes of the residuals of the equations of the active face of `K`: the rows of `Phi` that are not rates.
     residuals: Vec<f64>,
@@ -64,10 +65,11 @@ pub(super) struct Enclosure {
     /// Ranges of the rates `M^-1 F` over the box of the unknowns.
     rates: Vec<Interval>,
     of_blocks: BlockMonitors,
-    /// Indices of the monitors of variables in intervals that the enclosure over the box does not prove to keep their
-    /// signs.
+    /// Indices of the monitors of variables in intervals that the enclosure over the box of the unknowns does not prove
+    /// to keep their signs.
     left: Vec<usize>,
-    /// Whether bisection into any reasonable number of parts would not prove the remaining monitors.
+    /// Whether bisection into any reasonable number of parts of the step would not prove that the remaining monitors
+    /// keep their signs.
     is_hopeless: bool,
     /// Whether derivatives vary so much over the last box that error bounds from the box are useless, and smaller
     /// boxes are needed.
@@ -76,26 +78,27 @@ pub(super) struct Enclosure {
 
 /// Relative threshold: a derivative below this fraction of its terms consists of rounding errors.
 const TOLD: f64 = 1e-10;
-/// Safety factor for errors that are computed to first order.
+/// Safety factor for error bounds of the unknowns that are computed to first order.
 const CURVATURE: f64 = 2.0;
 
-/// Result of the attempt to prove that no monitor falls below minus its limit over a part of a step.
+/// Result of the attempt to prove that no monitor (event function) falls below minus its limit over a part of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Found {
     Proven,
-    /// Not proven; `may_fail` tells that a monitor may be negative at the midpoint of the part.
+    /// Not proven for the part of the step; `may_fail` tells that a monitor may be negative at the midpoint of the
+    /// part.
     Unproven {
         may_fail: bool,
     },
-    /// Bisection into any reasonable number of parts would not prove a monitor.
+    /// Bisection into any reasonable number of parts of the step would not prove that a monitor keeps its sign.
     Hopeless,
-    /// The problem cannot be enclosed.
+    /// The rows of the problem cannot be enclosed over the part of the step.
     Unknown,
 }
 
 impl Enclosure {
-    /// Attempts to prove that no monitor falls below minus its limit over a part of a step that begins at time `t`
-    /// and takes the time `h`.
+    /// Attempts to prove that no monitor (event function) falls below minus its limit over a part of a step that begins
+    /// at time `t` and takes the time `h`.
     pub fn prove(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -117,7 +120,7 @@ impl Enclosure {
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(Interval::size));
         self.middle.y.resize(system.unknowns, 0.0);
         part.values(0.5, &mut self.middle.y);
-        // If derivatives vary, limits and errors are bounded over the box.
+        // If derivatives vary, bound the limits and errors over the box of the unknowns.
         let is_linear = on.system.constant_jacobian();
         let mut are_rows_known = !is_linear && self.enclose_rows(on.system, times);
         if !is_linear {
@@ -171,14 +174,15 @@ impl Enclosure {
         found
     }
 
-    /// Evaluates the unknowns and the rows at the midpoint of the part of the step; returns whether all values are
-    /// finite.
+    /// Evaluates the unknowns and the rows of the problem at the midpoint of the part of the step; returns whether all
+    /// values are finite.
     fn know_middle(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
         self.middle.set(on.system, told, part, (t, h), 0.5);
         self.middle.is_finite
     }
 
-    /// Encloses the derivatives of the rows over the box of the unknowns; returns whether the enclosures are known.
+    /// Encloses the derivatives of the rows of the problem over the box of the unknowns; returns whether the enclosures
+    /// are known.
     fn enclose_rows(&mut self, system: &mut System<'_>, times: Interval) -> bool {
         let Rows { jacobian, by_time, terms } = &mut self.rows;
         jacobian.resize(system.derivatives.len(), Interval::LINE);
@@ -188,7 +192,8 @@ impl Enclosure {
         system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
     }
 
-    /// Updates the reduced forms of the monitors with the indices `left`.
+    /// Updates the reduced forms of the monitors (event functions): of those with the indices `left` if derivatives
+    /// vary, of all if the active face has changed.
     fn follow(&mut self, on: &mut OnFace<'_, '_>, told: Told, watched: &[Watched], left: &[usize]) {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
@@ -277,7 +282,8 @@ impl Enclosure {
                 is_proven = there.is_finite && form.value(system, there.value(system, monitor), there).0 >= allowed;
             }
             may_fail |= !is_proven && suspect;
-            // Over a box, the residual of a hidden constraint shrinks no faster than the box.
+            // Bisection is hopeless if errors by hidden constraints are too large: over a box, the residual of a hidden
+            // constraint shrinks no faster than the box.
             self.is_hopeless |= with_hidden && part.length == 1.0 && !self.is_wide && {
                 // Compare with the size of the monitor in the whole part, since its value at the midpoint may happen
                 // to vanish.
@@ -292,8 +298,8 @@ impl Enclosure {
         may_fail
     }
 
-    /// Whether the variables that enter a monitor are determined without hidden constraints, up to rounding, by the
-    /// current derivatives.
+    /// Whether the variables that enter a monitor (event function) are determined without hidden constraints, up to
+    /// rounding, by the current derivatives.
     pub fn is_told(system: &System<'_>, inside: &mut FreeVariables, monitor: &Watched) -> bool {
         let n = system.states;
         let mut own = monitor.combination().by_variables(system);
@@ -309,8 +315,8 @@ impl Enclosure {
         (0..own.len()).all(|l| system.face.places[l] != Activity::Inactive || own[l].abs() <= TOLD * terms[l])
     }
 
-    /// Bounds the distances of the unknowns from their polynomials by the residuals of the equations of the face, and
-    /// of the hidden constraints: with the derivatives `over_box`, or with those of the last differentiation.
+    /// Bounds the distances of the unknowns from their polynomials by the residuals of the equations of the active
+    /// face, and of the hidden constraints: with the derivatives `over_box`, or with those of the last differentiation.
     fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool, over_box: bool) {
         let OnFace { system, control, inside, constraints, consistent } = on;
         let n = system.states;
@@ -364,7 +370,8 @@ impl Enclosure {
         }
     }
 
-    /// Bounds the magnitude of the hidden constraint `dG/dt = G_t + G_x M^-1 F` over the box, for each free variable.
+    /// Bounds the magnitude of the hidden constraint `dG/dt = G_t + G_x M^-1 F` over the box of the unknowns, for each
+    /// free variable.
     fn find_hidden(&mut self, on: &OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
@@ -388,7 +395,8 @@ impl Enclosure {
         }
     }
 
-    /// Returns the lower bound of a monitor over the box; NaN if the monitor is not defined on the whole box.
+    /// Returns the lower bound of a monitor (event function) over the box of the unknowns; NaN if the monitor is not
+    /// defined on the whole box.
     fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         let value = match monitor.place {
@@ -400,7 +408,7 @@ impl Enclosure {
         if value.defined { value.lo } else { f64::NAN }
     }
 
-    /// Returns the effect of the errors of the unknowns on a monitor over the box.
+    /// Returns the effect of the errors of the unknowns on a monitor (event function) over the box.
     fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         match monitor.place {
@@ -409,7 +417,7 @@ impl Enclosure {
         }
     }
 
-    /// Returns the range of the slope of one row of `G` over the part, with the part as the unit of time.
+    /// Returns the range of the slope of one row of `G` over a part of a step, with the part as the unit of time.
     fn slope_of_row(&self, system: &System<'_>, part: &Part, h: f64, row: usize) -> Interval {
         let explicit = self.rows.by_time[row - system.states] * Interval::point(h);
         let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));

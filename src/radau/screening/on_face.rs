@@ -18,7 +18,8 @@ pub(super) enum Told {
     InPart,
 }
 
-/// The equations of a face, with the solvers that bring the unknowns from their polynomials onto them.
+/// The equations of the active face of `K` that a step kept, with the solvers that bring the unknowns from their
+/// polynomials onto them.
 pub(super) struct OnFace<'a, 'p> {
     pub system: &'a mut System<'p>,
     pub control: &'a NewtonControl,
@@ -28,7 +29,7 @@ pub(super) struct OnFace<'a, 'p> {
 }
 
 impl OnFace<'_, '_> {
-    /// Returns which equations determine the free variables.
+    /// Returns which equations determine the free variables on the active face of the step.
     pub fn told(&mut self) -> Told {
         if self.inside.tells_all(self.system) {
             return Told::ByEquations;

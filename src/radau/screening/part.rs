@@ -3,14 +3,14 @@
 use crate::tableau::Tableau;
 use numerics::{Interval, bernstein};
 
-/// A part of a step: `theta` in `[begin, begin + length]`, and the Bernstein coefficients of each unknown over the
-/// part, unknown by unknown.
+/// A part of a step: `theta` in `[begin, begin + length]`, as fractions of the step, and the Bernstein coefficients of
+/// each unknown over the part, unknown by unknown.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Part {
     pub begin: f64,
     pub length: f64,
     coefficients: Vec<f64>,
-    /// Number of Bernstein coefficients per unknown.
+    /// Number of Bernstein coefficients of each unknown.
     count: usize,
 }
 

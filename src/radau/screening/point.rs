@@ -1,11 +1,11 @@
-//! A point of a step at which monitors are evaluated.
+//! A point of a step at which monitors (event functions) are evaluated.
 
 use super::on_face::Told;
 use super::part::Part;
 use super::watched::Watched;
 use crate::system::System;
 
-/// A point of a step: the values of the unknowns, of the rows, of `G_t` and of the bounds.
+/// A point of a step: the values of the unknowns, of the rows of the problem, of `G_t` and of the bounds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Point {
     pub y: Vec<f64>,
@@ -15,7 +15,7 @@ pub(super) struct Point {
     pub drift: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Whether all rows are finite at the point.
+    /// Whether all rows of the problem are finite at the point.
     pub is_finite: bool,
 }
 
@@ -37,7 +37,7 @@ impl Point {
         }
     }
 
-    /// Returns the value of a monitor at the point.
+    /// Returns the value of a monitor (event function) at the point.
     pub fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (row, k) = (system.states + monitor.variable, monitor.variable);
         monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])

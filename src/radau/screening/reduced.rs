@@ -20,7 +20,8 @@ use problem::{ForcingSlopes, Sums};
 /// The slopes of the rows of a problem over a part of a step.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    /// Derivatives of the rows with respect to the unknowns over the box, in the order of the pattern.
+    /// Derivatives of the rows of the problem with respect to the unknowns over the box of the unknowns, in the order
+    /// of the pattern.
     pub jacobian: Vec<Interval>,
     /// Derivatives of `G` with respect to time over the part of the step.
     pub by_time: Vec<Interval>,
@@ -28,18 +29,19 @@ pub(super) struct Rows {
     pub terms: Vec<Interval>,
 }
 
-/// A monitor reduced by the equations that determine the free variables.
+/// A monitor (event function) reduced by the equations that determine the free variables.
 #[derive(Debug, Default)]
 pub(super) struct Reduced {
     /// Factors of the rows of `G` in the monitor before its reduction.
     own: Vec<(usize, f64)>,
     /// Factors of the equations of the free variables in the reduced monitor, by variable.
     equations: Vec<(usize, f64)>,
-    /// Factors of the time derivatives of the equations (hidden constraints).
+    /// Factors of the time derivatives of the equations of the free variables (hidden constraints) in the reduced
+    /// monitor.
     hidden: Vec<(usize, f64)>,
-    /// Factors of the rows of `F` in the hidden constraints.
+    /// Factors of the rows of `F` in the hidden constraints of the reduced monitor.
     rates: Vec<(usize, f64)>,
-    /// Derivatives of the reduced monitor with respect to the unknowns over the box.
+    /// Derivatives of the reduced monitor with respect to the unknowns over the box of the unknowns.
     gradient: Vec<(usize, Interval)>,
     /// Time derivative of the reduced monitor as a sum of terms, if the time derivatives of the rows are sums of
     /// terms.
@@ -47,8 +49,8 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// Reduces the monitor `own`, with the derivatives over the box of `rows`, by the equations that determine the free
-    /// variables, near the unknowns `y`.
+    /// Reduces the monitor (event function) `own`, with the derivatives over the box of `rows`, by the equations that
+    /// determine the free variables, near the unknowns `y`.
     pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], own: &Combination) {
         let by_variables = own.by_variables(on.system);
         self.own.clone_from(&own.rows);
@@ -81,8 +83,8 @@ impl Reduced {
             }
         }
         if told == Told::ByHiddenConstraints {
-            // The free variables cancel; the derivatives with respect to other unknowns contain the rounding errors of
-            // the sums.
+            // The derivatives with respect to free variables cancel; the derivatives with respect to other unknowns
+            // contain the rounding errors of the sums.
             (0..system.unknowns - n)
                 .filter(|&l| system.has_equation(l))
                 .for_each(|l| gradient[n + l] = Interval::point(0.0));
@@ -209,7 +211,7 @@ impl Reduced {
     }
 }
 
-/// Rewrites a combination of the equations of variables as a combination of rows of `G`.
+/// Rewrites a combination of the equations of the active face for variables as a combination of rows of `G`.
 fn rows_of(system: &System<'_>, equations: impl Iterator<Item = (usize, f64)>) -> Vec<(usize, f64)> {
     let mut rows: Vec<(usize, f64)> = Vec::new();
     for (equation, factor) in equations.filter(|(_, factor)| *factor != 0.0) {

@@ -6,7 +6,8 @@ use crate::system::System;
 use numerics::Interval;
 use problem::Side;
 
-/// A monitor: a quantity that must stay nonnegative while a variable keeps its activity on the face.
+/// A monitor (event function): a quantity that must stay nonnegative while a variable keeps its activity on the active
+/// face of `K`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watched {
     pub variable: usize,
@@ -16,7 +17,7 @@ pub(super) struct Watched {
 }
 
 impl Watched {
-    /// Returns the value of the monitor for given values of `G`, `z` and the bounds of its variable.
+    /// Returns the value of the monitor (event function) for given values of `G`, `z` and the bounds of its variable.
     pub fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
         match self.place {
             Activity::AtLower => g,
@@ -36,13 +37,13 @@ impl Watched {
         }
     }
 
-    /// Returns the sign with which `G`, or `z` of a free variable, enters the monitor.
+    /// Returns the sign with which `G`, or `z` of a free variable, enters the monitor (event function).
     pub fn sign(&self) -> f64 {
         let is_negative = self.place == Activity::AtUpper || self.place == Activity::Inactive && self.upper;
         if is_negative { -1.0 } else { 1.0 }
     }
 
-    /// Returns the monitor, without its bound, as a linear combination.
+    /// Returns the monitor (event function), without its constant or moving bound, as a linear combination.
     pub fn combination(&self) -> Combination {
         let own = vec![(self.variable, self.sign())];
         match self.place {
@@ -74,7 +75,7 @@ impl Combination {
     }
 }
 
-/// Writes the monitors of the active face of `K`, except those of blocks, to `out`.
+/// Writes the monitors (event functions) of the active face of `K`, except those of blocks, to `out`.
 pub(super) fn watch(system: &System<'_>, out: &mut Vec<Watched>) {
     out.clear();
     for &k in &system.intervals {

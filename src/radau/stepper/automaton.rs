@@ -18,17 +18,18 @@ const HALVINGS: usize = 12;
 /// before the stages are solved with the variational inequality coupled over all of them.
 const SEARCHES: usize = 4;
 
-/// Data of the attempts at one step.
+/// Data kept over the attempts at one step of the run.
 #[derive(Debug, Default)]
 pub struct Attempts {
-    /// The step size before, and after, the step was cut at a breakpoint.
+    /// The step size before, and after, the step was cut at a breakpoint of the rows.
     wished: f64,
     proposed: f64,
     /// Number of further solves of the stages that are allowed before a new step size is proposed.
     solves: usize,
     /// Number of further halvings that are allowed in the search for the end of the active face.
     searches: usize,
-    /// Whether the form of the equations on curved faces has been swapped for the proposed step size.
+    /// Whether the equations on curved faces of `K` have been swapped between the forms solved for `z` and for `G`, for
+    /// the proposed step size.
     has_turned: bool,
     /// Whether the step was shortened to the part over which screening proved that no monitor changes sign.
     is_proven_part: bool,
@@ -40,13 +41,13 @@ pub struct Attempts {
 }
 
 impl Attempts {
-    /// Whether screening showed that the proposed step is too long.
+    /// Whether screening for switches showed that the proposed step is too long.
     fn is_screened(&self) -> bool {
         self.is_proven_part || self.missed.is_some()
     }
 }
 
-/// A step whose stages are solved.
+/// A step whose stages are solved, and that is not yet accepted.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     pub(super) h: f64,
@@ -70,12 +71,12 @@ impl Trial {
     }
 }
 
-/// The event of the automaton: a switch at the end of a step.
+/// The event of the automaton: a switch (change of the active face of `K`) at the end of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct AtSwitch;
 
-/// The point between the stages at which a violation of a monitor was seen, as a fraction of the step; `None` if a
-/// stage shows the violation.
+/// The point between the stages at which a violation of a monitor (event function) was seen, as a fraction of the step;
+/// `None` if a stage shows the violation.
 type Hidden = Option<f64>;
 
 impl Automaton for Radau<'_> {
@@ -123,7 +124,7 @@ impl Automaton for Radau<'_> {
     }
 
     fn solve(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
-        // Give up the active face if the step is too small to advance the time.
+        // Give up the equations of the active face of `K` if the step is too small to advance the time.
         if attempts.solves == 0 || h < attempts.proposed && !self.clock.resolves(h) {
             return Ok(Solved::Lost);
         }
@@ -229,7 +230,7 @@ impl Automaton for Radau<'_> {
         })
     }
 
-    /// Solves the stages with the variational inequality coupled over all of them.
+    /// Solves the stages of a step with the variational inequality coupled over all of them.
     fn leave_mode(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
         self.predict(h);
         let tableau = self.tableau();
@@ -337,7 +338,7 @@ impl Automaton for Radau<'_> {
             self.watch_kinks()?;
             self.change_order(contraction);
         }
-        // A breakpoint at the end of the run belongs to the run.
+        // A breakpoint at the end of the run belongs to the run: pass it, unless it is later than that end.
         let is_within = !self.clock.is_done() || self.breaks.at() <= self.clock.t;
         match self.breaks.after() {
             Some(after) if h >= attempts.proposed && is_within => self.pass_break(after),
@@ -352,7 +353,7 @@ impl Radau<'_> {
         self.settings.step.is_none() && self.switching.locates()
     }
 
-    /// Solves the stages on the present face by Newton's method.
+    /// Solves the stages on the present active face of `K` by Newton's method.
     pub(crate) fn newton(&mut self, h: f64) -> Newton {
         let tableau = self.tableau();
         let newton = self.stages.newton(
@@ -371,7 +372,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Rejects an attempt whose stages are not solved; the next step size is `fraction` times the proposed one.
+    /// Rejects an attempt at a step whose stages are not solved; the next step size is `fraction` times the proposed
+    /// one.
     fn fail(&mut self, fraction: f64, cause: RejectionCause, attempts: &Attempts) -> Result<Solved<Trial>, StepError> {
         self.controller.surprise();
         if self.jacobian == Freshness::Kept {
@@ -385,14 +387,14 @@ impl Radau<'_> {
         self.reject(attempts.proposed, fraction, cause)
     }
 
-    /// Rejects an attempt of size `h`; the next step size is `fraction` times `h`.
+    /// Rejects an attempt at a step of size `h`; the next step size is `fraction` times `h`.
     fn reject(&mut self, h: f64, fraction: f64, cause: RejectionCause) -> Result<Solved<Trial>, StepError> {
         self.shrink(h, cause, |_| fraction * h)?;
         Ok(Solved::Rejected)
     }
 
-    /// Solves the stages of a step of size `h` again, and returns the first violation of a monitor that screening
-    /// detects in it, and the point up to which screening excludes violations.
+    /// Solves the stages of a step of size `h` again, and returns the first violation of a monitor (event function)
+    /// that screening detects in it, and the point up to which screening excludes violations.
     fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);

@@ -37,14 +37,14 @@ use problem::Mass;
 /// Admissible error of one step, in tolerances, if its order is reduced because the equations are stiff.
 const STIFF: f64 = 3.0;
 
-/// Workspace of the error estimates.
+/// Workspace of the error estimates of a step.
 pub(super) struct Estimates {
-    /// The embedded error estimate `e`.
+    /// The embedded error estimate `e` of each unknown.
     pub error: Vec<f64>,
     /// Jump of the slope of the states into the step, times the step size; empty if the slope before the step is not
     /// known.
     jump: Vec<f64>,
-    /// Rounding error of the rates at the beginning of a first step.
+    /// Rounding error of each rate at the beginning of a first step.
     noise: Vec<f64>,
     pub ripple: Ripple,
     pub embedded: Vec<f64>,
@@ -72,8 +72,9 @@ impl Estimates {
 }
 
 impl Radau<'_> {
-    /// Returns the error of the states, in units of the tolerance: the largest of all estimates. The embedded
-    /// estimate is `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more if it looks too large.
+    /// Returns the error of the states in a step of size `h`, in units of the tolerance: the largest of all estimates.
+    /// The embedded estimate is `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more if it looks
+    /// too large.
     pub(super) fn error(&mut self, h: f64, coupled: bool) -> f64 {
         if coupled && let Some(vi) = &mut self.stage_vi {
             vi.swap_face(&mut self.system);
@@ -114,7 +115,7 @@ impl Radau<'_> {
         self.unseen.charge();
     }
 
-    /// Returns the power to which embedded estimates are raised so that they have the order of the result.
+    /// Returns the power to which embedded estimates are raised so that they have the order of the method.
     pub fn error_power(&self) -> f64 {
         1.0 / self.orders.current().tolerance.exponent
     }
@@ -271,7 +272,7 @@ impl Radau<'_> {
     }
 }
 
-/// Returns the root mean square of the components of `e`, each multiplied by its entry of `weight`.
+/// Returns the root mean square of the components of the error `e`, each multiplied by its entry of `weight`.
 pub(super) fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
     mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)

@@ -15,7 +15,7 @@ use crate::switches::History;
 use hybrid::{Breaks, OneStep};
 use numerics::Interval;
 
-/// A point of a run to which it can return.
+/// The state of a run at a time to which it can return.
 #[derive(Clone)]
 pub struct Saved {
     clock: Clock,
@@ -31,9 +31,9 @@ pub struct Saved {
     jumped: Option<f64>,
     breaks: Breaks,
     history: History,
-    /// The number of recorded switches that the caller has not taken yet.
+    /// The number of recorded switches not yet taken by the caller at the saved point.
     switches: usize,
-    /// The number of recorded jumps that the caller has not taken yet.
+    /// The number of recorded jumps not yet taken by the caller at the saved point.
     jumps: usize,
     chattering: Chattering,
     progress: Progress,
@@ -75,8 +75,8 @@ impl OneStep for Radau<'_> {
         self.last.t
     }
 
-    /// Evaluates the unknowns `y`: the states from the collocation polynomial, with consistent variables; at the end
-    /// of a step that is a switch, the variables after the switch.
+    /// Evaluates the unknowns `y` at time `t` within the last step: the states from the collocation polynomial, with
+    /// consistent variables; at the end of a step that is a switch, the variables after the switch.
     fn at(&mut self, t: f64, out: &mut [f64]) {
         self.interpolate(t, out);
     }
@@ -89,7 +89,8 @@ impl OneStep for Radau<'_> {
         self.ranges_of_polynomials(from, to)
     }
 
-    /// Repeats the last step on its face: this is for problems without bounded variables, whose faces do not end.
+    /// Repeats the last step on its active face of `K`, up to the time `end`: this is for problems without bounded
+    /// variables, whose faces do not end.
     fn cut_at(&mut self, end: f64, tighter: f64) -> bool {
         let h = self.breaks.size_up_to(self.last.t, end);
         if self.last.is_remade && h == self.last.h {
@@ -156,7 +157,7 @@ impl OneStep for Radau<'_> {
 }
 
 impl Radau<'_> {
-    /// Returns a copy of the present point, after which the run goes on as if nothing had been saved.
+    /// Returns a copy of the present state of the run, after which the run goes on as if nothing had been saved.
     pub(crate) fn mark(&self) -> Saved {
         Saved {
             clock: self.clock,
@@ -180,15 +181,15 @@ impl Radau<'_> {
         }
     }
 
-    /// Returns to a point before the last step, to make a step of at most the size `h` in its place.
+    /// Returns the run to a point saved before the last step, to make a step of at most the size `h` in its place.
     pub(crate) fn retry_from(&mut self, mark: &Saved, h: f64) {
         self.restore(mark);
         self.h = self.h.min(h);
         self.counts.rejected[RejectionCause::Error as usize] += 1;
     }
 
-    /// Forgets derivatives, factors and the contraction of earlier steps, so that the next step depends on its
-    /// beginning alone.
+    /// Forgets derivatives, factors and the contraction of Newton's method in earlier steps, so that the next step
+    /// depends on its beginning alone.
     fn forget_step(&mut self) {
         self.jacobian = Freshness::Stale;
         self.factored = None;

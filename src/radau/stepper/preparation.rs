@@ -26,7 +26,7 @@ impl Radau<'_> {
         Ok(())
     }
 
-    /// Evaluates the derivatives at the present step if they are stale.
+    /// Evaluates the derivatives of the rows at the beginning of the present step if they are stale.
     pub(super) fn differentiate(&mut self) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
             if !self.system.differentiate(self.clock.t, &self.y) {
@@ -105,7 +105,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Discards data that are invalid after a switch: derivatives, factors, the extrapolated polynomial.
+    /// Discards data that are invalid after a switch (change of the active face of `K`): derivatives, factors, the
+    /// extrapolated polynomial.
     pub(crate) fn restart(&mut self) {
         self.forget_jacobian();
         self.factored = None;
@@ -120,7 +121,8 @@ impl Radau<'_> {
         self.check_evaluation()
     }
 
-    /// Fails if a row of the last evaluation is not finite, or if an interval or a ball is empty.
+    /// Fails if a row (a rate, a `G` or a moving bound) of the last evaluation is not finite, or if an interval or a
+    /// ball is empty.
     pub(crate) fn check_evaluation(&self) -> Result<(), StepError> {
         let t = self.clock.t;
         if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
@@ -137,7 +139,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Returns the kind of a row of the problem, and the index of the row within that kind.
+    /// Returns, for messages, the kind (rate, inequality or bound) of a row of the problem, and the index of the row
+    /// within that kind.
     fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
         if row < n {

@@ -14,7 +14,7 @@ use problem::{ConvexSet, Dvi, FaceEquations};
 /// Rounding error of the sums in a step, relative to their terms.
 const ROUNDING_OF_RANGES: f64 = 4.0 * f64::EPSILON;
 
-/// The variables at the end of a step.
+/// The variables at the end of a step, with the data to check their variational inequality.
 #[derive(Clone, Copy, Debug)]
 pub struct Variables<'a> {
     /// The set `K` at the end of the step.
@@ -30,9 +30,9 @@ pub struct Variables<'a> {
 /// The last accepted step, with the data needed to differentiate it.
 #[derive(Clone, Copy, Debug)]
 pub struct LastStep<'a> {
-    /// Time at the beginning of the step.
+    /// Time at the beginning of the last accepted step.
     pub t: f64,
-    /// The step size.
+    /// The size of the last accepted step.
     pub h: f64,
     /// The unknowns `y` at the beginning of the step.
     pub y: &'a [f64],
@@ -74,27 +74,27 @@ impl Radau<'_> {
         self.jumped
     }
 
-    /// Whether a change of an unknown is larger than its tolerance.
+    /// Whether a change of an unknown is larger than the tolerance of the unknown.
     pub fn is_beyond_tolerance(&self, unknown: usize, change: f64) -> bool {
         (change * self.control.weight[unknown]).abs() > 1.0
     }
 
-    /// Takes the jumps of the states since the last call.
+    /// Removes and returns the jumps of the states since the last call.
     pub fn take_jumps(&mut self) -> Vec<Jump> {
         std::mem::take(&mut self.jumps)
     }
 
-    /// Returns the largest magnitude of each unknown so far.
+    /// Returns the largest magnitude of each unknown in the run so far.
     pub fn largest(&self) -> &[f64] {
         &self.extent.largest
     }
 
-    /// Returns the number of stages of the present method.
+    /// Returns the number of stages of the method with which the next step is made.
     pub fn stages(&self) -> usize {
         self.tableau().stages()
     }
 
-    /// Returns the counters of evaluations, factorisations and iterations.
+    /// Returns the counters of evaluations, factorisations and Newton iterations of the run.
     pub fn work(&self) -> Work {
         self.system.work
     }
@@ -187,7 +187,7 @@ impl Radau<'_> {
         are_found
     }
 
-    /// Returns the unknowns at the end of the last step, on the face of that step.
+    /// Returns the unknowns at the end of the last step, on the active face of that step: before a switch at its end.
     pub(crate) fn before_switch(&mut self) -> Vec<f64> {
         let t = self.last.t + self.last.h;
         let mut y = vec![0.0; self.system.unknowns];
@@ -213,12 +213,12 @@ impl Radau<'_> {
         })
     }
 
-    /// Returns the active face of `K`.
+    /// Returns the active face of `K` at the time reached.
     pub fn face(&self) -> &ActiveFace {
         &self.system.face
     }
 
-    /// Returns the equations of the active face of each block at the time reached.
+    /// Returns the equations of the active face of the set of each block at the time reached.
     pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
         self.system.evaluate(self.clock.t, &self.y);
         self.system.equations_for_z(&self.y)
@@ -284,12 +284,12 @@ impl Radau<'_> {
         zero
     }
 
-    /// Whether the stages of the last step were solved on one face.
+    /// Whether the stages of the last step were solved on one active face of `K`.
     pub fn is_smooth(&self) -> bool {
         self.last.is_smooth
     }
 
-    /// Whether the last step kept one face, and the next step continues on it.
+    /// Whether the last step kept one active face of `K`, and the next step continues on it.
     pub fn kept_face(&self) -> bool {
         self.last.is_smooth && self.continues
     }

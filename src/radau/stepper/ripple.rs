@@ -19,8 +19,8 @@ use crate::stages::combine;
 /// increase.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// The last Legendre coefficients of the slope of each state, times the step size, with workspace for the expected
-/// error.
+/// The last Legendre coefficients of the slope of each state, times the step size, with workspace for the error that
+/// they suggest.
 pub(super) struct Ripple {
     /// The largest magnitude among the last Legendre coefficients of each state, with the sign of the last one.
     last: Vec<f64>,
@@ -68,13 +68,14 @@ impl Radau<'_> {
             *e *= raise(fall.max((gamma * *e / last).abs().min(1.0)));
         }
         let error = tolerance.factor * rms(&shifted[..states], &self.control.weight);
-        // Rounding errors of the increments have coefficients of all degrees: a negligible error is treated as zero.
-        // The exponent of the tolerance is between a half and one.
+        // Rounding errors of the stage increments have coefficients of all degrees: a negligible error is treated as
+        // zero. The exponent of the tolerance is between a half and one.
         let is_enough = error.max(error.sqrt()) <= enough;
         if error < NEGLIGIBLE || is_enough { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
-    /// Finds the last Legendre coefficients of the slopes of the states, and their decrease.
+    /// Finds the last Legendre coefficients of the slopes of the states over the step, and their decrease with the
+    /// degree.
     fn find_falls(&mut self) {
         let (tableau, n) = (self.tableau(), self.system.unknowns);
         let s = tableau.stages();
@@ -111,7 +112,8 @@ impl Radau<'_> {
         for ((expected, last), fall) in expected[..states].iter_mut().zip(last).zip(fall) {
             *expected = *fall * *last / h;
         }
-        // The filter can only make the expected errors smaller.
+        // Skip the linear solve that filters the expected errors if its result cannot matter: it can only make them
+        // smaller.
         if expected[..states].iter().zip(&*shifted).all(|(expected, e)| h * expected.abs() <= gamma * e.abs()) {
             return;
         }
@@ -122,7 +124,8 @@ impl Radau<'_> {
     }
 }
 
-/// Returns half the number of degrees: the upper half of the degrees counts as the last coefficients.
+/// Returns half the number of degrees of Legendre coefficients: the upper half of the degrees counts as the last
+/// coefficients.
 fn half(degrees: usize) -> usize {
     degrees / 2
 }

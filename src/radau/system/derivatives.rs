@@ -7,8 +7,9 @@ use crate::layout::Layout;
 use problem::{MovingBound, Side};
 
 impl System<'_> {
-    /// Evaluates the derivatives at `(t, y)`; returns false if a number is not finite. If a slope is infinite at `y`,
-    /// as that of a square root at zero, the derivatives are evaluated at states that are shifted by their tolerances.
+    /// Evaluates the derivatives of the rows of the problem at `(t, y)`; returns false if a number is not finite. If a
+    /// slope is infinite at `y`, as that of a square root at zero, the derivatives are evaluated at states that are
+    /// shifted by their tolerances.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
         if self.structure.constant_jacobian && self.work.jacobians > 0 {
             return true;
@@ -34,7 +35,7 @@ impl System<'_> {
         are_finite
     }
 
-    /// Undoes [`Self::exchange_derivatives`].
+    /// Restores the derivatives that [`Self::exchange_derivatives`] has set aside.
     pub fn restore_derivatives(&mut self) {
         std::mem::swap(&mut self.derivatives, &mut self.exchanged);
     }
@@ -78,18 +79,18 @@ impl System<'_> {
         self.places_of_row(own).find(|&(_, j)| j == own).map(|(at, _)| at)
     }
 
-    /// Returns the number of moving bounds.
+    /// Returns the number of moving bounds of the problem.
     pub fn bounds(&self) -> usize {
         self.structure.moving.len()
     }
 
-    /// Returns the variable of moving bound `p`.
+    /// Returns the index of the variable that moving bound `p` limits.
     pub fn variable_of_bound(&self, p: usize) -> usize {
         self.structure.moving[p].variable
     }
 
-    /// Returns the equations of the face in which moving bound `p` occurs, as pairs of an equation and the factor of
-    /// the bound.
+    /// Returns the equations of the active face of `K` in which moving bound `p` occurs, as pairs of an equation and
+    /// the factor of the bound.
     pub fn equations_of_bound(&self, p: usize) -> Vec<(usize, f64)> {
         let MovingBound { variable, side, .. } = self.structure.moving[p];
         let place = self.face.places[variable];
@@ -119,13 +120,14 @@ impl System<'_> {
         self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
     }
 
-    /// Returns `sum_j |dG_k/dy_j| size_j` for several sizes: the magnitude of the terms of `G_k`, relative to which
-    /// its rounding errors are measured.
+    /// Returns `sum_j |dG_k/dy_j| size_j` for several sizes of the unknowns: the magnitude of the terms of `G_k`,
+    /// relative to which its rounding errors are measured.
     pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         self.terms_of_row(self.states + k, sizes)
     }
 
-    /// Returns `sum_j |dr/dy_j| size_j` for several sizes, where `r` is a row of `F`, `G` or the moving bounds.
+    /// Returns `sum_j |dr/dy_j| size_j` for several sizes of the unknowns, where `r` is a row of `F`, `G` or the moving
+    /// bounds.
     pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         self.terms_by(row, |at| self.derivatives[at].abs(), sizes)
     }
@@ -160,8 +162,8 @@ impl System<'_> {
         self.rows_of_bounds(k).map(|row| self.terms_of_row(row, |j| [size(j)])[0]).sum()
     }
 
-    /// Writes `-dPhi/dy`, the negative Jacobian of the equations of the face, in the storage layout, from the current
-    /// derivatives.
+    /// Writes `-dPhi/dy`, the negative Jacobian of the equations of the face `face` of `K`, in the storage layout, from
+    /// the current derivatives.
     pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
         places.fill(0.0);
         if self.unknowns == self.states {
@@ -171,8 +173,8 @@ impl System<'_> {
         self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
     }
 
-    /// Visits the terms of `dPhi/dy`, the Jacobian of the equations of the face, from the current derivatives, as
-    /// `(row, column, place, value)`, where `place` is the storage index.
+    /// Visits the terms of `dPhi/dy`, the Jacobian of the equations of the face `face` of `K`, from the current
+    /// derivatives, as `(row, column, place, value)`, where `place` is the storage index.
     pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
         let n = self.states;
         let structure = &self.structure;

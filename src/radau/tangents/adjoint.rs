@@ -32,37 +32,37 @@ use hybrid::OneStep;
 use nalgebra::{DMatrix, DVector};
 use problem::Dvi;
 
-/// Counters of the backward sweep.
+/// Counters of the work of a backward sweep of the adjoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Number of steps swept.
+    /// Number of steps over which costates were carried backwards.
     pub steps: u64,
-    /// Number of evaluations of the derivatives of all rows, at the stages.
+    /// Number of evaluations of the derivatives of all rows, at the stages of steps.
     pub jacobians: u64,
     /// Number of factorisations of the transposed equations of the stages, each with one solution.
     pub factorisations: u64,
-    /// Number of steps that were made a second time.
+    /// Number of steps that were made a second time, since they were not stored.
     pub repeated: u64,
     /// Number of central differences, one for each state and direction, at breakpoints of time and of hidden
     /// constraints.
     pub differences: u64,
 }
 
-/// Number of segments of stored steps that fit into the memory allowed.
+/// Number of segments of stored steps of a run that fit into the memory allowed at one time.
 const SEGMENTS: usize = 8;
 
 /// A segment of consecutive steps, with the switches at their ends.
 struct Segment {
     /// The point of the run at which the segment begins.
     begin: (Saved, Point),
-    /// The time at which the segment ends.
+    /// The time of the run at which the segment ends.
     end: f64,
     /// The stored steps and switches of the segment; `None` if they were dropped.
     records: Option<Vec<Record>>,
     bytes: usize,
 }
 
-/// Data of a run that the backward sweep needs.
+/// A step or a switch of a run, with the data that the backward sweep of the adjoint needs.
 enum Record {
     Step {
         step: Box<StoredStep>,
@@ -73,10 +73,11 @@ enum Record {
     Switch(Saltation),
 }
 
-/// The result of a backward sweep.
+/// The result of a backward sweep of the adjoint.
 #[derive(Clone, Debug, Default)]
 pub struct Swept {
-    /// The derivatives of the differentiated number with respect to the directions.
+    /// The derivatives of the differentiated quantity (one number, such as a state at the end or an integral) with
+    /// respect to the directions.
     pub gradient: Vec<f64>,
     /// Magnitude of the terms that add up to the derivative of the number in the direction computed along the run:
     /// the largest over all steps of the sum, over the states, of the term of the derivative of the state times the
@@ -86,32 +87,32 @@ pub struct Swept {
 }
 
 impl Swept {
-    /// Records the terms of the derivatives of the states in one step, with the derivatives of the number with
-    /// respect to these states.
+    /// Records the terms of the derivatives of the states in one step, with the derivatives of the differentiated
+    /// quantity with respect to these states.
     pub fn note<'a>(&mut self, terms: &[f64], rows: impl IntoIterator<Item = &'a DVector<f64>>) {
         let of_row = |row: &DVector<f64>| row.iter().zip(terms).map(|(slope, term)| (slope * term).abs()).sum::<f64>();
         self.terms = self.terms.max(rows.into_iter().map(of_row).sum());
     }
 }
 
-/// Reason why a backward sweep over the steps failed.
+/// Reason why a backward sweep of the adjoint over the steps of a run failed.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum SweepError {
     /// The run has no derivative.
     #[error(transparent)]
     NoDerivative(#[from] NoDerivative),
-    /// A step could not be made a second time.
+    /// A step that was not stored could not be made a second time.
     #[error("a step that was made once failed the second time: {0}")]
     Step(#[from] StepError),
     /// Steps that were made a second time did not end where they did the first time.
     #[error("steps up to t = {t:?} that were made a second time are others than the first time")]
     NotRepeated {
-        /// The time at which the steps ended the first time.
+        /// The time at which the steps of the segment ended the first time.
         t: f64,
     },
 }
 
-/// The adjoint of a run.
+/// The adjoint of a run: the derivatives of one quantity with respect to many directions by a backward sweep.
 pub struct Adjoint {
     /// Derivatives along a basis of the states, then along the directions.
     basis: Tangents,
@@ -121,17 +122,17 @@ pub struct Adjoint {
     /// The number of bytes of the stored steps, and the largest number allowed.
     bytes: usize,
     most: usize,
-    /// Counters of the backward sweep.
+    /// Counters of the work of backward sweeps.
     pub work: Work,
 }
 
-/// An accepted step, stored for the backward sweep.
+/// An accepted step of a run, stored for the backward sweep of the adjoint.
 pub struct StoredStep {
     step: Step,
     tableau: &'static Tableau,
     /// Whether the polynomial of the derivatives is corrected by the slope at the beginning of the step.
     is_corrected: bool,
-    /// Time at which the run left the step.
+    /// Time at which the run left the step and began the next one.
     end: f64,
 }
 
@@ -143,9 +144,9 @@ pub struct IntegralWeights {
     pub begin: DVector<f64>,
     /// Weights of the derivatives of the states at each stage.
     pub stages: Vec<DVector<f64>>,
-    /// Weights of the slope that the polynomial lacks at the beginning.
+    /// Weights of the slope that the polynomial of the derivatives lacks at the beginning of the step.
     pub slope: DVector<f64>,
-    /// Derivatives of the integral with respect to the directions themselves.
+    /// Derivatives of the integral over the step with respect to the directions themselves.
     pub directions: DVector<f64>,
     /// The integrals of the absolute values of the derivatives with respect to the states: a scale for weights of
     /// opposite signs that cancel.
@@ -157,14 +158,14 @@ impl Radau<'_> {
     /// derivatives is corrected by the slope at the beginning of the step.
     pub fn store_step(&self, end: f64, is_corrected: bool) -> StoredStep {
         let mut step = self.last.clone();
-        // Drop the slope that only the next step needs.
+        // Drop the slope at the end of the step that only the next step needs.
         step.end_slope = Vec::new();
         StoredStep { step, tableau: self.orders.last().tableau, is_corrected, end }
     }
 }
 
 impl StoredStep {
-    /// Returns the step.
+    /// Returns the stored step.
     pub fn step(&self) -> LastStep<'_> {
         let Step { t, h, y, z, .. } = &self.step;
         LastStep { t: *t, h: *h, y, z, tableau: self.tableau }
@@ -175,14 +176,14 @@ impl StoredStep {
         (self.step.t, self.end)
     }
 
-    /// Returns the number of bytes that the stored step takes.
+    /// Returns the number of bytes of memory that the stored step takes.
     pub fn bytes(&self) -> usize {
         let Step { y, z, slope, face, .. } = &self.step;
         let of_face = size_of_val(face.places.as_slice()) + size_of_val(face.blocks.as_slice());
         size_of::<Self>() + of_face + (y.len() + z.len() + slope.len()) * size_of::<f64>()
     }
 
-    /// Writes the states at time `t` within the step to `x`.
+    /// Writes the states at time `t` within the stored step to `x`.
     pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
         let mut y = vec![0.0; self.step.y.len()];
         self.step.at(self.tableau, t, &mut y);
@@ -199,8 +200,8 @@ impl StoredStep {
 }
 
 impl Directions {
-    /// Returns directions that are a basis of the initial values of `states` states, followed by these directions,
-    /// which then leave the initial states unchanged.
+    /// Returns directions that are a basis of the initial values of `states` states, followed by the directions of
+    /// `self`, which then leave the initial states unchanged.
     fn with_basis(self, states: usize) -> Self {
         let count = self.initial.ncols();
         let mut initial = DMatrix::zeros(states, states + count);
@@ -238,7 +239,7 @@ impl Adjoint {
         Ok(Self { basis, initial, segments: Vec::new(), bytes: 0, most, work: Work::default() })
     }
 
-    /// Returns the number of bytes of the stored steps.
+    /// Returns the number of bytes of memory of the steps stored for the backward sweep.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
@@ -278,7 +279,8 @@ impl Adjoint {
         Ok(())
     }
 
-    /// Appends the last accepted step of a run to `records`, and returns the number of bytes that it takes.
+    /// Appends the last accepted step of a run to `records` for the backward sweep, and returns the number of bytes
+    /// that it takes.
     fn record(
         &mut self,
         radau: &mut Radau<'_>,
@@ -304,7 +306,7 @@ impl Adjoint {
         Ok(bytes)
     }
 
-    /// Makes the steps of a segment a second time.
+    /// Makes the steps of a segment, which were not stored, a second time, for the backward sweep.
     fn repeat(
         &mut self,
         Segment { begin: (saved, point), end, .. }: &Segment,
@@ -348,7 +350,7 @@ impl Adjoint {
                 Some(records) => records,
                 None => self.repeat(&segment, radau, tangents)?,
             };
-            // The derivatives of the differentiated number with respect to the states behind the switch that ends the
+            // The derivatives of the differentiated quantity with respect to the states behind the switch that ends the
             // step.
             let mut behind: Option<DVector<f64>> = None;
             for record in records.into_iter().rev() {
@@ -376,7 +378,8 @@ impl Adjoint {
         Ok(swept)
     }
 
-    /// Carries a costate (the derivatives of a number with respect to the states) backwards over one step.
+    /// Carries a costate (the derivatives of the differentiated quantity with respect to the states) backwards over one
+    /// step.
     fn step_back(
         &mut self,
         stored: &StoredStep,
@@ -437,7 +440,8 @@ impl Adjoint {
         Ok(())
     }
 
-    /// Adds `row` times the slope of the derivatives at the beginning of a step without variables.
+    /// Adds to the costate `row` times the slope (time derivative) of the derivatives of the states at the beginning of
+    /// a step without variables.
     fn add_slope(
         &mut self,
         step: &Step,
@@ -458,13 +462,14 @@ impl Adjoint {
     }
 }
 
-/// The costate: derivatives of a number with respect to the data that determine the rest of a run.
+/// The costate: derivatives of the differentiated quantity with respect to the data that determine the rest of a run.
 struct Costate {
-    /// Derivatives with respect to the states.
+    /// Derivatives of the differentiated quantity with respect to the states.
     states: DVector<f64>,
-    /// Derivatives with respect to the slope of the derivatives of the states at the end of the step before.
+    /// Derivatives of the differentiated quantity with respect to the slope of the derivatives of the states at the end
+    /// of the step before.
     slope: Option<DVector<f64>>,
-    /// Derivatives with respect to the directions.
+    /// Derivatives of the differentiated quantity with respect to the directions.
     gradient: DVector<f64>,
 }
 

@@ -13,14 +13,14 @@ use super::stages::Rows;
 use super::{Saltation, Tangents};
 use nalgebra::DMatrix;
 
-/// The derivatives of the times at which the monitors of variables vanish, as pairs of a variable and one derivative
-/// per direction.
+/// The derivatives of the times at which the monitors (event functions) of variables vanish, as pairs of a variable and
+/// one derivative per direction.
 pub(super) type TimesOfVariables = Vec<(usize, Vec<f64>)>;
 
-/// A jump of the rates at a switch.
+/// A jump of the rates at a switch or at several simultaneous ones.
 #[derive(Clone, Copy)]
 pub(super) struct Jump<'a> {
-    /// The unknowns before and after the jump.
+    /// The unknowns before and after the jump of the rates.
     pub ends: [&'a [f64]; 2],
     /// The rates before the jump minus those after it.
     pub by: &'a [f64],
@@ -28,7 +28,7 @@ pub(super) struct Jump<'a> {
     pub none: &'a [f64],
 }
 
-/// Whether the derivatives of two switching times agree, so that both times belong to one switch.
+/// Whether the derivatives of the times of two simultaneous switches agree, so that both times belong to one switch.
 pub(super) fn agree(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= AGREE * a.abs().max(b.abs()))
 }

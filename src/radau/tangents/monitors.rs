@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Dvi, Shape, Side, Structure};
 
-/// A monitor whose rate is below this fraction of its terms touches zero (grazing).
+/// A monitor (event function) whose rate is below this fraction of its terms touches zero (grazing).
 const TOUCHES: f64 = 1e-9;
 /// Derivatives of the times of simultaneous switches that agree to this fraction belong to one switch, seen in several
 /// variables.
@@ -58,7 +58,7 @@ impl Tangents {
         }
     }
 
-    /// Returns the derivatives of the rows, and those of the states, with time as a further direction.
+    /// Returns the derivatives of the rows of the problem, and those of the states, with time as a further direction.
     fn rows_with_time(&mut self, t: f64, y: &[f64]) -> (Rows, DMatrix<f64>) {
         let (rates, _) = self.rates(t, y);
         let by_time = self.rows_by_time(t, y);
@@ -73,8 +73,8 @@ impl Tangents {
         (Rows { by_directions: with(rows.by_directions, &by_time), ..rows }, states)
     }
 
-    /// Returns the derivatives of the time at which the monitor of variable `k` vanishes with respect to the
-    /// directions.
+    /// Returns the derivatives of the time at which the monitor (event function) of variable `k` vanishes with respect
+    /// to the directions.
     fn times_of(
         &self,
         k: usize,
@@ -243,8 +243,8 @@ impl Tangents {
         slopes
     }
 
-    /// Returns the derivatives of the rows with respect to time alone: of `G` exactly, of bounds by central
-    /// differences.
+    /// Returns the derivatives of the rows of the problem with respect to time alone: of `G` exactly, of bounds by
+    /// central differences.
     fn rows_by_time(&mut self, t: f64, y: &[f64]) -> Vec<f64> {
         let structure = self.problem.structure();
         let (n, unknowns, rows) = (structure.states, structure.unknowns(), structure.rows());
@@ -263,8 +263,8 @@ impl Tangents {
         by_time
     }
 
-    /// Returns the derivatives of the time of a breakpoint with respect to the directions; `None` if no function
-    /// changes sign at it.
+    /// Returns the derivatives of the time of a breakpoint with respect to the directions; `None` if no function of
+    /// time changes its sign there.
     fn break_times(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let shifts = self.directions.shifted.iter_mut().map(|shifted| {
             let shifted = shifted.as_mut()?;
@@ -299,9 +299,9 @@ fn ray(structure: &Structure, k: usize, rows: &Rows) -> Option<Vec<(usize, f64)>
     is_sphere.then(|| block.members.iter().map(|&l| (l, z[l])).collect())
 }
 
-/// A combination of the equations of the free variables.
+/// A combination of the equations of the free variables (those not on a bound).
 struct Combination {
-    /// Weight of each equation in the combination.
+    /// Weight of the equation of each free variable in the combination.
     weights: Vec<f64>,
     /// Whether the combination contains no free variable, so that its time derivative must determine the free
     /// variables.
@@ -330,7 +330,7 @@ fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Co
     })
 }
 
-/// Evaluates the hidden constraints `dG/dt = G_t + G_x M^-1 F`.
+/// Evaluates the hidden constraints of the variables, `dG/dt = G_t + G_x M^-1 F`.
 fn hidden(
     problem: &mut dyn Dvi,
     inverse_mass: &nalgebra::LU<f64, nalgebra::Dyn, nalgebra::Dyn>,

@@ -1,4 +1,4 @@
-//! The derivatives of the stages of one step.
+//! The derivatives of the states and variables at the stages of one step with respect to the directions.
 
 use super::{NoDerivative, Tangents, Terms};
 use crate::dense_output::Step;
@@ -7,7 +7,7 @@ use crate::tableau::Tableau;
 use nalgebra::DMatrix;
 use problem::{FaceEquations, Side};
 
-/// The derivatives of the rows at one point.
+/// The derivatives of the rows of the problem at one point.
 pub(super) struct Rows {
     /// Derivatives of `F`, `G` and the moving bounds with respect to the unknowns `y`, one row each.
     pub by_y: DMatrix<f64>,
@@ -96,7 +96,7 @@ impl Tangents {
         Ok([by_y, by_directions])
     }
 
-    /// Returns the equations of the faces of all blocks, with their members.
+    /// Returns the equations of the active faces of the sets of all blocks, with their members.
     fn equations_of_blocks(
         &self,
         face: &ActiveFace,
@@ -148,7 +148,7 @@ impl Tangents {
         Ok([by_y, by_directions])
     }
 
-    /// Solves for the derivatives of the states at the stages of a step.
+    /// Solves for the derivatives of the states at the stages of a step with respect to the directions.
     pub(super) fn solve_stages(&mut self, step: &Step, tableau: &Tableau) -> Result<(), NoDerivative> {
         let (n, unknowns, s) = (self.mass.nrows(), step.y.len(), tableau.stages());
         let StageEquations { matrix, by_directions: mut right } = self.stage_equations(step, tableau)?;
@@ -177,7 +177,7 @@ impl Tangents {
         Ok(())
     }
 
-    /// Returns the equations of the derivatives at the stages of a step, on the face of the step.
+    /// Returns the equations of the derivatives at the stages of a step, on the active face of the step.
     pub(super) fn stage_equations(&mut self, step: &Step, tableau: &Tableau) -> Result<StageEquations, NoDerivative> {
         let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);
         let mut matrix = DMatrix::zeros(s * unknowns, s * unknowns);
@@ -209,7 +209,7 @@ impl Tangents {
 
 /// The equations `K dX = (M dx_n, .., M dx_n) + C` of the derivatives `dX` of the unknowns at the stages of a step.
 pub(super) struct StageEquations {
-    /// The matrix `K` of the equations.
+    /// The matrix `K` of the equations for the derivatives at the stages.
     pub matrix: DMatrix<f64>,
     /// The part `C` of the right-hand sides, one column per direction.
     pub by_directions: DMatrix<f64>,

@@ -15,7 +15,8 @@ use hybrid::OneStep;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 
-/// Safety factor of the step size, and the bounds of its change from one step to the next.
+/// Safety factor of the step size that the error of the derivatives allows, and the bounds of its change from one step
+/// to the next.
 const SAFETY: f64 = 0.9;
 const LEAST_CHANGE: f64 = 0.2;
 const LARGEST_CHANGE: f64 = 8.0;
@@ -50,8 +51,8 @@ impl Tangents {
         (h >= radau.shortest_of_derivatives()).then_some(h)
     }
 
-    /// Bounds the first step behind a switch: derivatives may have jumped in a direction in which the states do not
-    /// move.
+    /// Bounds the size of the first step behind a switch: derivatives may have jumped in a direction in which the
+    /// states do not move.
     pub(super) fn limit_first_step(&mut self, radau: &mut Radau<'_>) {
         let (now, y) = (self.now.clone(), radau.y().to_vec());
         let slopes = match self.mass.nrows() == y.len() {
@@ -83,7 +84,7 @@ pub struct DirectionSize<'a> {
 }
 
 impl<'a> DirectionSize<'a> {
-    /// Creates the magnitude of a direction, a column of `initial`.
+    /// Creates the magnitude of the direction with the index `direction`, a column of `initial`.
     pub fn new(of_parameter: f64, initial: &'a DMatrix<f64>, direction: usize) -> Self {
         let states = initial.nrows();
         Self { of_parameter, initial: &initial.as_slice()[direction * states..][..states] }
@@ -118,7 +119,8 @@ impl Radau<'_> {
         self.clock.rounding(0.0) / KNOWN
     }
 
-    /// Bounds the first step behind an event, at which the derivatives have the slopes (time derivatives) `slopes`.
+    /// Bounds the size of the first step behind an event, at which the derivatives have the slopes (time derivatives)
+    /// `slopes`.
     pub fn limit_first_step<'a>(
         &mut self,
         slopes: &DMatrix<f64>,
@@ -163,7 +165,7 @@ impl Radau<'_> {
     }
 }
 
-/// Returns the change of the step size, as a factor, that brings an error to the tolerance.
+/// Returns the change of the step size, as a factor, that brings an error of the derivatives to the tolerance.
 fn change_of_step(error: f64, tableau: &Tableau) -> f64 {
     let change = SAFETY * error.powf(-1.0 / (tableau.stages() as f64 + 1.0));
     change.clamp(LEAST_CHANGE, LARGEST_CHANGE)

@@ -64,8 +64,8 @@ impl Radau<'_> {
             for (j, slope) in room.slopes.iter_mut().enumerate() {
                 *slope = part.rate(j).magnitudes().1;
             }
-            // A function with slopes in `+-r` deviates from its chord by `r/2` times the distance at most, and by
-            // half of that in the mean.
+            // A function with slopes in `+-r` along the part deviates from its chord by `r/2` times the distance at
+            // most, and by half of that in the mean.
             for (unseen, row) in unseen.iter_mut().zip(&samples.rows).filter(|(_, row)| row.has_feature) {
                 *unseen = 0.25 * squares * self.radius_of_slope(row.at, room);
             }

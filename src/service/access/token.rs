@@ -30,7 +30,7 @@ impl Token {
         Ok(Self { number: u64::from_be_bytes(number), secret: hexadecimal(&secret) })
     }
 
-    /// Returns the SHA-256 digest of the secret, which is stored in place of the secret.
+    /// Returns the SHA-256 digest of the token's secret, which is stored in the file of tokens in place of the secret.
     pub fn digest(&self) -> String {
         hexadecimal(&Sha256::digest(&self.secret))
     }

@@ -16,22 +16,22 @@ use subtle::ConstantTimeEq;
 /// The stored properties of an access token.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    /// The number of the token, in hexadecimal digits.
+    /// The number that identifies the access token, in hexadecimal digits.
     pub number: String,
-    /// The name of the token, given at its creation.
+    /// The name of the access token, given at its creation.
     pub name: String,
     /// The scopes of the token, which say what its bearer may do.
     pub scopes: Vec<Scope>,
     /// The time of the creation of the token.
     pub created: Timestamp,
-    /// The time at which the token expires, if it does.
+    /// The time at which the access token expires, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires: Option<Timestamp>,
     digest: String,
 }
 
 impl Row {
-    /// Whether the expiry time of the token has passed.
+    /// Whether the expiry time of the access token has passed.
     pub fn has_expired(&self) -> bool {
         self.expires.is_some_and(|expires| expires <= Timestamp::now())
     }
@@ -80,7 +80,7 @@ impl Tokens {
         Ok(Self { path, read: Mutex::new(Read { looked: Instant::now(), version, rows }) })
     }
 
-    /// Whether no access token exists.
+    /// Whether the file of access tokens has none.
     pub fn is_empty(&self) -> bool {
         self.rows().is_ok_and(|rows| rows.is_empty())
     }
@@ -98,7 +98,7 @@ impl Tokens {
         Ok(known.map(|row| (token.number, row.clone())))
     }
 
-    /// Whether the token with this number is neither revoked nor expired.
+    /// Whether the access token with this number is neither revoked nor expired.
     pub fn knows(&self, number: u64) -> bool {
         let number = format!("{number:016x}");
         self.rows().is_ok_and(|rows| rows.iter().any(|row| row.number == number && !row.has_expired()))
@@ -123,7 +123,7 @@ impl Tokens {
     }
 }
 
-/// Returns the time `days` days from the current time.
+/// Returns the time `days` days from the current time, as the expiry time of a token.
 pub fn in_days(days: u32) -> Timestamp {
     Timestamp::now() + SignedDuration::from_hours(24 * i64::from(days))
 }
@@ -198,7 +198,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     Ok(changed)
 }
 
-/// Changes the owner of a file to that of `folder`, if the two differ.
+/// Changes the owner of a file of tokens to the owner of `folder`, which contains it, if the two differ.
 fn belong_as(path: &Path, folder: &Path) -> io::Result<()> {
     let (file, folder) = (fs::metadata(path)?, fs::metadata(folder)?);
     if file.uid() != folder.uid() {

@@ -5,7 +5,7 @@
 use std::collections::HashMap;
 use std::mem;
 
-/// A cache that maps texts to values, with a bounded number of entries.
+/// A cache that maps byte strings, such as the texts of specifications, to values, with a bounded number of entries.
 #[derive(Debug)]
 pub struct Generations<T> {
     young: HashMap<Box<[u8]>, T>,
@@ -15,12 +15,12 @@ pub struct Generations<T> {
 }
 
 impl<T: Clone> Generations<T> {
-    /// Creates a cache that keeps about `kept` values, and at least two.
+    /// Creates a cache that keeps about `kept` values in its two generations together, and at least two.
     pub fn new(kept: usize) -> Self {
         Self { young: HashMap::new(), old: HashMap::new(), most: (kept / 2).max(1) }
     }
 
-    /// Returns the value of `text`, and moves it to the younger generation.
+    /// Returns the cached value of `text`, and moves its entry to the younger generation of the cache.
     pub fn find(&mut self, text: &[u8]) -> Option<T> {
         if let Some(value) = self.young.get(text) {
             return Some(value.clone());
@@ -30,7 +30,7 @@ impl<T: Clone> Generations<T> {
         Some(value)
     }
 
-    /// Adds the value of `text` to the younger generation.
+    /// Adds the entry of `text` to the younger generation of the cache; if it is full, it becomes the older generation.
     pub fn insert(&mut self, text: Box<[u8]>, value: T) {
         if self.young.len() >= self.most {
             self.old = mem::take(&mut self.young);

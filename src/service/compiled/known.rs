@@ -8,8 +8,8 @@ use solution::Verdict;
 use specification::Specification;
 use std::sync::{Arc, OnceLock};
 
-/// The largest size of a stored solution as JSON, in bytes. With the number of stored specifications, stored
-/// solutions take at most four megabytes in all.
+/// The largest size in bytes of a solution, as JSON, that is stored to be sent again. With the largest number of cached
+/// specifications, stored solutions take at most four megabytes in all.
 const SHORT: usize = 16 << 10;
 
 /// The largest estimated memory, in bytes, of a problem (some ten unknowns) whose single steps are sure to be shorter
@@ -59,7 +59,8 @@ impl Known {
         self.answer.get().filter(|answer| answer.client == client)
     }
 
-    /// Stores the results of a solve for `client`, if they are short.
+    /// Stores the results of a solve for `client`, if they are short, to be sent again when the client repeats the
+    /// request.
     pub fn keep(&self, client: Client, ended: &Ended) {
         if let Some(Held::Memory(results)) = &ended.held
             && results.text().is_some_and(|json| json.len() <= SHORT)

@@ -18,8 +18,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use structure::Structure;
 
-/// The number of cached specifications, by text and by structure each: enough for a page of examples, or for some
-/// concurrent parameter sweeps.
+/// The largest number of specifications that are cached by text, and of those cached by structure (the text without the
+/// values of parameters): enough for a page of examples, or for some concurrent parameter sweeps.
 const KEPT: usize = 256;
 
 /// The size in bytes up to which a specification is parsed on the thread that serves its connection or has taken its
@@ -32,7 +32,7 @@ const SOON: Duration = Duration::from_millis(2);
 /// to solve than to compile.
 const LARGEST: usize = 256 << 10;
 
-/// Cached small specifications, found by their text or by their structure.
+/// Cached small specifications, found by their text or by their structure (the text without the values of parameters).
 #[derive(Debug)]
 pub struct Compiled {
     texts: Mutex<Generations<Arc<Known>>>,
@@ -74,7 +74,8 @@ impl Compiled {
         Ok(Some(known))
     }
 
-    /// Returns the compiled specification of `text`, if a text with equal structure was compiled before.
+    /// Returns the compiled specification of `text`, if a text that differs at most in the values of parameters was
+    /// compiled before.
     fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
         if let Some(known) = lock(&self.texts).find(text) {
             return Some(known);
@@ -157,7 +158,7 @@ mod tests {
             let again = [0, 1].map(|_| compiled.find(other.as_bytes()).unwrap());
             assert!(Arc::ptr_eq(&again[0], &again[1]), "{m} {f}");
         }
-        // A specification with an error is not found in the cache.
+        // A specification with an error is never found in the cache of compiled specifications.
         for (m, f) in [("0", "1"), ("1", "-1"), ("1e999", "1"), ("01", "1"), ("1.", "1"), ("\"1\"", "1")] {
             assert!(compiled.find(belt(m, f).as_bytes()).is_none(), "{m} {f}");
         }

@@ -15,8 +15,8 @@ pub struct Structure<'a> {
 const KEY: &[u8] = b"\"parameters\"";
 
 impl<'a> Structure<'a> {
-    /// Returns the structure of `text`, if the text contains exactly one object of parameters, with at least one
-    /// number.
+    /// Separates `text`, a specification, from the numbers of its parameters, if it contains exactly one object of
+    /// parameters, with at least one number.
     pub fn of(text: &'a [u8]) -> Option<Self> {
         let key = find(text, KEY)?;
         let rest = key + KEY.len();
@@ -57,7 +57,7 @@ impl<'a> Structure<'a> {
         Some(Self { text: left, parameters })
     }
 
-    /// The names and values of the parameters that are numbers, not expressions.
+    /// The names and values of the parameters that the specification gives as numbers, not as expressions.
     pub fn parameters(&self) -> impl Iterator<Item = (&'a str, f64)> {
         self.parameters.iter().copied()
     }
@@ -67,14 +67,14 @@ fn find(text: &[u8], sought: &[u8]) -> Option<usize> {
     text.windows(sought.len()).position(|window| window == sought)
 }
 
-/// A scanner: a text and the position reached in it.
+/// A scanner of JSON: the text of a specification and the position reached in it.
 struct Scanner<'a> {
     text: &'a [u8],
     place: usize,
 }
 
 impl<'a> Scanner<'a> {
-    /// Returns the next byte of the text that is not white space.
+    /// Skips white space, and returns the next byte of the specification.
     fn peek(&mut self) -> Option<u8> {
         while matches!(self.text.get(self.place)?, b' ' | b'\t' | b'\n' | b'\r') {
             self.place += 1;
@@ -86,7 +86,7 @@ impl<'a> Scanner<'a> {
         (self.peek()? == byte).then(|| self.place += 1)
     }
 
-    /// Reads a JSON string without escape sequences.
+    /// Reads a JSON string without escape sequences from the specification.
     fn string(&mut self) -> Option<&'a str> {
         self.take(b'"')?;
         let rest = &self.text[self.place..];
@@ -127,7 +127,7 @@ impl<'a> Scanner<'a> {
         found
     }
 
-    /// Skips digits, and returns their number.
+    /// Skips the next decimal digits of the specification, and returns how many there were.
     fn digits(&mut self) -> usize {
         let count = self.text[self.place..].iter().take_while(|byte| byte.is_ascii_digit()).count();
         self.place += count;

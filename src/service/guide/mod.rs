@@ -54,11 +54,11 @@ pub struct Section {
 pub struct Chapter {
     /// The last segment of the chapter's URL path.
     pub name: String,
-    /// The first heading of the chapter.
+    /// The title of the chapter: its first heading.
     pub title: String,
     /// The body of the chapter as HTML.
     pub html: String,
-    /// The sections of the chapter, in order.
+    /// The sections of the chapter of the guide, in reading order.
     pub sections: Vec<Section>,
 }
 
@@ -81,7 +81,7 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Converts text to HTML, with what stands between backticks as code.
+/// Converts text to HTML, with the text between backticks as code.
 fn with_code(text: &str) -> String {
     let escaped = escaped(text);
     let parts = escaped.split('`').enumerate();

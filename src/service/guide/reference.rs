@@ -70,7 +70,8 @@ impl Chapter {
         Self { name: name.to_owned(), title: title.to_owned(), html, sections: vec![first] }
     }
 
-    /// Adds the section of a schema: its description, its keys in a table, its alternatives in a list.
+    /// Adds a section on the schema `name` to the chapter: its description, its keys in a table, its alternatives in a
+    /// list.
     fn object(&mut self, name: &str, schema: &Value) {
         let id = name.to_lowercase();
         let said = text(schema, "description");

@@ -10,7 +10,7 @@ use std::pin::Pin;
 use std::task::{Context as Waker, Poll};
 use std::time::Instant;
 
-/// The properties of a request that are known before its response has been sent.
+/// The properties of a request in the access log that are known before its response has been sent.
 pub struct Line {
     pub context: Context,
     pub client: Option<Client>,

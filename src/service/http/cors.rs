@@ -17,13 +17,13 @@ const GIVEN: HeaderValue = HeaderValue::from_static(
 );
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 
-/// Returns the origin of the requesting page, if it is one of the allowed origins.
+/// Returns the origin of the requesting page, if the option `cors_origin` of the service lists it.
 pub fn allowed(headers: &HeaderMap, options: &Options) -> Option<HeaderValue> {
     let origin = headers.get(header::ORIGIN)?;
     options.cors_origin.iter().any(|allowed| origin == allowed.trim_end_matches('/')).then(|| origin.clone())
 }
 
-/// Returns the response to a preflight request from an allowed origin; `None` for other requests.
+/// Returns the response to a CORS preflight request from an allowed origin; `None` for other requests.
 pub fn preflight(request: &Request, origin: Option<&HeaderValue>) -> Option<Response> {
     origin?;
     if request.method() != Method::OPTIONS || !request.headers().contains_key("access-control-request-method") {
@@ -38,7 +38,7 @@ pub fn preflight(request: &Request, origin: Option<&HeaderValue>) -> Option<Resp
     Some(response)
 }
 
-/// Lets a page of `origin` read the response.
+/// Adds the CORS headers that let a page of `origin` read the response.
 pub fn grant(headers: &mut HeaderMap, origin: HeaderValue) {
     headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
     headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, GIVEN);

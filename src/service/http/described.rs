@@ -6,11 +6,11 @@ use super::problem::Kind;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The error statuses that every operation may return.
+/// The HTTP error statuses that every operation of the interface may return.
 const ANY: [u16; 3] = [400, 421, 500];
-/// The further error statuses of operations that may require a token.
+/// The further HTTP error statuses of operations that may require an access token.
 const WORK: [u16; 4] = [401, 403, 406, 503];
-/// The further error statuses of operations with a request body.
+/// The further HTTP error statuses of operations with a request body.
 const BODY: [u16; 6] = [408, 409, 413, 415, 422, 429];
 
 /// Completes an `OpenAPI` description; the operations of the paths in `asks_token` need a token if the service

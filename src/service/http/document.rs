@@ -58,7 +58,7 @@ impl Document {
     }
 }
 
-/// A specification without errors.
+/// A specification that a check found without errors, in this process or in a worker process.
 pub enum Correct {
     /// The specification was compiled in this process.
     Here(Arc<Known>),
@@ -76,7 +76,8 @@ impl Correct {
         }
     }
 
-    /// Returns the main properties of the specification, and its compiled form if it was compiled in this process.
+    /// Returns the main properties of the specification, such as its estimated memory, and its compiled form if it was
+    /// compiled in this process.
     pub fn facts(self) -> (Facts, Option<Arc<Known>>) {
         match self {
             Self::Here(known) => (known.facts.clone(), Some(known)),

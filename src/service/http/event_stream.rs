@@ -67,7 +67,7 @@ impl EventSink {
     /// # Errors
     /// The client has disconnected.
     pub async fn event(&self, name: &str, id: u64, data: &impl Serialize) -> Result<(), Gone> {
-        // Events can always be encoded, as one line of JSON.
+        // Events of a job can always be encoded, as one line of JSON.
         let data = serde_json::to_string(data).unwrap_or_default();
         self.write(ServerSentEvent { event: name.to_owned(), id: id.to_string(), data }.to_string()).await
     }
@@ -104,7 +104,7 @@ impl EventSink {
         self.write(":\n\n").await
     }
 
-    /// Waits until the client disconnects.
+    /// Waits until the client of the event stream disconnects.
     pub async fn gone(&self) {
         self.0.closed().await;
     }

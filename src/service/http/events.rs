@@ -28,7 +28,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument;
 
-/// The interval between two polls of the status of a job.
+/// The interval between two polls of the status of a job whose events are streamed to a client.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// The longest time without data on a stream: proxies commonly close a connection after half a minute or a minute of
@@ -62,7 +62,7 @@ pub async fn follow_job(
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
-        // It is not an error if the client disconnects early.
+        // It is not an error if the client disconnects before the end of the event stream.
         let _ = follow(&shared, client, &job, seen, &sink).await;
         drop(place);
     };
@@ -162,7 +162,7 @@ impl Followed {
     }
 }
 
-/// An event of the trajectory, with its number.
+/// An event of the trajectory, with its number, as it is sent on the stream.
 #[derive(Serialize)]
 struct Numbered<'a> {
     number: u64,

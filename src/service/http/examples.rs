@@ -21,7 +21,7 @@ pub struct Entry {
     href: String,
 }
 
-/// The label, which is the only part of a specification that the list of examples needs.
+/// The label of an example, which is the only part of its specification that the list of examples needs.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,

@@ -28,7 +28,7 @@ pub struct Filter {
     status: Option<String>,
     label: Option<String>,
     limit: usize,
-    /// The last job of the previous page.
+    /// The last job of the previous page of the list.
     cursor: Option<JobId>,
 }
 

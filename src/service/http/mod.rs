@@ -62,7 +62,7 @@ use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The state of the service, shared by all request handlers.
+/// The state of the service, shared by all HTTP request handlers.
 pub type Shared = Arc<Common>;
 
 /// The state of the service that request handlers use.
@@ -73,7 +73,7 @@ pub struct Common {
     pub options: Options,
     /// The metrics of the service.
     pub metrics: Arc<Metrics>,
-    /// The tokens of clients, if the service requires them.
+    /// The access tokens of clients, if the service requires tokens.
     pub tokens: Option<Arc<Tokens>>,
     /// The cache of compiled specifications and their solutions.
     pub compiled: Compiled,
@@ -85,9 +85,9 @@ pub struct Common {
     pub checkers: Arc<Checkers>,
     /// The memory budget of responses that have not been sent completely.
     pub room: Room,
-    /// Permits for open event streams.
+    /// Permits for open event streams, whose number is limited.
     pub streams: Arc<Semaphore>,
-    /// Permits for open connections.
+    /// Permits for open connections, whose number is limited.
     pub connections: Arc<Semaphore>,
     /// Set to true when the service stops, to end all event streams.
     pub closing: watch::Sender<bool>,

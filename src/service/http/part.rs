@@ -14,7 +14,7 @@ pub struct Part {
     /// The trajectory as columns: that of the whole results, or that of the excerpt alone if its values were copied
     /// to memory.
     pub columns: Box<dyn Columns>,
-    /// The rows and fields that the response contains.
+    /// The rows (times) and fields of the trajectory that the response contains.
     pub selection: Selection,
     /// The solution without its trajectory, with the events of the excerpt and the diagnostics of the whole solve.
     pub skeleton: Skeleton,
@@ -22,7 +22,7 @@ pub struct Part {
     _kept: Option<Kept>,
 }
 
-/// The largest number of field names listed in an error message.
+/// The largest number of known field names listed in the error message about an unknown field.
 const MOST_NAMES: usize = 30;
 
 impl Part {

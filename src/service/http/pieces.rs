@@ -41,7 +41,7 @@ const FOR_KEPT: u32 = 2;
 const OF_ONE: u32 = 32;
 
 impl Room {
-    /// Creates a budget of `mib` MiB.
+    /// Creates a memory budget of `mib` MiB for responses that have not been sent completely.
     pub fn new(mib: usize) -> Self {
         let kib = u32::try_from(mib.saturating_mul(KIB)).unwrap_or(u32::MAX).min(Semaphore::MAX_PERMITS as u32);
         let semaphore = |kib: u32| Arc::new(Semaphore::new(kib as usize));
@@ -71,7 +71,7 @@ pub struct Taken<B> {
 }
 
 impl<B> Taken<B> {
-    /// Combines `bytes` with the reservation `room` of their memory.
+    /// Combines `bytes` of a response with the reservation `room` of their memory.
     pub fn new(bytes: B, room: Option<OwnedSemaphorePermit>) -> Self {
         Self { bytes, _room: room }
     }
@@ -83,7 +83,7 @@ impl<B: AsRef<[u8]>> AsRef<[u8]> for Taken<B> {
     }
 }
 
-/// The generator of a response in pieces, by format.
+/// The generator of a response with results in pieces, by format.
 pub enum Making {
     /// A generator of the whole solution or an excerpt as JSON.
     Json(JsonPieces),
@@ -118,16 +118,16 @@ impl Unwritten {
     }
 }
 
-/// The next piece of a response, and the generator of the rest.
+/// The next piece of a response, and the generator of the rest of it.
 type NextPiece = io::Result<(Bytes, Option<Box<Unwritten>>)>;
 
-/// The body of a response that is generated in pieces.
+/// The body of a response with results that is generated in pieces.
 pub struct Pieces {
     room: Room,
     /// The generator of the rest of the response; `None` while it generates a piece on another thread, and at the
     /// end.
     rest: Option<Box<Unwritten>>,
-    /// The pending generation of the next piece.
+    /// The pending generation of the next piece of the response.
     next: Option<Pin<Box<dyn Future<Output = NextPiece> + Send>>>,
 }
 

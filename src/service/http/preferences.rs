@@ -14,7 +14,7 @@ use std::time::Duration;
 const DEFAULT_SECONDS: u64 = 30;
 const MOST_SECONDS: u64 = 60;
 
-/// The preferences of a client: the time to wait, and whether the job is to be kept.
+/// The preferences of a client (header `Prefer`): the time to wait for results, and whether the job is to be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preferences {
     wait: Option<u64>,
@@ -28,7 +28,7 @@ impl Preferences {
         self.transient
     }
 
-    /// Returns the time to wait for the results of a solve.
+    /// Returns the time that the client wants to wait for the results of a solve.
     pub fn wait(self) -> Duration {
         Duration::from_secs(match self {
             Self { wait: Some(seconds), .. } => seconds,

@@ -35,7 +35,7 @@ pub enum Representation {
     /// The trajectory, or the table of a sweep, as a Parquet file.
     #[cfg(feature = "parquet")]
     Parquet,
-    /// A picture of the trajectory.
+    /// A picture of the trajectory as SVG.
     Svg,
 }
 
@@ -51,7 +51,7 @@ impl Representation {
         (Self::Svg, ("image", "svg+xml")),
     ];
 
-    /// Returns the value of the header `Content-Type`.
+    /// Returns the value of the header `Content-Type` for results in this format.
     pub fn content_type(self) -> HeaderValue {
         HeaderValue::from_static(match self {
             Self::Json => "application/json",

@@ -88,8 +88,9 @@ pub async fn find_results(
     Ok(response)
 }
 
-/// Returns the entity tag of uncompressed results: their digest alone for the whole as JSON. For other formats and
-/// excerpts, the tag includes the version of the program, since another version may format them differently.
+/// Returns the entity tag of the uncompressed results of a job: their digest alone for the whole as JSON. For other
+/// formats and excerpts, the tag includes the version of the program, since another version may format them
+/// differently.
 fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Excerpt>) -> String {
     let digest = held.digest();
     if representation == Representation::Json && excerpt.is_none() {

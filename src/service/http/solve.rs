@@ -168,7 +168,7 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerRe
     })
 }
 
-/// Returns the response 202 with the status of a job.
+/// Returns the response 202 (Accepted) with the status of a job that has not ended.
 pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
     response.extensions_mut().insert(job.id);
@@ -194,7 +194,7 @@ impl AbandonGuard {
         Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
     }
 
-    /// Disarms the guard, since the client gets a response with the id of the job.
+    /// Disarms the guard, which would delete the job, since the client gets a response with the id of the job.
     pub fn disarm(mut self) {
         self.job = None;
     }

@@ -23,9 +23,9 @@ use tracing::Instrument;
 /// The form in which the client wants the results of a solve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// The results in one response, in this format.
+    /// The client wants the results in one response, in this format.
     Whole(Representation),
-    /// A stream of server-sent events, of which the last has the results.
+    /// The client wants a stream of server-sent events, of which the last has the results.
     Stream,
 }
 

@@ -22,22 +22,23 @@ use std::sync::Arc;
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
-/// The exit code of a child process that has found the database damaged, or has repaired it with losses.
+/// The exit code of a child process that examined the database of jobs and found it damaged, or repaired it with
+/// losses.
 pub const DAMAGED: u8 = 1;
 
-/// The time limit of a child process, which may never end by itself if damaged pages form a cycle: the start-up time
-/// on a busy machine, and the time in which a slow disk reads the file.
+/// The time limit of a child process that examines or repairs the database, which may never end by itself if damaged
+/// pages form a cycle: the start-up time on a busy machine, and the time in which a slow disk reads the file.
 const START: Duration = Duration::from_secs(30);
 const BYTES_PER_SECOND: u64 = 4 << 20;
 
-/// The interval between two polls whether the child process has ended.
+/// The interval between two polls whether the child process that examines or repairs the database has ended.
 const LOOK: Duration = Duration::from_millis(1);
 
 /// Whether the pages of the database in `folder` are intact, read in the way in which the service reads them at its
 /// start. If that cannot be decided, since another process uses the database or another version wrote it, returns
 /// true: opening the database will report the reason.
 pub fn is_sound(folder: &Path) -> bool {
-    // The exit code reports enough, so that no core file is needed.
+    // The exit code of this child process reports enough to its parent, so that no core file is needed.
     let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     let Ok(overlay) = Overlay::open(&folder.join("jobs.redb")) else { return true };
     let open = || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));

@@ -12,7 +12,7 @@ use std::time::Duration;
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
     /// The largest number of solves at a time that may run to their end, and not only for a first time slice; without
-    /// those on relief workers.
+    /// those on relief workers (additional workers for clients that have no long job running).
     pub workers: usize,
     /// The limits of the queue of waiting jobs.
     pub queue: Room,
@@ -22,7 +22,7 @@ pub struct Bounds {
     pub memory: usize,
     /// The wall-clock time limit of a job.
     pub wall: Duration,
-    /// The largest size of one result as JSON, in bytes.
+    /// The largest size of the results of one job as JSON, in bytes.
     pub result_bytes: usize,
     /// The limits on the ended jobs that are kept.
     pub retention: Retention,
@@ -60,7 +60,7 @@ pub enum AdmissionError {
     ClientShare(Duration),
     /// The solve is estimated to take this many bytes, more than a solve may take.
     Memory(usize),
-    /// The service is about to stop.
+    /// The service is about to stop, and admits no more jobs.
     Draining,
     /// A different specification was posted under the idempotency key.
     KeyReused,

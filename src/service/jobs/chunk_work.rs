@@ -38,9 +38,9 @@ struct ChunkTask<'a> {
 
 /// The reason why the table of a sweep could not be made.
 enum Unmade {
-    /// The table as JSON would be longer than the limit.
+    /// The table of the sweep, as JSON, would be longer than the limit of results.
     TooLarge,
-    /// The rows of the sweep could not be read.
+    /// The stored rows of the sweep could not be read.
     Unread(io::Error),
 }
 
@@ -52,7 +52,8 @@ struct Made {
 }
 
 impl Jobs {
-    /// Lets the worker of a supervisor solve a chunk of a sweep, or, if no chunk is left, ends the sweep.
+    /// Lets a worker process, controlled by a supervisor, solve a chunk of a sweep, or, if no chunk is left, ends the
+    /// sweep.
     pub(super) async fn see_chunk_through(
         &self,
         place: usize,
@@ -104,7 +105,8 @@ impl Jobs {
             if posted.is_some() {
                 chunks.set_document(posted);
             }
-            // The specification in memory for an inline solve is dropped, since a sweep is not solved inline.
+            // The specification kept in memory for an inline solve (in the serving process) is dropped, since a sweep
+            // is not solved inline.
             drop(job.solve_inline());
             if chunks.is_dismissed() {
                 job.halt(Halt::Dismiss);

@@ -26,15 +26,15 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The target for the duration of a chunk: long compared with the start of a worker and a write to the disk, and
-/// short for clients that wait.
+/// The target for the duration of a chunk of a sweep: long compared with the start of a worker and a write to the disk,
+/// and short for clients that wait.
 pub const TARGET: Duration = Duration::from_secs(1);
 
-/// The least duration of a chunk as a fraction of [`TARGET`], as long as there are enough members.
+/// The least duration of a chunk of a sweep as a fraction of [`TARGET`], as long as there are enough members.
 const LEAST: f64 = 1.0 / 32.0;
 
-/// The largest size of the rows of a chunk in bytes, and the number of members of a chunk before the size of a row is
-/// known.
+/// The largest size of the rows of a chunk (the results of its members) in bytes, and the number of members of a chunk
+/// before the size of a row is known.
 const ROW_BYTES: usize = 4 << 20;
 const UNMEASURED: usize = 256;
 
@@ -57,11 +57,11 @@ pub enum Solved {
     /// The first members of the chunk have rows: their number, their accepted steps, and the size of the rows in
     /// bytes.
     Rows { rows: usize, steps: u64, bytes: usize },
-    /// The worker was lost after about this number of members.
+    /// The worker was lost after it had solved about this number of members of the chunk.
     Lost(Lost, usize),
     /// The first member of the chunk exceeded the wall-clock time limit.
     Late(Lost),
-    /// All members of the chunk are to get rows with this error.
+    /// The chunk is not solved: all its members are to get rows with this error.
     SetAside(Lost),
     /// The chunk was stopped before any member was solved.
     Nothing,
@@ -90,11 +90,11 @@ pub struct Chunks {
     is_dismissed: AtomicBool,
     /// Whether this is a chunk of a sweep whose other chunks are on other machines.
     is_part: bool,
-    /// Whether this process has added rows to the sweep.
+    /// Whether this process has added rows of solved members to the sweep.
     has_progressed: AtomicBool,
     division: Mutex<Division>,
     log: Mutex<RowLog>,
-    /// The posted specification, from the start of the first chunk on.
+    /// The posted specification of the sweep, kept from the start of its first chunk on.
     document: Mutex<Option<Arc<[u8]>>>,
 }
 
@@ -221,7 +221,7 @@ impl Chunks {
         self.division().running.push(Arc::clone(chunk));
     }
 
-    /// Adds the rows of a chunk to the log, in memory.
+    /// Adds the rows of a finished chunk to the log of the sweep, in memory.
     pub fn keep(&self, members: Range<usize>, steps: u64, bytes: Vec<u8>) {
         self.log().append(members, steps, bytes);
         self.has_progressed.store(true, Relaxed);
@@ -327,7 +327,7 @@ impl Chunks {
         }
     }
 
-    /// Asks all chunks on workers to stop.
+    /// Asks all chunks of the sweep that workers are solving to stop.
     pub fn halt(&self, reason: Halt) {
         let running = self.division().running.clone();
         for chunk in running {
@@ -346,13 +346,13 @@ impl Chunks {
         (division.rows as f64 / self.facts.members.max(1) as f64, division.steps)
     }
 
-    /// Whether rows have been added since this process began; the death of an earlier process is then no evidence
-    /// against the sweep.
+    /// Whether rows have been added to the sweep since this process began; the death of an earlier process is then no
+    /// evidence that the sweep makes processes die.
     pub fn has_progressed(&self) -> bool {
         self.has_progressed.load(Relaxed)
     }
 
-    /// Whether the client dismissed the job while no worker was on it.
+    /// Whether the client dismissed the job of the sweep while no worker had a chunk of it.
     pub fn is_dismissed(&self) -> bool {
         self.is_dismissed.load(Relaxed)
     }
@@ -365,17 +365,17 @@ impl Chunks {
         has_rows
     }
 
-    /// Locks and returns the log of the rows.
+    /// Locks and returns the log of the rows of the sweep.
     pub fn log(&self) -> MutexGuard<'_, RowLog> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the posted specification, if the first chunk has been begun.
+    /// Returns the posted specification of the sweep, if its first chunk has been begun.
     pub fn document(&self) -> Option<Arc<[u8]>> {
         self.document.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Keeps the posted specification for the next chunks, or drops it.
+    /// Keeps the posted specification for the next chunks of the sweep, or drops it.
     pub fn set_document(&self, document: Option<Arc<[u8]>>) {
         *self.document.lock().unwrap_or_else(PoisonError::into_inner) = document;
     }

@@ -26,11 +26,11 @@ pub(super) const CACHE_BYTES: usize = 64 << 20;
 /// The rows of all jobs in the database, sorted by whether they can be read.
 #[derive(Debug, Default)]
 pub struct Rows {
-    /// The ids and records of the rows that can be read.
+    /// The ids and contents of the rows of jobs that can be read.
     pub records: Vec<(JobId, Record)>,
-    /// The ids of intact rows in the format of another version.
+    /// The ids of jobs with an intact row in the format of another version of the program.
     pub unreadable: Vec<JobId>,
-    /// The ids of rows that are damaged or missing.
+    /// The ids of jobs whose row is damaged or missing.
     pub damaged: Vec<JobId>,
     /// The ids of rows that were damaged or missing when the database was last rebuilt.
     pub lost: Vec<JobId>,
@@ -60,7 +60,7 @@ impl Database {
     pub fn at(path: &Path, sums: Arc<Mutex<Sums>>) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
         let (path, opened) = (path.to_owned(), AtomicBool::new(false));
         move || {
-            // A file that has disappeared is not created again: its jobs would seem to be lost.
+            // A database file that has disappeared is not created again: its jobs would seem to be lost.
             if opened.load(Relaxed) && !path.exists() {
                 return Err(io::ErrorKind::NotFound.into());
             }
@@ -92,7 +92,7 @@ impl Database {
             );
             return Err(io::Error::new(io::ErrorKind::Unsupported, told));
         }
-        // The conversion also creates the tables, which must exist to be read.
+        // The conversion to the current format also creates the tables, which must exist to be read.
         if format != Some(FORMAT) {
             guarded(|| tables::make(&redb, format, file))?;
         }
@@ -120,7 +120,7 @@ impl Database {
         self.home.as_ref().is_none_or(Home::is_in_place)
     }
 
-    /// Counts a rebuild of the database that was made before it was opened.
+    /// Counts a rebuild of the database that was made before the database was opened.
     pub fn count_rebuild(&self) {
         if let Some(home) = &self.home {
             home.count_rebuild();
@@ -132,7 +132,8 @@ impl Database {
         self.home.as_ref().map_or(0, Home::rebuilds)
     }
 
-    /// Sets the function that returns the rows in memory, from which a rebuild restores lost rows.
+    /// Sets the function that returns the rows of jobs in memory, from which a rebuild of the database restores lost
+    /// rows.
     pub fn remember(&self, memory: Memory) {
         if let Some(home) = &self.home {
             home.remember(memory);
@@ -257,7 +258,7 @@ impl Database {
         self.named(FORGOTTEN)
     }
 
-    /// Returns the ids in a table that has ids only; no ids if there is no such table.
+    /// Returns the job ids in a table of the database that has ids only; no ids if there is no such table.
     fn named(&self, table: TableDefinition<'_, u128, ()>) -> io::Result<Vec<JobId>> {
         self.with(|redb| {
             let names = match redb.begin_read()?.open_table(table) {
@@ -268,7 +269,8 @@ impl Database {
         })
     }
 
-    /// Returns all ids in any table, read from both ends of the table up to the first page that cannot be read.
+    /// Returns all job ids in any table of the database, read from both ends of each table up to the first page that
+    /// cannot be read.
     pub fn names(&self) -> BTreeSet<JobId> {
         let mut names = self.names_in(JOBS);
         names.extend(self.names_in(SPECIFICATIONS));
@@ -276,7 +278,7 @@ impl Database {
         names
     }
 
-    /// Returns all ids in a table, read from both ends of the table up to the first page that cannot be read.
+    /// Returns all job ids in one table of the database, read from both ends up to the first page that cannot be read.
     fn names_in<V>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -286,7 +288,7 @@ impl Database {
             names.borrow_mut().insert(id);
             ControlFlow::Continue(())
         };
-        // After a read error, the ids that were found from either end of the table are returned.
+        // After a read error, the job ids that were found from either end of the table are returned.
         let _ = self.scan(table, &visit);
         names.into_inner()
     }
@@ -336,7 +338,7 @@ impl Database {
         self.find(RESULTS, id)
     }
 
-    /// Returns the value that a table has for a job.
+    /// Returns the value that a table of the database has for a job.
     pub(super) fn find<V>(&self, table: TableDefinition<'_, u128, V>, id: JobId) -> io::Result<Option<Vec<u8>>>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -347,7 +349,7 @@ impl Database {
         })
     }
 
-    /// Does `work` on the database; if a damaged page prevents it, rebuilds the database once and tries again.
+    /// Does `work` on the database; if a damaged page prevents it, rebuilds the database once and does the work again.
     fn insist<T>(&self, work: impl Fn(&Redb) -> Result<T, redb::Error>) -> io::Result<T> {
         let done = self.with(&work);
         let Err(damage) = &done else { return done };
@@ -405,7 +407,8 @@ impl Database {
 }
 
 impl Rows {
-    /// Decodes the stored row of a job and adds it to the matching list; `None` is a row that was not found.
+    /// Decodes the stored row of a job and adds the job to the readable, unreadable or damaged ones; `None` is a row
+    /// that was not found.
     fn take(&mut self, id: JobId, sealed: Option<&[u8]>) {
         match sealed.and_then(|sealed| unseal(id, sealed)).map(serde_json::from_slice) {
             Some(Ok(record)) => self.records.push((id, record)),

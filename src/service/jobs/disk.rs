@@ -39,13 +39,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fs, io};
 
-/// The name of the folder to which results without a job are moved.
+/// The name of the folder to which files of results that belong to no job are moved.
 const ORPHANS: &str = "results.orphaned";
 
 /// The contents of the data folder at the start of the service.
 #[derive(Debug, Default)]
 pub struct Found {
-    /// The records of the jobs of earlier processes, oldest job first.
+    /// The records of the jobs of earlier service processes, oldest job first.
     pub records: Vec<(JobId, Record)>,
     /// The number of jobs whose rows another version of the program wrote.
     pub unreadable: usize,
@@ -55,7 +55,7 @@ pub struct Found {
     pub orphaned: usize,
 }
 
-/// The opened data folder.
+/// The opened data folder of the service: the database of jobs and the files of long results.
 #[derive(Debug)]
 pub struct Disk {
     database: Arc<Database>,
@@ -86,7 +86,7 @@ impl Disk {
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
         let open = || patiently(patience, || Database::in_file(&path, &|id| files.put_beside(id)));
-        // On a full disk, the reserve may free just the space that opening the database takes.
+        // On a full disk, releasing the reserved disk space may free just what opening the database takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {
                 return Err(error);
@@ -154,13 +154,13 @@ impl Disk {
         self.writer.place().await
     }
 
-    /// Sets the function that returns the rows in memory, from which a rebuild restores rows that the database has
-    /// lost.
+    /// Sets the function that returns the rows of jobs in memory, from which a rebuild restores rows that the database
+    /// has lost.
     pub fn remember(&self, memory: Memory) {
         self.database.remember(memory);
     }
 
-    /// Returns the number of times that the database was rebuilt.
+    /// Returns the number of times that the database of jobs was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.database.rebuilds()
     }
@@ -258,7 +258,7 @@ impl Disk {
     }
 }
 
-/// Returns the error for stored data that are missing.
+/// Returns the error for stored data of a job that are missing.
 fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
@@ -290,7 +290,7 @@ mod tests {
     use crate::digest::Fingerprint;
     use std::time::{Duration, Instant};
 
-    /// A temporary folder, removed when it is dropped.
+    /// A temporary data folder for tests, removed when it is dropped.
     struct Folder(PathBuf);
 
     impl Folder {

@@ -4,7 +4,8 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// The number of departures counted: enough for a steady rate, few enough to follow a change of load.
+/// The number of departures from the queue that are counted: enough for a steady rate, few enough to follow a change of
+/// load.
 const WINDOW: usize = 64;
 
 /// The times of the latest departures from the queue.

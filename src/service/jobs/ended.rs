@@ -32,14 +32,14 @@ pub enum Fault {
     Defect,
     /// The worker was refused memory beyond the limit of a solve.
     TooMuchMemory {
-        /// The memory limit of a solve, in bytes.
+        /// The memory limit of the solve, in bytes.
         allowed: usize,
         /// The size of the refused allocation in bytes, if it is known.
         asked: Option<u64>,
         /// The estimated memory of the solve in bytes, if there was an estimate.
         estimate: Option<usize>,
     },
-    /// The worker exhausted its stack.
+    /// The worker that solved the job exhausted its stack.
     StackOverflow,
     /// The worker was killed by a signal from another process or the kernel.
     Killed {
@@ -151,12 +151,12 @@ pub struct Ended {
     /// The verdict on the solution, if there is one.
     #[serde(default)]
     pub verdict: Option<Verdict>,
-    /// The place of the results, if there are any.
+    /// The place where the results of the job are stored, if there are any.
     pub held: Option<Held>,
     /// The number of members of the sweep that have rows, if the job is a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<usize>,
-    /// Whether the stored results differ from what was written.
+    /// Whether the stored results of the job differ from what was written.
     #[serde(default)]
     pub damaged: bool,
     /// Whether the results repeat an earlier solve of the identical specification.
@@ -191,7 +191,7 @@ impl Ended {
         }
     }
 
-    /// Returns the size of the results, in bytes.
+    /// Returns the size of the results of the job, in bytes.
     pub fn bytes(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.bytes(),

@@ -25,7 +25,7 @@ const ROWS: &str = ".rows";
 /// The suffixes of files with results of ended jobs.
 const KINDS: [&str; 2] = [COLUMNS, JSON];
 
-/// A folder with the files of long results.
+/// A folder with the files of the long results of jobs.
 #[derive(Debug)]
 pub struct Files {
     folder: PathBuf,
@@ -41,7 +41,7 @@ impl Files {
         Ok(Self { folder })
     }
 
-    /// Refers to an existing folder of results.
+    /// Refers to an existing folder with files of results.
     pub fn at(folder: PathBuf) -> Self {
         Self { folder }
     }
@@ -76,12 +76,12 @@ impl Files {
                 fs::hard_link(scratch, &path)?;
                 sync(&self.folder)
             }
-            // On a file system without hard links, the columns are copied.
+            // On a file system without hard links, the columns of the results are copied from the scratch file.
             Err(_) => self.write(id, &fs::read(scratch)?),
         }
     }
 
-    /// Writes the columns of a job's results, durably.
+    /// Writes the columns of a job's results to their file, durably.
     fn write(&self, id: JobId, bytes: &[u8]) -> io::Result<()> {
         let unfinished = self.path(id, PART);
         let written = write_as(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, self.path(id, COLUMNS)));
@@ -94,17 +94,17 @@ impl Files {
         sync(&self.folder)
     }
 
-    /// Returns the path of a scratch file for the columns of a job.
+    /// Returns the path of a scratch file for the columns of a job's results.
     pub fn scratch(&self, id: JobId) -> PathBuf {
         self.path(id, SCRATCH)
     }
 
-    /// Returns a reference to the stored columns of a job, which are opened later.
+    /// Returns a reference to the stored columns of a job's results, which are opened when they are read.
     pub fn columns(&self, id: JobId, json: Fingerprint, index: Fingerprint) -> Long {
         Long { backing: Backing::File(self.path(id, COLUMNS)), json, index }
     }
 
-    /// Removes the results of a deleted job; a failure is logged.
+    /// Removes the files of the results of a deleted job; a failure is logged.
     pub fn discard(&self, id: JobId) {
         if let Err(error) = self.remove(id) {
             tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
@@ -122,7 +122,8 @@ impl Files {
         }
     }
 
-    /// Returns the fingerprint of the JSON file of a job, as a version before format 3 wrote it, if it can be read.
+    /// Returns the fingerprint (length and digest) of the JSON file of a job's results, as a version before format 3
+    /// wrote it, if it can be read.
     pub fn look(&self, id: JobId) -> Option<InFile> {
         Some(InFile { json: Fingerprint::of(&self.find(id).ok()??), index: None })
     }
@@ -154,19 +155,19 @@ impl Files {
         Ok(Some(index))
     }
 
-    /// Removes the JSON file of a job whose row refers to columns.
+    /// Removes the JSON file of the results of a job whose row in the database refers to columns.
     pub fn remove_json(&self, id: JobId) {
         if let Err(error) = remove(&self.path(id, JSON)) {
             tracing::warn!(job.id = %id, %error, "a file of results is left behind");
         }
     }
 
-    /// Returns the path of the file with the rows of a sweep.
+    /// Returns the path of the file with the rows of the sweep `id`.
     pub fn rows(&self, id: JobId) -> PathBuf {
         self.path(id, ROWS)
     }
 
-    /// Removes the rows of a sweep that has ended, if there are any; a failure is logged.
+    /// Removes the file with the rows of a sweep that has ended, if there is one; a failure is logged.
     pub fn remove_rows(&self, id: JobId) {
         if let Err(error) = remove(&self.rows(id)) {
             tracing::warn!(job.id = %id, %error, "a file of rows is left behind");

@@ -26,7 +26,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T
     }
 }
 
-/// Returns the error for a store that another process uses.
+/// Returns the error for a job store that another process uses.
 pub fn in_use() -> io::Error {
     io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process")
 }

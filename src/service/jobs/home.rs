@@ -57,10 +57,10 @@ impl Home {
         identity(&self.path).is_ok_and(|there| there == *file)
     }
 
-    /// Sets the function that returns the rows in memory, from which a rebuild restores rows that a damaged file has
-    /// lost.
+    /// Sets the function that returns the rows of jobs in memory, from which a rebuild restores rows that a damaged
+    /// database file has lost.
     pub fn remember(&self, memory: Memory) {
-        // `set` fails if a function is set already, which is harmless: all of them return the rows of one set of
+        // `set` fails if a function is set already, which is harmless: all such functions return the rows of one set of
         // jobs.
         let _ = self.memory.set(memory);
     }
@@ -75,7 +75,7 @@ impl Home {
         self.rebuilds.fetch_add(1, Relaxed);
     }
 
-    /// Whether another rebuild of the database file may help.
+    /// Whether another rebuild may repair a damaged database file: no earlier rebuild was in vain.
     pub fn may_be_rebuilt(&self) -> bool {
         !self.in_vain.load(Relaxed)
     }
@@ -145,7 +145,7 @@ impl Home {
     }
 }
 
-/// Appends `.` and a suffix to the name of a path.
+/// Appends `.` and a suffix to the path of the database file, for a file beside it.
 fn beside(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");
@@ -153,7 +153,7 @@ fn beside(path: &Path, what: &str) -> PathBuf {
     name.into()
 }
 
-/// Returns the device and the inode of the file at `path`.
+/// Returns the identity (device and inode) of the file at `path`.
 fn identity(path: &Path) -> io::Result<(u64, u64)> {
     let data = fs::metadata(path)?;
     Ok((data.dev(), data.ino()))

@@ -13,7 +13,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// Creates the idempotency key `name` for `document`.
+    /// Creates the idempotency key `name` for the specification `document`.
     pub fn new(name: impl Into<String>, document: &[u8]) -> Self {
         Self { name: name.into(), digest: Digest::of(document).to_string() }
     }

@@ -21,7 +21,7 @@ pub struct Retention {
     pub age: Duration,
 }
 
-/// The size of an ended job, in bytes.
+/// The size of the specification and results of an ended job, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// The size of the job's specification and results.
@@ -34,7 +34,7 @@ pub struct Size {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mismatch;
 
-/// The jobs in memory, by id and by idempotency key.
+/// The jobs that the service has in memory, by id and by idempotency key.
 #[derive(Debug)]
 pub struct Index {
     retention: Retention,
@@ -53,7 +53,7 @@ struct Held {
     resident: usize,
 }
 
-/// The indices of the two lists in [`Held::ended`].
+/// The indices of the two lists of ended jobs in [`Held::ended`].
 const ON_DISK: usize = 0;
 const IN_MEMORY: usize = 1;
 
@@ -99,13 +99,13 @@ impl Index {
         self.lock().recall(client, key)
     }
 
-    /// Returns the number of ended jobs, and their total size in bytes.
+    /// Returns the number of ended jobs that are kept, and their total size in bytes.
     pub fn kept(&self) -> (usize, usize) {
         let held = self.lock();
         (held.count(), held.bytes)
     }
 
-    /// Returns all jobs of the index, in no particular order.
+    /// Returns all jobs in memory, in no particular order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.lock().jobs.values().map(Arc::clone).collect()
     }
@@ -143,7 +143,7 @@ impl Index {
         forgotten
     }
 
-    /// Removes a job from the index, whether it has ended or not.
+    /// Removes a job from the index of jobs, whether it has ended or not.
     pub fn forget(&self, id: JobId) {
         let mut held = self.lock();
         if held.take(id).is_none() {
@@ -169,12 +169,12 @@ impl Held {
         if job.key.as_ref() == Some(key) { Ok(Some(Arc::clone(job))) } else { Err(Mismatch) }
     }
 
-    /// Returns the number of ended jobs.
+    /// Returns the number of ended jobs that are kept.
     fn count(&self) -> usize {
         self.ended.iter().map(VecDeque::len).sum()
     }
 
-    /// Returns the job that ended first, with the index of its list.
+    /// Returns the kept job that ended first, with the index of its list: on the disk or in memory.
     fn oldest(&self) -> Option<(usize, &Past)> {
         let first = |place: usize| self.ended[place].front().map(|past| (place, past));
         [ON_DISK, IN_MEMORY].into_iter().filter_map(first).min_by_key(|(_, past)| past.finished)

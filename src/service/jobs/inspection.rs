@@ -15,7 +15,7 @@ use std::path::Path;
 /// The contents of a job store, and its damage.
 #[derive(Debug, Default)]
 pub struct Inspection {
-    /// The format version of the database.
+    /// The format version of the database of jobs.
     pub format: u64,
     /// The number of jobs whose rows can be read.
     pub jobs: usize,
@@ -25,7 +25,7 @@ pub struct Inspection {
     pub results: usize,
     /// The total size of the intact results, in bytes.
     pub result_bytes: usize,
-    /// The parts of each job that are damaged or missing.
+    /// The stored parts of each job that are damaged or missing.
     pub damaged: BTreeMap<JobId, Vec<&'static str>>,
     /// The jobs whose rows another version of the program wrote.
     pub unreadable: Vec<JobId>,

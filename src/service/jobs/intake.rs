@@ -21,7 +21,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The queue of waiting jobs and the counts of running ones.
+/// The queue of waiting jobs and the counts of running ones, from which workers take jobs.
 pub struct Intake {
     pub queue: FairQueue<Arc<Job>>,
     pub running: usize,
@@ -29,13 +29,13 @@ pub struct Intake {
     /// running.
     relieved: usize,
     /// The number of jobs that may run to their end, and not only for a first time slice; without those on relief
-    /// workers.
+    /// workers (additional workers for clients that have no long job running).
     long: usize,
     /// The counts of running jobs, for each client that has any.
     of: HashMap<Client, Running>,
     spent: Spent,
     /// The largest number of jobs at a time that may run to their end, and not only for a first time slice; without
-    /// those on relief workers.
+    /// those on relief workers (additional workers for clients that have no long job running).
     workers: usize,
     pub draining: bool,
     pub drain_rate: DrainRate,
@@ -74,23 +74,23 @@ pub struct Taken {
 pub struct LaneCell(Mutex<Lane>);
 
 impl LaneCell {
-    /// Creates a cell for a job that starts under the terms `lane`.
+    /// Creates the cell of the terms of a job, which starts under the terms `lane`.
     pub fn of(lane: Lane) -> Self {
         Self(Mutex::new(lane))
     }
 
-    /// Returns the terms under which the job currently runs.
+    /// Returns the terms under which the job currently runs: for a first time slice only, or to its end.
     pub fn get(&self) -> Lane {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets the terms under which the job runs.
+    /// Sets the terms under which the job runs: for a first time slice only, or to its end.
     pub fn set(&self, lane: Lane) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lane;
     }
 }
 
-/// The waiting time that is reported to a refused client before any job has ended.
+/// The waiting time that is reported to a refused client before the rate at which jobs leave the queue is known.
 pub const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Heavy for Arc<Job> {
@@ -100,8 +100,8 @@ impl Heavy for Arc<Job> {
 }
 
 impl Intake {
-    /// Creates an intake without running jobs. At most `workers` jobs may run to their end at a time, and the worker
-    /// time that clients have used decays with `half_life`.
+    /// Creates the intake (queue and counts) of a service without running jobs. At most `workers` jobs may run to their
+    /// end at a time, and the worker time that clients have used decays with `half_life`.
     pub fn new(queue: FairQueue<Arc<Job>>, workers: usize, half_life: Duration) -> Self {
         Self {
             queue,
@@ -151,7 +151,7 @@ impl Intake {
         Some(self.begin(job, Lane::Relief))
     }
 
-    /// Whether a job may continue at the end of its first time slice; if so, counts it as one that runs to its end.
+    /// Whether a job may continue at the end of its first time slice; if so, counts it as a job that runs to its end.
     pub fn goes_on(&mut self, job: &Job) -> bool {
         let may = self.draining || self.long < self.workers;
         if may {
@@ -178,7 +178,7 @@ impl Intake {
         self.spent.add(job.client, time, now);
     }
 
-    /// Drops the worker times of clients that have decayed to nothing.
+    /// Forgets clients whose used worker time has decayed to nothing.
     pub fn forget(&mut self) {
         self.spent.forget(Instant::now());
     }

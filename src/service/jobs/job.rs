@@ -78,7 +78,7 @@ impl FromStr for JobId {
     }
 }
 
-/// A point in time: calendar time to report, monotonic time to measure durations.
+/// A point in time, such as the admission of a job: calendar time to report, monotonic time to measure durations.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
     /// The calendar time, which is reported to clients.
@@ -88,7 +88,7 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Returns the current point in time.
+    /// Returns the current point in time, by both clocks.
     pub fn now() -> Self {
         Self { date: Timestamp::now(), clock: Instant::now() }
     }
@@ -99,11 +99,11 @@ impl Moment {
 pub enum State {
     /// The job waits for a worker; the value is its specification, `None` if that is in the store and not in memory.
     Accepted(Option<Arc<[u8]>>),
-    /// A worker solves the job.
+    /// A worker is solving the job.
     Running {
         /// The time at which the current attempt to solve the job started.
         started: Moment,
-        /// Reports the progress of the solve and stops it.
+        /// The control of the solve, which reports its progress and stops it at its next step.
         control: Arc<Control>,
         /// The reason for which the job was asked to stop, if it was; decides its next state.
         halt: Option<Halt>,
@@ -118,7 +118,7 @@ pub enum State {
 /// The reason for which a running job is asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halt {
-    /// The client cancelled the job.
+    /// The client has cancelled the job, which is to end as dismissed.
     Dismiss,
     /// The service process is about to end; the next process starts the job again.
     Park,
@@ -167,11 +167,11 @@ pub struct Job {
     pub created: Moment,
     /// The idempotency key under which the client may ask for the job again.
     pub(super) key: Option<Key>,
-    /// The number of times that the process, or the worker on another machine, died while the job ran.
+    /// The number of times that the service process, or the worker on another machine, died while the job ran.
     pub(super) crashes: AtomicU32,
-    /// The number of crashes of the process in which no other job ran.
+    /// The number of crashes of the service process while this job ran alone.
     pub(super) crashes_alone: u32,
-    /// The number of crashes of the process in which no other job ran and the system had run out of memory.
+    /// The number of crashes of the service process while this job ran alone and the system had run out of memory.
     pub(super) shortages_alone: u32,
     /// The size of the posted specification, in bytes.
     pub(super) document_bytes: usize,
@@ -186,7 +186,7 @@ pub struct Job {
     /// The compiled specification for an inline solve, if it was compiled in this process, until an attempt takes it;
     /// and whether the job is to be solved even if its solution is known.
     solve_inline: Mutex<Option<(Arc<Known>, bool)>>,
-    /// Whether the job has used up its first time slice.
+    /// Whether the job has used up its first time slice, after which it may have had to yield its worker.
     sliced: AtomicBool,
     lifecycle: Mutex<Lifecycle>,
     settled: Notify,
@@ -218,7 +218,7 @@ pub struct Order {
     pub known: Option<Arc<Known>>,
     /// Whether to solve even if the solution of this specification is known.
     pub anew: bool,
-    /// The posted specification.
+    /// The specification that the client has posted.
     pub document: Arc<[u8]>,
     /// The idempotency key, if the client sent one.
     pub key: Option<Key>,
@@ -230,7 +230,7 @@ impl Job {
         Self::named(JobId::new(), order, durable)
     }
 
-    /// Creates a job under an id that has been issued earlier.
+    /// Creates the job of `order` under an id that has been issued earlier.
     pub(super) fn named(id: JobId, order: Order, durable: bool) -> Self {
         let Order { client, facts, document, key, known, anew } = order;
         let Facts { label, horizon, problem, memory, sweep } = facts;
@@ -406,8 +406,8 @@ impl Job {
         self.lock().is_durable()
     }
 
-    /// Changes the state from accepted to running, for at most the time `wall`; `on_trial` says whether the job is in
-    /// its first time slice. Returns `None` if the job has been dismissed or parked meanwhile.
+    /// Changes the state of the job from accepted to running, for at most the time `wall`; `on_trial` says whether the
+    /// job is in its first time slice. Returns `None` if the job has been dismissed or parked meanwhile.
     pub(super) fn start(&self, wall: Duration, on_trial: bool) -> Option<Arc<Control>> {
         let control = match Instant::now().checked_add(wall) {
             Some(deadline) => Control::with_deadline(deadline),
@@ -416,7 +416,7 @@ impl Job {
         self.start_within(control, on_trial)
     }
 
-    /// Changes the state from accepted to running, with a given `control`; see [`Job::start`].
+    /// Changes the state of the job from accepted to running, with a given `control` of the solve; see [`Job::start`].
     pub(super) fn start_within(&self, control: Control, on_trial: bool) -> Option<Arc<Control>> {
         let mut lifecycle = self.lock();
         if lifecycle.parked || !matches!(lifecycle.state, State::Accepted(_)) {
@@ -453,8 +453,8 @@ impl Job {
         self.solve_inline.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Changes the state from running to accepted, with the specification `document`; if the job was asked to be
-    /// dismissed or parked, leaves the state as it is and returns the reason.
+    /// Changes the state of the job from running to accepted (waiting), with the specification `document`; if the job
+    /// was asked to be dismissed or parked, leaves the state as it is and returns the reason.
     pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
         let mut lifecycle = self.lock();
         if let State::Running { halt, .. } = &lifecycle.state {
@@ -515,8 +515,8 @@ impl Job {
         self.wake();
     }
 
-    /// Ends the job as stored on the disk, even if another end was reported earlier, and wakes all tasks that wait
-    /// for its end.
+    /// Ends the job with the end that is stored on the disk, even if another end was reported earlier, and wakes all
+    /// tasks that wait for its end.
     pub(super) fn conclude(&self, ended: Ended) {
         self.lock().state = State::Ended(Arc::new(ended));
         self.wake();
@@ -530,7 +530,8 @@ impl Job {
     /// Waits until the job has ended, and returns its end, or until it has been parked, and returns `None`.
     pub async fn settled(&self) -> Option<Arc<Ended>> {
         loop {
-            // The notification is registered before the state is read, so that an end in between is not missed.
+            // The notification is registered before the state of the job is read, so that an end in between is not
+            // missed.
             let settled = self.settled.notified();
             {
                 let lifecycle = self.lock();

@@ -17,22 +17,22 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// The size of a database page, in bytes.
+/// The size of a page of the database file, in bytes.
 const PAGE: u64 = 4096;
 
-/// The byte that marks a leaf page.
+/// The first byte of a leaf page (B-tree leaf) of the database file.
 const LEAF: u8 = 1;
 
-/// The sizes of the header of a leaf, of an end offset, and of a key, in bytes.
+/// The sizes of the header of a leaf page, of the end offset of a value, and of a key, in bytes.
 const HEAD: usize = 4;
 const END: usize = 4;
 const KEY: usize = 16;
 
-/// The longest value of a table that is looked for on the pages, in bytes: longer than a specification may be by
-/// default.
+/// The longest value of a table that is looked for on the pages of a damaged database file, in bytes: longer than a
+/// specification may be by default.
 const LONGEST: u64 = 64 << 20;
 
-/// A database file, read page by page.
+/// A database file whose leaf pages are read one by one.
 #[derive(Debug)]
 pub struct Leaves {
     file: File,

@@ -16,7 +16,8 @@ use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// The prefix of the name of a file of marks, which ends with the number of the service's start.
+/// The prefix of the name of a file of marks (which job each worker runs); the name ends with the number of the
+/// service's start.
 const PREFIX: &str = "running-";
 
 /// The size of a worker's slot in the file of marks, in bytes: the id of a job and a line feed.
@@ -26,14 +27,14 @@ const SLOT: usize = 37;
 /// file as slots.
 const HEAD: usize = 2 * SLOT;
 
-/// The open file of the marks of one process.
+/// The open file of the marks of one service process, which say which job each worker runs.
 #[derive(Debug)]
 pub struct Marks {
     file: File,
 }
 
 impl Marks {
-    /// Returns the path of the marks in `folder` of the service's start number `start`.
+    /// Returns the path in `folder` of the file of marks of the service's start number `start`.
     pub fn path(folder: &Path, start: u64) -> PathBuf {
         folder.join(format!("{PREFIX}{start}"))
     }

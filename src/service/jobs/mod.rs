@@ -114,10 +114,10 @@ pub struct Jobs {
     /// alone; all other jobs share the lock: see [`Jobs::apart`].
     suspects: RwLock<()>,
     idle: Notify,
-    /// Wakes the supervisors of workers that wait for a job, when the supervisors are to end.
+    /// Wakes the supervisors of workers that wait for a job, when the service stops and the supervisors are to end.
     dismissed: Notify,
     is_dismissed: AtomicBool,
-    /// The shortest start-up time of a worker, in nanoseconds.
+    /// The shortest start-up time of any worker process so far, in nanoseconds.
     fastest_start: AtomicU64,
     panics: AtomicU64,
     shortage: Shortage,
@@ -208,8 +208,8 @@ impl Jobs {
     ) -> Result<Option<Arc<Job>>, AdmissionError> {
         let here = self.store.index().recall(client, key)?;
         match (here, &self.far) {
-            // If a job can be admitted, its admission reserves the key on the servers, and then finds jobs that
-            // another gateway has just admitted.
+            // If a job can be admitted, its admission reserves the key on the NATS servers, and then finds jobs that
+            // another gateway (service process that shares jobs) has just admitted.
             (None, Some(far)) if self.admits(client, document_bytes).is_err() => {
                 self.recall_far(far, client, key).await
             }
@@ -245,8 +245,8 @@ impl Jobs {
         let answer = {
             let mut intake = self.lock();
             self.admit(&intake, client, document.len())?;
-            // The intake stays locked until the job is in the store, where a worker that takes the job from the queue
-            // must find it.
+            // The intake (queue and counts) stays locked until the job is in the store, where a worker that takes the
+            // job from the queue must find it.
             if let Some(first) = self.store.index().insert(&job)? {
                 return known(first);
             }
@@ -389,7 +389,7 @@ impl Jobs {
         }
     }
 
-    /// Returns the number of times that the database was rebuilt.
+    /// Returns the number of times that the database of jobs was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.store.rebuilds()
     }
@@ -399,7 +399,8 @@ impl Jobs {
         self.store.unsaved()
     }
 
-    /// Returns the number of jobs that will be taken before this waiting job; `None` if it does not wait.
+    /// Returns the number of jobs that will be taken from the queue before this waiting job; `None` if it does not
+    /// wait.
     pub fn position(&self, job: &Job) -> Option<usize> {
         self.lock().queue.position(job.client, |waiting| waiting.id == job.id)
     }
@@ -427,7 +428,7 @@ impl Jobs {
         (intake.queue.len() + waiting, intake.running + taken)
     }
 
-    /// Returns the number of running jobs that may run to their end without making room for others.
+    /// Returns the number of running jobs that may run to their end, and not only for a first time slice.
     pub fn long(&self) -> usize {
         self.lock().long()
     }
@@ -443,7 +444,7 @@ impl Jobs {
         self.lock().queue.bytes()
     }
 
-    /// Returns the number of panics of the solver.
+    /// Returns the number of panics of the solver since the start of the service.
     pub fn panics(&self) -> u64 {
         self.panics.load(Relaxed)
     }

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// The size of a page of the view of the database file, in bytes.
 const PAGE: u64 = 4096;
 
-/// A file and the pages written over it in memory; clones share both.
+/// A database file and the pages written over it in memory; clones share both.
 #[derive(Clone, Debug)]
 pub struct Overlay {
     file: Arc<FileBackend>,
@@ -43,7 +43,7 @@ impl Overlay {
         self.over.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads the page with this number from the file, padded with zeros beyond the end of the file.
+    /// Reads the page with this number from the database file, padded with zeros beyond the end of the file.
     fn below(&self, number: u64) -> io::Result<Box<[u8]>> {
         let mut page = vec![0; PAGE as usize].into_boxed_slice();
         let here = self.file.len()?.saturating_sub(number * PAGE).min(PAGE);

@@ -15,7 +15,7 @@ use std::sync::mpsc::channel;
 use std::thread;
 use tokio::runtime::Builder;
 
-/// The pool of workers; dropping it stops each worker at the end of its current job.
+/// The pool of worker processes and their supervisors; dropping it stops each worker at the end of its current job.
 pub struct Pool {
     jobs: Arc<Jobs>,
     /// The resource limits that the worker processes could impose on themselves.
@@ -45,7 +45,8 @@ impl Pool {
                         while jobs.relieve_next(place, &mut supervisor).await {}
                         return;
                     }
-                    // Sending fails if another worker could not be started, since the receiver is dropped then.
+                    // Sending the result of the start fails if another worker could not be started, since the receiver
+                    // is dropped then.
                     let _ = starting.send(supervisor.start().await);
                     drop(starting);
                     while jobs.solve_next(place, &mut supervisor).await {}
@@ -79,7 +80,7 @@ mod tests {
     use crate::worker::{Start, serve};
     use std::time::{Duration, Instant};
 
-    /// Starts a worker on a thread of this process.
+    /// Starts a worker on a thread of this process, in place of a worker process.
     fn start() -> io::Result<Start> {
         let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
         thread::spawn(move || serve(input, output, Arc::new(study::solve), Confinement::default()));

@@ -9,28 +9,28 @@ use std::collections::{HashMap, VecDeque};
 /// The limit of a fair queue that a further item would exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Full {
-    /// The largest number of waiting items is reached.
+    /// The largest number of items that may wait in the queue is reached.
     Queue,
-    /// The total size of the waiting items, including the new one, would exceed its limit.
+    /// The total size of the waiting items, with the item to be added, would exceed its limit.
     Bytes,
-    /// The largest number of waiting items of one client is reached.
+    /// The largest number of items of one client that may wait in the queue is reached.
     Share,
 }
 
 /// The limits of a fair queue of waiting items, with one line of items per client.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// The largest number of waiting items.
+    /// The largest number of items that may wait in the queue.
     pub places: usize,
-    /// The largest number of waiting items of one client.
+    /// The largest number of items of one client that may wait in the queue.
     pub share: usize,
-    /// The largest total size of all items, in bytes; an item that waits alone may be larger.
+    /// The largest total size of all waiting items, in bytes; an item that waits alone may be larger.
     pub bytes: usize,
 }
 
 /// An item of a fair queue, which takes memory while it waits.
 pub trait Heavy {
-    /// Returns the size of the item, in bytes.
+    /// Returns the size of the item in memory, in bytes.
     fn bytes(&self) -> usize;
 }
 
@@ -46,7 +46,7 @@ pub struct FairQueue<T> {
 }
 
 impl<T: Heavy> FairQueue<T> {
-    /// Creates an empty queue with the limits `room`.
+    /// Creates an empty fair queue with the limits `room`.
     pub fn new(room: Room) -> Self {
         Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, bytes: 0, room }
     }
@@ -76,7 +76,7 @@ impl<T: Heavy> FairQueue<T> {
         self.turns.len()
     }
 
-    /// Returns the clients with waiting items, in order of their turns.
+    /// Returns the clients with waiting items, in the order of their turns in the queue.
     pub fn in_turn(&self) -> impl Iterator<Item = Client> {
         self.turns.iter().copied()
     }
@@ -131,7 +131,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Removes the client's first item that satisfies `is_sought`, at any position of the client's line.
+    /// Removes from the queue the client's first item that satisfies `is_sought`, at any position of the client's line.
     pub fn remove(&mut self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<T> {
         let line = self.lines.get_mut(&client)?;
         let index = line.iter().position(is_sought)?;
@@ -145,7 +145,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Removes the items that do not satisfy `stays`; the others keep their order.
+    /// Removes the items that do not satisfy `stays` from the queue; the others keep their order.
     pub fn retain(&mut self, mut stays: impl FnMut(&T) -> bool) {
         self.lines.retain(|_, line| {
             line.retain(&mut stays);
@@ -156,8 +156,8 @@ impl<T: Heavy> FairQueue<T> {
         self.bytes = self.lines.values().flatten().map(Heavy::bytes).sum();
     }
 
-    /// Returns the number of items that will be taken before the client's first item that satisfies `is_sought`, if
-    /// no item is added.
+    /// Returns the number of items that will be taken from the queue before the client's first item that satisfies
+    /// `is_sought`, if no item is added.
     pub fn position(&self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<usize> {
         let own = self.lines.get(&client)?.iter().position(is_sought)?;
         let turn = self.turns.iter().position(|turn| *turn == client)?;
@@ -190,7 +190,7 @@ mod tests {
         true
     }
 
-    /// Takes the next item, with equal loads of all clients.
+    /// Takes the next item of the queue, with equal loads of all clients.
     fn take(queue: &mut FairQueue<&'static str>) -> Option<&'static str> {
         queue.pop(|_| Some(0), any)
     }

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
 
-/// The row of a job in the database.
+/// The row of a job in the database: its state and its properties.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
     /// The client that posted the job.
@@ -31,12 +31,12 @@ pub struct Record {
     pub document: Option<Digest>,
     /// The idempotency key under which the client may ask for the job again.
     pub key: Option<Key>,
-    /// The number of times that the process, or the worker on another machine, died while the job ran.
+    /// The number of times that the service process, or the worker on another machine, died while the job ran.
     pub crashes: u32,
-    /// The number of crashes of the process in which no other job ran.
+    /// The number of crashes of the service process while this job ran alone.
     #[serde(default)]
     pub crashes_alone: u32,
-    /// The number of crashes of the process in which no other job ran and the system had run out of memory.
+    /// The number of crashes of the service process while this job ran alone and the system had run out of memory.
     #[serde(default)]
     pub shortages_alone: u32,
     /// Whether the job was already running when it was first stored, so that no mark shows that it ran.
@@ -72,7 +72,7 @@ impl Record {
 }
 
 impl Job {
-    /// Returns the row of the job as it is on the disk, if it is there.
+    /// Returns the row of the job as it is in the database on the disk, if it is there.
     pub(super) fn row(&self) -> Option<Record> {
         let lifecycle = self.lock();
         let record = Record::of(self, &lifecycle);
@@ -88,7 +88,7 @@ impl Job {
 }
 
 impl Record {
-    /// Creates the row of `job` in its state `lifecycle`, without the end, which `Record::ended` adds.
+    /// Creates the database row of `job` in its state `lifecycle`, without the end, which `Record::ended` adds.
     pub fn of(job: &Job, lifecycle: &Lifecycle) -> Self {
         // A sweep that has progressed since the death of a process did not cause that death.
         let is_cleared = job.chunks.as_ref().is_some_and(|chunks| chunks.has_progressed());

@@ -7,7 +7,8 @@ use std::io::{self, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
-/// The size of the reserve, in bytes: a group of changes rewrites at most some thousand pages of 4 KiB.
+/// The size of the reserved disk space, in bytes: a group of changes to the database rewrites at most some thousand
+/// pages of 4 KiB.
 const BYTES: usize = 4 << 20;
 
 /// A file that occupies the reserved disk space.
@@ -17,7 +18,7 @@ pub struct Reserve {
 }
 
 impl Reserve {
-    /// Refers to the reserve in the file at `path`, which may not exist yet.
+    /// Refers to the disk space reserved by the file at `path`, which may not exist yet.
     pub fn at(path: PathBuf) -> Self {
         Self { path }
     }
@@ -32,7 +33,8 @@ impl Reserve {
         }
         let held = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&self.path).and_then(
             |mut file| {
-                // The bytes are written, since setting the length of a file alone reserves no space.
+                // The bytes of the reserve are written, since setting the length of a file alone reserves no disk
+                // space.
                 (0..BYTES / PIECE.len()).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             },
@@ -43,7 +45,7 @@ impl Reserve {
         held
     }
 
-    /// Whether the disk has `bytes` bytes of free space in addition to the reserve.
+    /// Whether the disk has `bytes` bytes of free space in addition to the reserved space.
     pub fn is_beside(&self, bytes: usize) -> bool {
         let path = self.path.with_extension("part");
         let tried =
@@ -51,7 +53,7 @@ impl Reserve {
                 (0..bytes.div_ceil(PIECE.len())).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             });
-        // If the file cannot be removed, the next call overwrites it.
+        // If the trial file cannot be removed, the next call overwrites it.
         let _ = fs::remove_file(&path);
         tried.is_ok()
     }

@@ -12,12 +12,12 @@ use std::sync::OnceLock;
 /// The largest size of short results as JSON, in bytes; longer results are stored as columns.
 pub const SHORT: usize = 64 << 10;
 
-/// The stored form of a solution.
+/// The stored form of the results of a job (its solution).
 #[derive(Debug)]
 pub enum Results {
-    /// Short results as JSON.
+    /// Short results, stored as JSON.
     Text(Text),
-    /// Long results as columns.
+    /// Long results, stored as columns.
     Columns(Long),
 }
 
@@ -31,9 +31,9 @@ pub struct Text {
 /// Results as columns, with the fingerprints that identify them.
 #[derive(Debug)]
 pub struct Long {
-    /// The place where the columns are stored.
+    /// The place where the columns of the results are stored.
     pub backing: Backing,
-    /// The fingerprint of the JSON that the columns encode.
+    /// The fingerprint (length and digest) of the JSON that the columns encode.
     pub json: Fingerprint,
     /// The fingerprint of the index of the columns, which stands at the end of the file.
     pub index: Fingerprint,
@@ -41,17 +41,17 @@ pub struct Long {
 
 /// Results opened for reading: the trajectory as columns, and the rest of the solution.
 pub struct Opened {
-    /// The trajectory as columns.
+    /// The trajectory as columns, one per field.
     pub columns: Box<dyn Columns>,
     /// The solution without its trajectory.
     pub skeleton: Skeleton,
 }
 
-/// The error that the results as JSON exceed the size limit.
+/// The error that the results of a job, as JSON, exceed the size limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooLarge;
 
-/// A solution encoded to be stored.
+/// The results of a job (its solution), encoded to be stored.
 pub enum Encoded {
     /// Short results, encoded as JSON.
     Text(Vec<u8>),
@@ -121,7 +121,7 @@ impl Results {
         Ok(Self::Columns(Long { backing, json: measure.fingerprint(), index }))
     }
 
-    /// Wraps results that are encoded as JSON already.
+    /// Wraps the results of a job that are encoded as JSON already.
     pub fn read(json: Vec<u8>) -> Self {
         Self::Text(Text { json, digest: OnceLock::new() })
     }
@@ -220,7 +220,7 @@ impl Long {
     }
 }
 
-/// A buffer that refuses to grow beyond a limit, in bytes.
+/// A buffer for the JSON of results that refuses to grow beyond a limit, in bytes.
 struct Bounded {
     bytes: Vec<u8>,
     limit: usize,

@@ -19,19 +19,19 @@ use std::ops::Range;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The bytes with which the record of a chunk begins in the file of rows.
+/// The bytes with which the record of a finished chunk begins in the file of a sweep's rows.
 const MARK: [u8; 8] = *b"dvi rows";
 
-/// The number of integers in the header of the record of a chunk.
+/// The number of integers in the header of the record of a finished chunk.
 const NUMBERS: usize = 4;
 
-/// The size of the header of the record of a chunk, in bytes.
+/// The size of the header of the record of a finished chunk, in bytes.
 const HEAD: usize = MARK.len() + 8 * NUMBERS + LENGTH;
 
 /// The record of a finished chunk of a sweep.
 #[derive(Debug)]
 pub struct Record {
-    /// The range of members of the chunk.
+    /// The range of members of the sweep that the chunk contains.
     pub members: Range<usize>,
     /// The total number of accepted steps of the solves of the chunk's members.
     pub steps: u64,
@@ -50,11 +50,11 @@ enum Place {
     },
 }
 
-/// The records of the finished chunks of a sweep, in the order of their ends.
+/// The records of the finished chunks of a sweep, with the rows of their members, in the order of their ends.
 #[derive(Debug, Default)]
 pub struct RowLog {
     file: Option<File>,
-    /// The total length of the records in the file, in bytes.
+    /// The total length of the records in the file of the log, in bytes.
     length: u64,
     records: Vec<Record>,
 }
@@ -72,7 +72,7 @@ impl RowLog {
         let mut log = Self { file: None, length: 0, records: Vec::new() };
         let rest = file.metadata()?.len();
         while let Some((record, end)) = read(&file, log.length, rest)? {
-            // A chunk that was solved twice, for instance by two processes, counts once.
+            // A chunk of the sweep that was solved twice, for instance by two processes, counts once.
             if log.records.iter().all(|known| is_apart(&known.members, &record.members)) {
                 log.records.push(record);
             }
@@ -85,12 +85,13 @@ impl RowLog {
         Ok(Self { file: Some(file), ..log })
     }
 
-    /// Adds a finished chunk with its rows, as bytes, to the log, in memory only.
+    /// Adds a finished chunk of the sweep with its rows, as bytes, to the log, in memory only.
     pub fn append(&mut self, members: Range<usize>, steps: u64, rows: Vec<u8>) {
         self.records.push(Record { members, steps, place: Place::Memory(rows) });
     }
 
-    /// Writes the chunks that are only in memory to the file at `path`, if it is given and the disk accepts them.
+    /// Writes the rows of the chunks that are only in memory to the file at `path`, if it is given and the disk accepts
+    /// them.
     pub fn save(&mut self, path: Option<&Path>) {
         let Some(path) = path else { return };
         if let Err(error) = self.write(path) {
@@ -117,8 +118,8 @@ impl RowLog {
             let offset = end + HEAD as u64;
             let written = file.write_all_at(&head, end).and_then(|()| file.write_all_at(rows, offset));
             if let Err(error) = written {
-                // On a full disk, an incomplete record must not occupy space; the next record overwrites what
-                // remains.
+                // On a full disk, an incomplete record of a chunk must not occupy space; the next record overwrites
+                // what remains of it.
                 let _ = file.set_len(self.length);
                 return Err(error);
             }
@@ -131,13 +132,13 @@ impl RowLog {
         Ok(())
     }
 
-    /// Returns the records of the finished chunks.
+    /// Returns the records of the finished chunks of the sweep.
     pub fn records(&self) -> &[Record] {
         &self.records
     }
 
-    /// Returns the records of the finished chunks in the order of members, with the rows of each, which are read on
-    /// demand.
+    /// Returns the records of the finished chunks in the order of the sweep's members, with the rows of each, which are
+    /// read on demand.
     pub fn in_order(&self) -> impl Iterator<Item = (&Record, io::Result<Vec<u8>>)> {
         let mut records: Vec<&Record> = self.records.iter().collect();
         records.sort_by_key(|record| record.members.start);
@@ -167,7 +168,7 @@ impl RowLog {
         }
     }
 
-    /// Drops the chunks whose rows cannot be read, and returns their members.
+    /// Drops the chunks whose rows cannot be read from the log, and returns their members.
     pub fn drop_damaged(&mut self) -> Vec<Range<usize>> {
         let is_damaged: Vec<bool> = self.records.iter().map(|record| self.rows(record).is_err()).collect();
         let mut damaged = is_damaged.iter();
@@ -182,7 +183,7 @@ impl RowLog {
         members
     }
 
-    /// Whether the rows of any chunk are only in memory.
+    /// Whether the rows of any chunk of the sweep are only in memory.
     #[cfg(test)]
     fn is_in_memory(&self) -> bool {
         self.records.iter().any(|record| matches!(record.place, Place::Memory(_)))
@@ -193,7 +194,7 @@ fn is_apart(one: &Range<usize>, other: &Range<usize>) -> bool {
     one.end <= other.start || other.end <= one.start
 }
 
-/// Encodes the integers of the header of the record of a chunk as bytes.
+/// Encodes the integers of the header of the record of a finished chunk as bytes.
 fn numbers(members: &Range<usize>, steps: u64, rows: &[u8]) -> [u8; 8 * NUMBERS] {
     let mut bytes = [0; 8 * NUMBERS];
     let numbers = [members.start as u64, members.end as u64, steps, rows.len() as u64];
@@ -218,8 +219,8 @@ fn head(members: &Range<usize>, steps: u64, rows: &[u8]) -> ([u8; HEAD], Digest)
     (head, digest)
 }
 
-/// Reads the record at offset `start` of a file with `length` bytes, and returns it with the offset of its end;
-/// `None` if there is no complete and intact record.
+/// Reads the record of a chunk at offset `start` of a file of `length` bytes, and returns it with the offset of its
+/// end; `None` if there is no complete and intact record.
 fn read(file: &File, start: u64, length: u64) -> io::Result<Option<(Record, u64)>> {
     let mut file = file;
     file.seek(SeekFrom::Start(start))?;
@@ -252,7 +253,7 @@ mod tests {
     use std::fs;
     use std::path::PathBuf;
 
-    /// A temporary file, removed when it is dropped.
+    /// A temporary file of rows for tests, removed when it is dropped.
     struct Temporary(PathBuf);
 
     impl Temporary {
@@ -286,7 +287,7 @@ mod tests {
         drop(log);
         let bytes = fs::read(&path.0).unwrap();
         assert_eq!(all(&RowLog::open(&path.0).unwrap()), whole);
-        // A kill may cut the file off at any byte of the last two records.
+        // A kill may cut the file of rows off at any byte of the last two records.
         for length in (HEAD + 100..bytes.len()).step_by(13) {
             fs::write(&path.0, &bytes[..length]).unwrap();
             let mut log = RowLog::open(&path.0).unwrap();

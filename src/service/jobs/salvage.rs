@@ -21,19 +21,20 @@ use std::mem::take;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// The size of the rows that are written in one transaction, in bytes; they are in memory until then.
+/// The size of the rows that a rebuild of the database writes in one transaction, in bytes; they are in memory until
+/// then.
 const AT_ONCE: usize = 8 << 20;
 
-/// The outcome of a rebuild of the database.
+/// The outcome of a rebuild of the damaged database of jobs.
 #[derive(Debug, Default)]
 pub struct Salvaged {
-    /// The number of jobs that have a row in the new database.
+    /// The number of jobs that have a row in the rebuilt database.
     pub jobs: usize,
-    /// The number of jobs whose rows were written from memory.
+    /// The number of jobs whose rows in the rebuilt database come from memory.
     pub remembered: usize,
-    /// The parts of each job that could not be read.
+    /// The parts of each job that could not be read from the damaged database.
     pub lost: BTreeMap<JobId, Vec<&'static str>>,
-    /// The path under which the damaged file is kept.
+    /// The path under which the damaged database file is kept.
     pub aside: PathBuf,
 }
 
@@ -56,9 +57,9 @@ pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired")).map(Some)
 }
 
-/// The source of the rows from which a database is rebuilt.
+/// The source of the rows from which the database of jobs is rebuilt.
 pub enum Source<'a> {
-    /// A damaged database that can be opened.
+    /// The tables of a damaged database that can be opened.
     Tables(&'a Database),
     /// The pages of a database that cannot be opened, and the latest row of each job on them.
     Leaves(Leaves, BTreeMap<JobId, Vec<u8>>),
@@ -95,7 +96,7 @@ impl Source<'_> {
         matches!(self, Self::Tables(_))
     }
 
-    /// Visits the rows of a table, as far as they can be read.
+    /// Visits the rows of a table of the damaged database, as far as they can be read.
     fn scan<V>(&self, table: TableDefinition<'static, u128, V>, visit: &dyn Fn(JobId, &[u8]) -> ControlFlow<()>)
     where
         V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -219,7 +220,8 @@ impl Parts {
     }
 }
 
-/// Copies the rows of a table that `holds` accepts, and returns the ids of `wanted` that were not copied.
+/// Copies the rows of a table that `holds` accepts to the new database, and returns the ids of `wanted` that were not
+/// copied.
 fn copy<V>(
     from: &Source<'_>,
     into: &Redb,
@@ -230,7 +232,7 @@ fn copy<V>(
 where
     V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
 {
-    // Errors of writing are returned; errors of reading end the scan of the table.
+    // Errors of writing to the new database are returned; errors of reading end the scan of the damaged table.
     let (rows, failed) = (RefCell::new((Rows::new(into, table), &mut wanted)), RefCell::new(None));
     let visit = |id, bytes: &[u8]| {
         if !holds(id, bytes) {

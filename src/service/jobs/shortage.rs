@@ -5,19 +5,19 @@
 use std::fs;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The length of a boot id, in characters.
+/// The length of the boot id of a Linux system, in characters.
 const NAME: usize = 36;
 
 /// The number of processes that the kernel has killed for lack of memory since it booted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// The id of the boot at which the count began at zero.
+    /// The id of the boot of the system, at which the count of kills began at zero.
     boot: String,
     count: u64,
 }
 
 impl Taken {
-    /// Returns the current count; `None` if the system does not report it.
+    /// Returns the current count of kills for lack of memory; `None` if the system does not report it.
     pub fn now() -> Option<Self> {
         let boot = fs::read_to_string("/proc/sys/kernel/random/boot_id").ok()?.trim_end().to_owned();
         let figures = fs::read_to_string("/proc/vmstat").ok()?;
@@ -25,7 +25,7 @@ impl Taken {
         (boot.len() == NAME).then_some(Self { boot, count })
     }
 
-    /// Returns the number of kills since `earlier`; zero if the system has rebooted in between.
+    /// Returns the number of kills for lack of memory since `earlier`; zero if the system has rebooted in between.
     pub fn since(&self, earlier: &Self) -> u64 {
         if self.boot == earlier.boot { self.count.saturating_sub(earlier.count) } else { 0 }
     }
@@ -48,7 +48,8 @@ pub struct Shortage(Mutex<Known>);
 
 #[derive(Debug)]
 struct Known {
-    /// The count up to which kills are attributed: to workers of this service, or to processes of others.
+    /// The count up to which kills for lack of memory are attributed: to workers of this service, or to processes of
+    /// others.
     accounted: Option<Taken>,
     /// The count of kills for lack of memory at the latest call of [`Shortage::look`].
     seen: Option<Taken>,
@@ -72,8 +73,9 @@ impl Shortage {
         (is_short, known.accounted.clone())
     }
 
-    /// Reads the count, and treats the kills up to the previous reading as attributed, since the loss of a worker
-    /// among them has been noticed meanwhile. Returns the attributed count if it has changed.
+    /// Reads the count of kills for lack of memory, and treats the kills up to the previous reading as attributed,
+    /// since the loss of a worker among them has been noticed meanwhile. Returns the attributed count if it has
+    /// changed.
     pub fn look(&self) -> Option<Taken> {
         let mut known = self.lock();
         let seen = std::mem::replace(&mut known.seen, Taken::now());

@@ -32,7 +32,7 @@ const INLINE_TIME: Duration = Duration::from_micros(200);
 const UNCLAIMED_TIME: Duration = Duration::from_millis(1);
 
 impl Jobs {
-    /// Tries to solve a newly posted job inline, and returns the job if it has been solved.
+    /// Tries to solve a newly posted job inline (in the serving process), and returns the job if it has been solved.
     pub(super) async fn try_inline(&self, order: &Order) -> Option<Arc<Job>> {
         let known = order.known.as_deref().filter(|_| order.key.is_none())?;
         let is_known = known.answer(order.client).is_some() && !order.anew;
@@ -42,15 +42,15 @@ impl Jobs {
         }
         let job = Arc::new(Job::new(Order { known: None, ..order.clone() }, false));
         let ended = self.solve_inline(&job, known, order.anew, INLINE_TIME)?;
-        // Insertion succeeds: a job without an idempotency key cannot collide with an earlier one.
+        // Insertion into the index succeeds: a job without an idempotency key cannot collide with an earlier one.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);
         self.store.conclude(&job, ended).await;
         Some(job)
     }
 
-    /// Tries to solve a job inline when its turn in the queue has come, and returns its outcome; `None` leaves the
-    /// job unchanged.
+    /// Tries to solve a job inline (in the serving process) when its turn in the queue has come, and returns its
+    /// outcome; `None` leaves the job unchanged.
     pub(super) fn try_inline_in_turn(&self, job: &Job, document: &Arc<[u8]>) -> Option<Outcome> {
         let (known, anew) = job.solve_inline()?;
         if !known.is_small() {
@@ -64,15 +64,15 @@ impl Jobs {
         })
     }
 
-    /// Solves a small job inline that another process has admitted, even if its solution is known, and returns its
-    /// end; `None` if the solve takes longer.
+    /// Solves in this process a small job that another process has admitted, even if its solution is known, and returns
+    /// its end; `None` if the solve takes longer than a claim of the job would.
     pub(super) fn solve_small(&self, job: &Job, known: &Known) -> Option<Ended> {
         let ended = if known.is_small() { self.solve_inline(job, known, true, UNCLAIMED_TIME)? } else { return None };
         job.log_end(&ended);
         Some(ended)
     }
 
-    /// Starts a job, and solves it inline within `time` or finds its known solution; returns its end.
+    /// Starts a job, and solves it in this process within `time`, or finds its stored solution; returns its end.
     fn solve_inline(&self, job: &Job, known: &Known, anew: bool, time: Duration) -> Option<Ended> {
         let control = job.start_within(time_to_run(time), true)?;
         if let Some(answer) = known.answer(job.client).filter(|_| !anew) {
@@ -89,7 +89,7 @@ impl Jobs {
             });
         }
         let begun = Instant::now();
-        // After a panic, the job goes to a worker, where the panic happens again and is reported.
+        // After a panic of the solver, the job goes to a worker, where the panic happens again and is reported.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(&known.specification, &control))).ok()?;
         // Work that follows the solve, such as a comparison with further solves, is also cut short at the time limit,
         // which the status of the solution does not show.
@@ -104,21 +104,21 @@ impl Jobs {
         Some(ended)
     }
 
-    /// Whether an inline solve would delay no job of another client. Jobs of the same client may be overtaken, since
-    /// concurrent requests of one client have no order.
+    /// Whether an inline solve (in the serving process) would delay no job of another client. Jobs of the same client
+    /// may be overtaken, since concurrent requests of one client have no order.
     fn is_free(&self, client: Client) -> bool {
         let intake = self.lock();
         !intake.draining && !intake.queue.any(|waiting, _| waiting != client)
     }
 }
 
-/// Creates a control that stops the solve when this thread has used `time` of CPU time.
+/// Creates the control of an inline solve, which stops the solve when this thread has used `time` of CPU time.
 fn time_to_run(time: Duration) -> Control {
     let end = running() + time;
     Control::with_deadline(Instant::now() + time).with_reprieve(move || running() < end)
 }
 
-/// Returns the CPU time of this thread.
+/// Returns the CPU time that this thread has used.
 fn running() -> Duration {
     let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::ThreadCPUTime);
     Duration::new(tv_sec.unsigned_abs(), u32::try_from(tv_nsec).unwrap_or_default())

@@ -17,7 +17,7 @@ pub struct Spent {
 }
 
 impl Spent {
-    /// Creates the record of worker times without any.
+    /// Creates the record of the worker times of clients, which has no client yet.
     pub fn new(half_life: Duration) -> Self {
         Self { half_life, of: HashMap::new() }
     }
@@ -28,7 +28,7 @@ impl Spent {
         self.of.insert(client, (before + time, now));
     }
 
-    /// Returns the decayed worker time of `client` at `now`.
+    /// Returns the decayed worker time that `client` has used, at the time `now`.
     pub fn by(&self, client: Client, now: Instant) -> Duration {
         self.of.get(&client).map_or(Duration::ZERO, |(time, then)| {
             let halvings = now.saturating_duration_since(*then).div_duration_f64(self.half_life);

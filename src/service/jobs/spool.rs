@@ -12,22 +12,22 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The number of bytes of results that are kept in memory before a file is begun.
+/// The number of bytes of a job's results that are kept in memory before a scratch file is begun.
 const IN_MEMORY: usize = 1 << 20;
 
-/// The place where long results are stored.
+/// The place where the long results of a job are stored.
 #[derive(Clone, Debug)]
 pub enum Backing {
-    /// The results are in memory.
+    /// The results of the job are in memory.
     Memory(Arc<Vec<u8>>),
     /// The results are in a file that is removed when the last reference to it is dropped.
     Scratch(Arc<Scratch>),
-    /// The results are in a permanent file.
+    /// The results of the job are in a permanent file.
     File(PathBuf),
 }
 
 impl Backing {
-    /// Stores `bytes` in memory.
+    /// Stores `bytes`, the results of a job, in memory.
     pub fn memory(bytes: Vec<u8>) -> Self {
         Self::Memory(Arc::new(bytes))
     }
@@ -96,15 +96,16 @@ impl Source for OnDisk {
     }
 
     fn fetch(&self, offset: u64, length: u64) {
-        // A length of zero is skipped: the system would take it to mean everything up to the end of the file.
+        // A range of length zero is not prefetched: the system would take it to mean everything up to the end of the
+        // file.
         let Some(length) = NonZeroU64::new(length) else { return };
         // The advice to prefetch is only a hint: if it fails, the reads are slower.
         let _ = fadvise(&self.0, offset, Some(length), Advice::WillNeed);
     }
 }
 
-/// A file that is removed when this value is dropped; the next start of the service removes files that a crash has
-/// left.
+/// A scratch file with results of a job, removed when this value is dropped; the next start of the service removes
+/// files that a crash has left.
 #[derive(Debug)]
 pub struct Scratch(PathBuf);
 
@@ -117,12 +118,12 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // Removal fails if the folder has been removed, and the file with it.
+        // Removal of the scratch file fails if its folder has been removed, which is harmless.
         let _ = fs::remove_file(&self.0);
     }
 }
 
-/// A writer that keeps a few bytes in memory and more of them in a scratch file.
+/// A writer of the results of a job that keeps a few bytes in memory and more of them in a scratch file.
 #[derive(Debug)]
 pub struct Spool {
     /// The path for a scratch file that has not been begun; `None` without a data folder.
@@ -132,7 +133,7 @@ pub struct Spool {
 }
 
 impl Spool {
-    /// Creates an empty spool, which begins a file at `path` once it has more than `IN_MEMORY` bytes.
+    /// Creates an empty spool for results, which begins a file at `path` once it has more than `IN_MEMORY` bytes.
     pub fn new(path: Option<PathBuf>) -> Self {
         Self { path, memory: Vec::new(), file: None }
     }
@@ -148,7 +149,7 @@ impl Spool {
         }
     }
 
-    /// Moves the bytes from memory to a new file, if there is a path for one.
+    /// Moves the bytes of the results from memory to a new scratch file, if there is a path for one.
     fn begin_file(&mut self) {
         let Some(path) = self.path.take() else { return };
         let opened = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(OWN).open(&path);

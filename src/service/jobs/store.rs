@@ -35,7 +35,7 @@ use tokio::task::spawn_blocking;
 /// jobs have been sent to their clients, and are kept in case a client asks again.
 const RESIDENT: usize = 8;
 
-/// The store of all jobs of the service.
+/// The store of all jobs of the service, in memory and on the disk.
 #[derive(Debug)]
 pub struct Store {
     index: Arc<Index>,
@@ -44,7 +44,7 @@ pub struct Store {
     damaged: HashSet<JobId>,
     /// The ends of jobs that the disk has not accepted yet.
     unsaved: Arc<Unsaved>,
-    /// Receives durable jobs that are deleted, if machines other than this one store them.
+    /// Receives the durable jobs that are deleted, if they are stored on other machines.
     elsewhere: Option<UnboundedSender<Arc<Job>>>,
 }
 
@@ -97,7 +97,8 @@ impl Store {
                 None => None,
             };
             let job = Arc::new(Job::recovered(id, record, chunks));
-            // Insertion succeeds: idempotency keys were checked to be distinct when the jobs were admitted.
+            // Insertion into the index succeeds: idempotency keys were checked to be distinct when the jobs were
+            // admitted.
             let _ = index.insert(&job);
             match finished {
                 Some((finished, bytes)) => past.push((finished, bytes, job)),
@@ -118,7 +119,7 @@ impl Store {
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved, elsewhere: None }, waiting))
     }
 
-    /// Makes the store send durable jobs that are deleted to `elsewhere`.
+    /// Makes the store send durable jobs that are deleted to `elsewhere`, for removal from other machines.
     pub fn elsewhere(self, elsewhere: UnboundedSender<Arc<Job>>) -> Self {
         Self { elsewhere: Some(elsewhere), ..self }
     }
@@ -148,13 +149,14 @@ impl Store {
         }
     }
 
-    /// Waits for a slot for an update of a stored job, which is available on a full disk too; `None` without a disk.
+    /// Waits for a slot in the queue of changes to the database, for an update of a stored job, which is possible on a
+    /// full disk too; `None` without a disk.
     async fn passage(&self) -> Result<Option<WriteSlot>, Unwritable> {
         let Some(disk) = &self.disk else { return Ok(None) };
         disk.place().await.map(Some)
     }
 
-    /// Sends the insertion of `job` to the disk, through the slot `place`.
+    /// Sends the insertion of `job` to the database on the disk, through the slot `place` of its queue of changes.
     pub fn store(&self, job: &Arc<Job>, lifecycle: &mut Lifecycle, document: Arc<[u8]>, place: WriteSlot) -> Written {
         lifecycle.persistence = Persistence::Storing;
         job.digest.get_or_init(|| Digest::of(&document));
@@ -191,29 +193,29 @@ impl Store {
                 (Some(document), _, Persistence::Memory) => {
                     self.store(job, &mut lifecycle, Arc::clone(document), place)
                 }
-                // An empty change is made after the pending change that stores the job, so that its outcome can be
-                // awaited.
+                // An empty change is made after the pending change that stores the job, so that the outcome of that
+                // change can be awaited.
                 (_, _, Persistence::Storing | Persistence::Memory) => place.send(Change::default(), drop),
             }
         };
         answer.written().await
     }
 
-    /// Marks `job`, if it is durable, as the running job of a worker.
+    /// Marks `job`, if it is durable, on the disk as the running job of a worker.
     pub fn mark(&self, worker: usize, job: &Job) {
         if job.is_durable() {
             self.note("the start of a job", |marks| marks.set(worker, job.id));
         }
     }
 
-    /// Clears the mark of a worker, if `job` is durable.
+    /// Clears the mark of a worker's running job on the disk, if `job` is durable.
     pub fn unmark(&self, worker: usize, job: &Job) {
         if job.is_durable() {
             self.note("the end of a job", |marks| marks.clear(worker));
         }
     }
 
-    /// Records the number of kills for lack of memory that this process has attributed.
+    /// Records on the disk the number of kills for lack of memory that this process has attributed.
     pub fn account(&self, taken: &Taken) {
         self.note("what the system has ended", |marks| marks.account(taken));
     }
@@ -226,8 +228,8 @@ impl Store {
         }
     }
 
-    /// Ends a job: stores its results, deletes the oldest jobs to make room, and wakes all tasks that wait for the
-    /// end.
+    /// Ends a job: stores its results, deletes the oldest ended jobs to make room, and wakes all tasks that wait for
+    /// the end.
     pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
         let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
             (Err(ended), Some(disk)) => {
@@ -247,7 +249,8 @@ impl Store {
         if lifecycle.is_durable() {
             return Err(Box::new(ended));
         }
-        // The end is counted before anyone is woken, so that the store is within its limits when the end is seen.
+        // The end of the job is counted before anyone is woken, so that the store is within its limits when the end is
+        // seen.
         let forgotten = self.keep(job, &ended, job.document_bytes + ended.resident());
         lifecycle.finish(ended);
         drop(lifecycle);
@@ -260,7 +263,8 @@ impl Store {
     async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
         let kept = ended.clone();
         let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
-        // The row is stored before the file: a kill in between would leave a file without a row.
+        // The row of the job is stored before the file of its results: a kill in between would leave a file without a
+        // row.
         if is_long && job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
@@ -403,7 +407,7 @@ impl Store {
         }
     }
 
-    /// Creates a spool for the long results of a job.
+    /// Creates a spool (memory, then a scratch file) for the long results of a job.
     pub fn spool(&self, id: JobId) -> Spool {
         Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
     }
@@ -411,7 +415,8 @@ impl Store {
     /// Writes the rows of a sweep that are only in memory to the disk, if its job is on the disk.
     pub async fn save_rows(&self, job: &Job) {
         let (Some(disk), Some(chunks)) = (&self.disk, &job.chunks) else { return };
-        // The row of the job is stored before the file: a kill in between would leave a file without a row.
+        // The row of the job is stored before the file of the sweep's rows: a kill in between would leave a file
+        // without a row.
         if job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
@@ -420,14 +425,14 @@ impl Store {
         }
     }
 
-    /// Removes the rows of a sweep that has ended.
+    /// Removes the stored rows of a sweep that has ended.
     pub fn remove_rows(&self, id: JobId) {
         if let Some(disk) = &self.disk {
             disk.remove_rows(id);
         }
     }
 
-    /// Writes the row of an unfinished job again, with its current state.
+    /// Writes the database row of an unfinished job again, with its current state.
     pub async fn note_progress(&self, job: &Job) {
         let Ok(Some(place)) = self.passage().await else { return };
         let lifecycle = job.lock();
@@ -436,7 +441,7 @@ impl Store {
         }
     }
 
-    /// Whether the row of the job `id` is damaged.
+    /// Whether the database row of the job `id` is damaged.
     pub fn is_damaged(&self, id: JobId) -> bool {
         self.damaged.contains(&id)
     }
@@ -455,12 +460,12 @@ impl Store {
         lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
-    /// Counts a job as ended, with `resident` bytes in memory; returns the jobs that were deleted to make room.
+    /// Counts a job as ended, with `resident` bytes in memory; returns the ended jobs that were deleted to make room.
     pub fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
         self.index.keep(job.id, ended.finished, Size { bytes: job.document_bytes + ended.bytes(), resident })
     }
 
-    /// Removes jobs, which must not be in the index any more, from the disk.
+    /// Removes jobs, which must not be in the index of jobs any more, from the disk.
     async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Written>, Unwritable> {
         let mut stored = Vec::new();
         for job in jobs {
@@ -479,7 +484,7 @@ impl Store {
         Ok(self.passage().await?.map(|place| place.send(Change::forgotten(stored), drop)))
     }
 
-    /// Removes jobs from the disk without waiting for the write.
+    /// Removes jobs that were deleted from the disk, without waiting for the write.
     pub async fn tidy(&self, jobs: Vec<Arc<Job>>) {
         if let Err(error) = self.erase(jobs).await {
             tracing::error!(%error, "forgotten jobs stay on the disk until the next start");

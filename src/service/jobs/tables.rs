@@ -17,10 +17,10 @@ use crate::digest::{Digest, Fingerprint};
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHandle, TypeName, Value};
 use serde_json::json;
 
-/// The current format of the database.
+/// The current version of the format of the database of jobs.
 pub const FORMAT: u64 = 4;
 
-/// The table of the rows of jobs, sealed with digests.
+/// The table of the rows of jobs, each stored behind a digest.
 pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");
 /// The table of the posted specifications.
 pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("specifications");
@@ -28,9 +28,9 @@ pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::ne
 pub const RESULTS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("results");
 /// The table with the number of the latest start of the service.
 pub const STARTS: TableDefinition<'_, (), u64> = TableDefinition::new("starts");
-/// The jobs whose rows were lost in a rebuild of the database; absent if it was never rebuilt.
+/// The table of the jobs whose rows were lost in a rebuild of the database; absent if it was never rebuilt.
 pub const LOST: TableDefinition<'_, u128, ()> = TableDefinition::new("lost");
-/// Deleted jobs that may still have a file; absent if no job was deleted.
+/// The table of deleted jobs that may still have a file of results; absent if no job was deleted.
 pub const FORGOTTEN: TableDefinition<'_, u128, ()> = TableDefinition::new("forgotten");
 
 const FORMATS: TableDefinition<'_, (), u64> = TableDefinition::new("format");
@@ -68,7 +68,7 @@ impl Value for Sealed {
     }
 }
 
-/// Returns the format of the database; `None` if the database is empty.
+/// Returns the format version of the database of jobs; `None` if the database is empty.
 pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     let transaction = redb.begin_read()?;
     let names: Vec<String> = transaction.list_tables()?.map(|table| table.name().to_owned()).collect();
@@ -79,22 +79,22 @@ pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     Ok(has(JOBS.name()).then_some(1))
 }
 
-/// Whether the database has rows of jobs in the first format.
+/// Whether the database has rows of jobs in format 1, which have no digests.
 pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
     Ok(redb.begin_read()?.open_table(JOBS_OF_FORMAT_1).is_ok())
 }
 
-/// The fingerprints of a file of results as JSON.
+/// The fingerprints (length and digest) of a file of results as JSON.
 #[derive(Clone, Copy, Debug)]
 pub struct InFile {
-    /// The fingerprint of the results as JSON.
+    /// The fingerprint (length and digest) of the results as JSON.
     pub json: Fingerprint,
     /// The fingerprint of the index of the columnar file beside the JSON file, if there is one.
     pub index: Option<Fingerprint>,
 }
 
-/// Creates the tables, converting those of an earlier format if there are any, in one transaction. `file` examines
-/// the results file of a job, and may write columns beside it.
+/// Creates the tables of the database, converting those of an earlier format if there are any, in one transaction.
+/// `file` examines the results file of a job, and may write columns beside it.
 pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option<InFile>) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
     transaction.set_quick_repair(true);
@@ -177,7 +177,7 @@ fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>
     serde_json::to_vec(&value).ok()
 }
 
-/// Marks a database as one of another format.
+/// Marks a database of jobs as one of another format version.
 #[cfg(test)]
 pub fn set_format(path: &std::path::Path, format: u64) -> Result<(), redb::Error> {
     let transaction = Database::open(path)?.begin_write()?;
@@ -217,7 +217,7 @@ mod tests {
         }
     }
 
-    /// The row of a job in format 1.
+    /// The row of a job in format 1 of the database.
     const ROW: &str = r#"{"client":{"address":"127.0.0.1"},"label":null,"horizon":{"start":0.0,"end":1.0},
         "estimate":{"problem":"dvi","memory":1000},"created":"2026-01-01T00:00:00Z","document_bytes":8,"key":null,
         "crashes":0,"underway":false,"dismissed":false,"ended":{"started":"2026-01-01T00:00:00Z",

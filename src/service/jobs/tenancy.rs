@@ -21,20 +21,19 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// The name of the file on which the record lock is taken; it stays empty.
+/// The name of the file in the data folder on which the record lock is taken; the file stays empty.
 const NAME: &str = "lock";
 
-/// The interval between two attempts to lock the database.
+/// The interval between two attempts to lock the database of jobs.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// The time after which the wait for the lock of the database is logged.
+/// The time after which the wait for the lock of the database of jobs is logged.
 const LONG: Duration = Duration::from_secs(1);
 
-/// The exclusive use of a data folder, until this value is dropped or the process ends.
+/// The exclusive use of a data folder by one process, until this value is dropped or the process ends.
 #[derive(Debug)]
 pub struct Tenancy {
-    /// The locked file, which is opened only once: closing any other descriptor of it in this process would end the
-    /// lock.
+    /// The locked file, which this process opens only once: closing any other descriptor of it would end the lock.
     _lock: File,
 }
 
@@ -78,7 +77,7 @@ pub fn patiently<T>(patience: Duration, mut open: impl FnMut() -> io::Result<T>)
     }
 }
 
-/// Whether the database at `path` is unlocked, or there is no database.
+/// Whether the database file at `path` is unlocked, or there is no such file.
 fn is_free(path: &Path) -> io::Result<bool> {
     let file = match OpenOptions::new().read(true).write(true).open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
@@ -88,7 +87,7 @@ fn is_free(path: &Path) -> io::Result<bool> {
     // closed.
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => return Ok(false),
-        // An error other than a held lock means that the file system lacks this kind of lock.
+        // An error other than a held lock means that the file system lacks this kind of file lock.
         Ok(()) | Err(TryLockError::Error(_)) => {}
     }
     let backend = FileBackend::new(file).map_err(io::Error::other)?;

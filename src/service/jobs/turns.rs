@@ -64,7 +64,7 @@ impl Turns {
         given.await.map_err(|_| Full::Queue)
     }
 
-    /// Gives the free permits to the clients that come next in the queue.
+    /// Gives the free permits to the clients that come next in the queue for permits.
     fn hand_out(self: &Arc<Self>) {
         loop {
             let next = {

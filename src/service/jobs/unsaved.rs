@@ -5,7 +5,7 @@ use super::ended::Ended;
 use super::job::{Job, Lifecycle, State};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The jobs whose ends wait to be written to the disk.
+/// The jobs whose ends the disk has refused and which wait to be written to it.
 #[derive(Debug)]
 pub struct Unsaved {
     bound: usize,
@@ -14,9 +14,9 @@ pub struct Unsaved {
 
 #[derive(Debug, Default)]
 struct Jobs {
-    /// The jobs that have ended, with their results in memory.
+    /// The jobs that have ended and whose ends the disk has refused, with their results in memory.
     ended: Vec<Arc<Job>>,
-    /// The total size of the results in memory, in bytes.
+    /// The total size in bytes of the results in memory of jobs whose ends the disk has refused.
     bytes: usize,
     /// The jobs whose results did not fit in memory, which are to be solved again.
     again: Vec<Arc<Job>>,
@@ -29,8 +29,8 @@ impl Unsaved {
         Self { bound, jobs: Mutex::default() }
     }
 
-    /// Keeps the end of a job in memory and reports it; if the size limit is reached, parks the job instead, to be
-    /// solved again.
+    /// Keeps in memory the end of a job that the disk has refused, and reports the end; if the size limit is reached,
+    /// parks the job instead, to be solved again.
     pub fn keep(&self, job: &Arc<Job>, ended: Ended) {
         let mut jobs = self.lock();
         if jobs.ended.iter().any(|known| known.id == job.id) {
@@ -52,23 +52,23 @@ impl Unsaved {
         job.wake();
     }
 
-    /// Returns the number of ends that wait to be written.
+    /// Returns the number of ends of jobs that wait to be written to the disk.
     pub fn len(&self) -> usize {
         self.lock().ended.len()
     }
 
-    /// Whether no end waits to be written, and no job is to be solved again.
+    /// Whether no end of a job waits to be written to the disk, and no job is to be solved again.
     pub fn is_empty(&self) -> bool {
         let jobs = self.lock();
         jobs.ended.is_empty() && jobs.again.is_empty()
     }
 
-    /// Returns the jobs whose ends wait to be written.
+    /// Returns the jobs whose ends wait to be written to the disk.
     pub fn jobs(&self) -> Vec<Arc<Job>> {
         self.lock().ended.clone()
     }
 
-    /// Drops the end of a job, with results of `bytes` bytes, if it waited to be written.
+    /// Drops the end of a job, with results of `bytes` bytes, if it waited to be written to the disk.
     pub fn forget(&self, job: &Job, bytes: usize) {
         let mut jobs = self.lock();
         if let Some(place) = jobs.ended.iter().position(|known| known.id == job.id) {
@@ -77,7 +77,7 @@ impl Unsaved {
         }
     }
 
-    /// Returns the jobs that are to be solved again, as waiting jobs.
+    /// Takes the jobs that are to be solved again, since their results did not fit in memory, as waiting jobs.
     pub fn take_again(&self) -> Vec<Arc<Job>> {
         let jobs = std::mem::take(&mut self.lock().again);
         jobs.iter().for_each(|job| job.lock().parked = false);

@@ -13,15 +13,15 @@ use std::io;
 use std::ops::{Bound, Range};
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The size of a checksummed block, in bytes: one page of the database.
+/// The size of a block with a checksum, in bytes: one page of the database file.
 const BLOCK: u64 = 4096;
 
-/// The checksums of the blocks of a file; `None` for blocks that were never written. The checksums are kept when the
-/// file is reopened.
+/// The checksums of the blocks of a database file; `None` for blocks that were never written. The checksums are kept
+/// when the file is reopened.
 #[derive(Clone, Debug, Default)]
 pub struct Sums(Arc<RwLock<Option<Vec<Option<u64>>>>>);
 
-/// A file with the checksums of its blocks.
+/// A database file with the checksums of its blocks.
 #[derive(Debug)]
 pub struct Watched {
     file: FileBackend,
@@ -38,7 +38,7 @@ impl Watched {
         Ok(Self { file, sums })
     }
 
-    /// Computes the checksums of all blocks of the file, unless that has been done.
+    /// Computes the checksums of all blocks of the database file, unless that has been done.
     fn sum_up(&self) -> io::Result<()> {
         let mut sums = self.sums.0.write().unwrap_or_else(PoisonError::into_inner);
         if sums.is_none() {
@@ -49,7 +49,7 @@ impl Watched {
         Ok(())
     }
 
-    /// Reads a block of a file of this length, without checking it.
+    /// Reads the block `number` of a file of `length` bytes, without checking its checksum.
     fn block(&self, number: u64, length: u64) -> io::Result<Vec<u8>> {
         let start = number * BLOCK;
         let mut block = vec![0; length.saturating_sub(start).min(BLOCK) as usize];
@@ -58,7 +58,7 @@ impl Watched {
     }
 }
 
-/// Returns the numbers of the blocks that a range of `bytes` bytes from `offset` touches.
+/// Returns the numbers of the blocks of the file that a range of `bytes` bytes from `offset` touches.
 fn blocks(offset: u64, bytes: usize) -> Range<u64> {
     offset / BLOCK..(offset + bytes as u64).div_ceil(BLOCK)
 }
@@ -186,7 +186,7 @@ mod tests {
         watched.read(0, &mut bytes).unwrap();
         assert_eq!(watched.read(BLOCK, &mut bytes).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert!(watched.read(2 * BLOCK + 4000, &mut [0]).is_err());
-        // The file is reopened with the checksums of the first opening.
+        // The database file is reopened with the checksums of its first opening.
         let anew = Watched::over(file(), sums).unwrap();
         anew.sum_up().unwrap();
         assert!(anew.read(2 * BLOCK, &mut [0]).is_err());

@@ -23,16 +23,16 @@ use tokio::select;
 use tokio::time::timeout;
 use tracing::Instrument;
 
-/// The time limit for a suspect job, which was running when an earlier process died, to run alone, and for its wait
-/// to do so. In both together other jobs wait less than the 30 s for which a client waits by default.
+/// The time limit for a suspect job, which was running when an earlier service process died, to run alone, and for its
+/// wait to do so. In both together other jobs wait less than the 30 s for which a client waits by default.
 const ALONE: Duration = Duration::from_secs(10);
 
-/// A job or a chunk of a sweep for a worker to solve.
+/// A job, or a chunk of a sweep, that is given to a worker to solve.
 #[derive(Clone, Copy)]
 pub(super) struct Assignment<'a> {
     pub job: &'a Job,
     pub document: &'a [u8],
-    /// The members to solve, if the job is a chunk of a sweep.
+    /// The members of the sweep to solve, if the job is a chunk of a sweep.
     pub members: Option<&'a Members>,
     pub limits: Limits,
     /// Called at the end of the first time slice of the job.
@@ -42,17 +42,17 @@ pub(super) struct Assignment<'a> {
 /// The outcome of an attempt to solve a job.
 pub(super) enum Outcome {
     Ended(Box<Ended>),
-    /// The job was stopped, for the next process to start again.
+    /// The job was stopped at the stop of the service, for the next process to start again.
     Stopped,
     /// The job has used up its first time slice, and returns to the queue.
     Waits,
-    /// The job was cancelled or parked before it started.
+    /// The job was cancelled, or parked at the stop of the service, before it started.
     Gone,
 }
 
 impl Jobs {
-    /// Waits for a job and lets the supervised worker at `place` in the pool solve it. Returns false if workers have
-    /// been dismissed.
+    /// Waits for a job and lets the supervised worker at `place` in the pool solve it. Returns false if the workers
+    /// have been dismissed, at the stop of the service.
     pub(super) async fn solve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
         // A job is taken only once a worker is ready for it.
         select! {
@@ -69,7 +69,8 @@ impl Jobs {
     /// the workers are dismissed.
     async fn next(&self, supervisor: &mut Supervisor) -> Option<Taken> {
         let mut arrival = pin!(self.arrival.notified());
-        // The notification is registered before the queue is read, so that an arrival in between is not missed.
+        // The notification of a new job is registered before the queue is read, so that an arrival in between is not
+        // missed.
         arrival.as_mut().enable();
         if self.is_dismissed.load(Relaxed) {
             return None;
@@ -160,7 +161,7 @@ impl Jobs {
         if waits {
             self.metrics.yielded();
             let is_wanted = matches!(job.lock().state, State::Accepted(_));
-            // While the service drains, a durable job is left to the next process.
+            // While the service drains (admits no more jobs), a durable job is left to the next process.
             if is_wanted && !(intake.draining && job.is_durable()) {
                 intake.queue.push(job.client, Arc::clone(job));
             }
@@ -173,7 +174,7 @@ impl Jobs {
         self.call_relief(&intake);
     }
 
-    /// Counts the start-ups and ends of workers.
+    /// Counts the start-ups and ends of worker processes.
     pub(super) fn notice(&self, event: Event<'_>) {
         self.metrics.notice(event);
         match event {
@@ -190,12 +191,12 @@ impl Jobs {
         }
     }
 
-    /// Whether jobs can be solved: false if no worker lives and none can be started.
+    /// Whether jobs can be solved: false if no worker process lives and none can be started.
     pub fn has_workers(&self) -> bool {
         self.living.load(Relaxed) > 0 || !self.unstartable.load(Relaxed)
     }
 
-    /// Dismisses the workers, each at the end of its current job.
+    /// Dismisses the workers at the stop of the service, each at the end of its current job.
     pub(super) fn dismiss_workers(&self) {
         self.is_dismissed.store(true, Relaxed);
         self.dismissed.notify_waiters();
@@ -267,7 +268,7 @@ impl Jobs {
         let halted = job.halted();
         let is_over = matches!(&finished, Ok(Finished::Solved(solved, _)) if solved.status != Status::Stopped);
         if halted == Some(Halt::Yield) && !is_over {
-            // The client may have cancelled the job, or the service parked it, meanwhile.
+            // While its worker stopped the job, the client may have cancelled it, or the service parked it.
             match job.go_back(document) {
                 None => return Outcome::Waits,
                 Some(Halt::Park) => return Outcome::Stopped,
@@ -329,7 +330,7 @@ impl Jobs {
         }
     }
 
-    /// Lets a worker solve the job or chunk; begins again if the worker is killed from outside.
+    /// Lets a worker solve the job or chunk; begins again if the worker is killed by a signal from outside.
     pub(super) async fn perform(
         &self,
         supervisor: &mut Supervisor,
@@ -373,7 +374,8 @@ impl Jobs {
         Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(FAIR)
     }
 
-    /// Whether the system has killed a process for lack of memory, possibly the lost worker, since the last call.
+    /// Whether the system has killed a process for lack of memory, possibly the lost worker, since the last call of
+    /// this function.
     fn was_memory_short(&self) -> bool {
         let (was_short, taken) = self.shortage.account();
         if let Some(taken) = taken {
@@ -429,7 +431,7 @@ impl Job {
         );
     }
 
-    /// Returns the problem type, as a label of metrics.
+    /// Returns the problem type of the job, as a label of metrics.
     pub(super) fn problem(&self) -> Cow<'static, str> {
         self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())
     }

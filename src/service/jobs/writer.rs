@@ -22,33 +22,35 @@ use thiserror::Error;
 use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
 
-/// The number of changes that may wait, and the largest number in one transaction. Short results are at most 64 KiB
-/// each, which bounds the size of the waiting changes as well.
+/// The largest number of changes to the database that may wait, and that are made in one transaction. Short results are
+/// at most 64 KiB each, which bounds the size of the waiting changes as well.
 const WAITING: usize = 1024;
 
-/// The error that the job store refused a change.
+/// The error that the job store refused a change, for instance on a full disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the store cannot be written")]
 pub struct Unwritable;
 
-/// A callback with the outcome of a change.
+/// A callback with the outcome of a change to the database.
 pub type Then = Box<dyn FnOnce(Result<(), Unwritable>) + Send>;
 
-/// A slot in the queue of changes to the database.
+/// A slot for one change in the queue of changes to the database.
 pub struct WriteSlot(OwnedPermit<(Change, Then)>);
 
 impl WriteSlot {
-    /// Sends a change, without waiting for it. Changes are made in the order in which they are sent.
+    /// Sends a change to the thread that writes the database, without waiting for it. Changes are made in the order in
+    /// which they are sent.
     pub fn take(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) {
         self.0.send((change, Box::new(then)));
     }
 
-    /// Sends a change, and returns a handle on its outcome, available after `then` has run.
+    /// Sends a change to the thread that writes the database, and returns a handle on its outcome, available after
+    /// `then` has run.
     pub fn send(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) -> Written {
         let (answer, answered) = oneshot::channel();
         self.take(change, move |written| {
             then(written);
-            // Sending fails if the receiver has been dropped, which is harmless.
+            // Sending the outcome fails if its receiver has been dropped, which is harmless.
             let _ = answer.send(written);
         });
         Written(answered)
@@ -115,7 +117,7 @@ struct Scribe {
     failed: Arc<AtomicBool>,
     /// Whether jobs have been deleted since the reserved disk space was freed.
     freed: bool,
-    /// The number of bytes that the latest refused group of changes was to add.
+    /// The number of bytes that the latest refused group of changes was to add to the database.
     wanted: usize,
 }
 
@@ -140,7 +142,8 @@ impl Scribe {
         }
     }
 
-    /// Makes all of the changes, or if that fails those that need hardly any disk space; returns the outcome of each.
+    /// Makes all of the changes to the database, or if that fails those that need hardly any disk space; returns the
+    /// outcome of each.
     fn make(&mut self, changes: &[Change]) -> Vec<Result<(), Unwritable>> {
         if !self.database.is_in_place() {
             if !self.failed.swap(true, Relaxed) {
@@ -178,7 +181,7 @@ impl Scribe {
         changes.iter().map(made).collect()
     }
 
-    /// Makes the changes in one transaction, and adds its duration to the metrics.
+    /// Makes the changes to the database in one transaction, and adds its duration to the metrics.
     fn apply<'a>(&self, changes: impl IntoIterator<Item = &'a Change> + Clone) -> io::Result<()> {
         let begun = Instant::now();
         let written = self.database.apply(changes);
@@ -186,8 +189,8 @@ impl Scribe {
         written
     }
 
-    /// Restores the reserve, for which the database may have to be compacted; returns whether there is space for the
-    /// reserve and for the changes refused last.
+    /// Restores the reserved disk space, for which the database may have to be compacted; returns whether there is
+    /// space for the reserve and for the changes refused last.
     fn hold(&mut self) -> bool {
         if self.is_room() {
             return true;

@@ -37,7 +37,7 @@ const capital = (words) => `${words[0].toUpperCase()}${words.slice(1)}`;
 const size = (value) => (Math.abs(value) >= Number.MAX_VALUE ? "not finite" : number(value, 2));
 const counted = (n, one, many) => `${n === 0 ? "No" : number(n)} ${n === 1 ? one : many}`;
 
-// Returns the claims that an answer makes: {light, title, rests, code}.
+// Returns the claims on an answer (a solution with its diagnostics): {light, title, rests, code} for each.
 export function claimsOf({ status, diagnostics = {}, t = [] }) {
   const claims = [];
   const checks = diagnostics.checks ?? {};
@@ -69,7 +69,7 @@ export function claimsOf({ status, diagnostics = {}, t = [] }) {
   return claims;
 }
 
-// Returns the first sentence about an answer.
+// Returns the sentence about the evidence of an answer that is shown before its claims.
 export function sentenceOf({ verdict, status, diagnostics = {} }) {
   const checks = diagnostics.checks ?? {};
   const parts = [];

@@ -32,13 +32,13 @@ export class Clock {
     root.replaceChildren(this.play, this.slider, this.speed, this.next, this.told);
   }
 
-  // Calls `listener(time)` whenever the time changes, until the returned function is called.
+  // Calls `listener(time)` whenever the time of the cursor changes, until the returned function is called.
   listen(listener) {
     this.#told.push(listener);
     return () => (this.#told = this.#told.filter((one) => one !== listener));
   }
 
-  // Plays the whole time horizon once; resolves when playing has ended or was paused.
+  // Plays the whole time horizon of the answer once; resolves when playing has ended or was paused.
   playThrough() {
     this.pause();
     this.go(this.#from);
@@ -50,8 +50,9 @@ export class Clock {
     return this.#time;
   }
 
-  // Sets the time horizon and the events of a new answer; the time is kept if it is inside. The picture of the answer
-  // is drawn at that time by its caller, so that listeners are called only if the time or the horizon has changed.
+  // Sets the time horizon and the events of a new answer; the time of the cursor is kept if it is inside. The picture
+  // of the answer is drawn at that time by the caller of `set`, so that listeners are called only if the time or the
+  // horizon has changed.
   set({ t, events }) {
     const same = this.#from === t[0] && this.#to === t.at(-1);
     [this.#from, this.#to] = [t[0], t.at(-1)];
@@ -61,7 +62,7 @@ export class Clock {
     if (!same || time !== this.#time) this.go(time);
   }
 
-  // Resets the clock, since the next answer is that of another problem and begins at its start.
+  // Resets the time cursor, since the next answer is that of another problem and begins at its start.
   reset() {
     this.pause();
     this.#time = -Infinity;

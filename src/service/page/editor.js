@@ -51,7 +51,7 @@ const marker = new (class extends GutterMarker {
   elementClass = "marked";
 })();
 
-// The marks in the gutter of the lines with errors.
+// The marks of errors in the gutter of the editor, at their lines.
 const marks = StateField.define({
   create: () => RangeSet.empty,
   update(set, transaction) {
@@ -110,7 +110,7 @@ export class Editor {
     });
   }
 
-  // Returns the JSON Schema; null as long as the service does not return it.
+  // Returns the JSON Schema of a specification; null as long as the service does not return it.
   async #known() {
     this.#asked ??= this.#fetch().catch(() => (this.#asked = null));
     return (this.#schema ??= await this.#asked);
@@ -142,7 +142,7 @@ export class Editor {
     }
   }
 
-  // Updates the view to the text that a slider wrote, by one change of the part that differs.
+  // Updates the editor to the text that a slider wrote, by one change of the part that differs.
   #follow() {
     clearTimeout(this.#later);
     this.#later = null;
@@ -159,7 +159,8 @@ export class Editor {
     this.#follows = false;
   }
 
-  // Marks errors: {line, from, to, message, fixes: [{name, apply(text) -> [from, to, insert]}]}.
+  // Marks errors of the specification in the editor: {line, from, to, message, fixes: [{name, apply(text) -> [from, to,
+  // insert]}]}.
   mark(errors) {
     if (errors.length === 0 && this.#marked === 0) return;
     this.#marked = errors.length;
@@ -194,7 +195,7 @@ export class Editor {
     this.#view.focus();
   }
 
-  // Puts the cursor on a line, counted from 0, and scrolls to it.
+  // Puts the cursor on a line of the editor, counted from 0, and scrolls to it.
   goTo(line) {
     this.#follow();
     const { doc } = this.#view.state;
@@ -213,7 +214,7 @@ export class Editor {
       const parent = node.name === "PropertyName" ? path.slice(0, -1) : path;
       if (!inString && !context.explicit) return null;
       const after = /^\s*:/.test(text.slice(inString ? node.to : context.pos));
-      // If the cursor is within quotes, they are replaced together with the key.
+      // If the cursor is within quotes, completion replaces them together with the key.
       const apply = (written) => (view, completion, from, to) => {
         const [start, end] = inString ? [from - 1, to + (view.state.sliceDoc(to, to + 1) === '"' ? 1 : 0)] : [from, to];
         view.dispatch({ changes: { from: start, to: end, insert: written }, selection: { anchor: start + written.length }, userEvent: "input.complete" });
@@ -251,7 +252,7 @@ export class Editor {
   }
 }
 
-// Returns the keys and indices that lead from the root to a node of the syntax tree.
+// Returns the keys and indices that lead from the root of the document to a node of its syntax tree.
 function pathAt(state, node) {
   const path = [];
   for (let at = node; at !== null; at = at.parent) {
@@ -269,7 +270,7 @@ function pathAt(state, node) {
 
 const unquoted = (string) => string.replace(/^"|"$/g, "");
 
-// Whether a key comes next in an object: only white space follows `{` or `,`.
+// Whether the next token in an object of the document is a key: only white space follows `{` or `,`.
 function expectsKey(state, node, pos) {
   return /[{,]\s*$/.test(state.sliceDoc(Math.max(node.from, pos - 200), pos));
 }

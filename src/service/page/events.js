@@ -17,7 +17,7 @@ export async function* events(response) {
   }
 }
 
-// Parses an event. Lines without a name are comments, which keep the connection alive.
+// Parses a server-sent event. Lines without a name are comments, which keep the connection alive.
 function eventOf(block) {
   const lines = block.split("\n").map((line) => [line.slice(0, line.indexOf(":")), line.slice(line.indexOf(":") + 2)]);
   return Object.fromEntries(lines.filter(([name]) => name !== ""));

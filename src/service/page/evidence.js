@@ -43,7 +43,7 @@ export function evidence(runs) {
   return parts.filter((part) => part !== null);
 }
 
-// Returns the result of a check: the properties that matter most, each in words.
+// Returns the result of a check of a specification: the properties that matter most, each in words.
 export function analysis(summary) {
   const size = `${count(summary.states, "state")}, ${count(summary.variables, "variable")}`;
   const index = summary.index == null ? "" : `Index ${summary.index}. `;
@@ -59,13 +59,13 @@ const count = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
 
 const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
 
-// Whether a value is a number, a sentence, or a few numbers, which fit into one cell.
+// Whether a value of the diagnostics is a number, a sentence, or a few numbers, which fit into one cell of a table.
 const isShort = (value) =>
   Array.isArray(value) ? value.length <= 8 && value.every((one) => typeof one === "number") : typeof value !== "object";
 
 const isPlain = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
-// Returns a row with one cell per run; a long text that all runs share is shown once.
+// Returns a row of the table of diagnostics with one cell per run; a long text that all runs share is shown once.
 function row(name, values) {
   const texts = values.map((value) => told(name, value));
   const once = texts.length > 1 && texts[0].length > 40 && texts.every((text) => text === texts[0]);
@@ -75,7 +75,7 @@ function row(name, values) {
   return element("tr", {}, element("th", { scope: "row" }, words(name)), ...cells);
 }
 
-// Whether a check has failed: its value exceeds the allowed one.
+// Whether a check of the solution has failed: its value exceeds the allowed one.
 const isBeyond = (value) => value != null && typeof value === "object" && value.value > value.allowed;
 
 function told(name, value) {

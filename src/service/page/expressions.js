@@ -22,8 +22,8 @@ const FUNCTIONS = {
   pulse: (t, start, width) => (t >= start && t < start + width ? 1 : 0),
 };
 
-// Compiles an expression to a function of a scope, which is an object or a function from names to numbers; returns
-// null if the expression cannot be parsed.
+// Compiles an expression of a specification to a function of a scope, which is an object or a function from names to
+// numbers; returns null if the expression cannot be parsed.
 export function compile(expression) {
   if (typeof expression === "number") return () => expression;
   if (typeof expression !== "string") return null;
@@ -36,7 +36,7 @@ export function compile(expression) {
   }
 }
 
-// Returns the value of an expression in a scope; NaN if it has none.
+// Returns the value of an expression with the values of names in `scope`; NaN if it has none.
 export function value(expression, scope = {}) {
   const compiled = compile(expression);
   if (compiled === null) return NaN;
@@ -47,7 +47,7 @@ export function value(expression, scope = {}) {
   }
 }
 
-// Returns the values of `parameters`, each of which may be an expression in the others.
+// Returns the values of the `parameters` of a specification, each of which may be an expression in the others.
 export function parameterValues(parameters = {}) {
   const values = {};
   for (let round = 0; round <= Object.keys(parameters).length; round += 1) {
@@ -183,7 +183,7 @@ class Reader {
     return this.call(token.name);
   }
 
-  // In a circuit, `v(out)` is a name; every other word before parentheses is a function.
+  // In the expressions of a circuit, `v(out)` is a name; every other word before parentheses is a function.
   call(name) {
     if (name === "v" || name === "i") {
       const close = this.text.indexOf(")", this.at);

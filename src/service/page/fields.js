@@ -42,7 +42,7 @@ export const typeOf = (specification) => Object.keys(specification?.problem ?? {
 
 export const hasSeconds = (type) => type === "circuit" || type === "rigid_bodies";
 
-// Returns the {quantity, unit} of a field of a problem.
+// Returns {quantity, unit} of a field of the solution (a column of the trajectory).
 export function describe(field, specification) {
   const type = typeOf(specification);
   for (const [pattern, quantity, unit] of RULES[type] ?? []) if (pattern.test(field)) return { quantity, unit };
@@ -81,10 +81,12 @@ export function range(values) {
 
 export const isConstant = ([least, largest]) => largest - least <= FLAT * Math.max(Math.abs(least), Math.abs(largest));
 
-// Whether a field consists of rounding errors compared with others of its quantity, whose size is `scale`.
+// Whether the values of a field, within a range, are rounding errors compared with other fields of its quantity, whose
+// size is `scale`.
 export const isRounding = ([least, largest], scale) => Math.max(Math.abs(least), Math.abs(largest)) <= ROUNDING * scale;
 
-// Whether a logarithmic axis can show a range: if the least value is rounding, the axis would show mainly rounding.
+// Whether a logarithmic axis can show a range of values: if the least value is rounding, the axis would show mainly
+// rounding.
 export const hasDecades = ([least, largest]) => least > 0 && largest / least <= MOST_DECADES;
 
 export const wantsDecades = (found) => hasDecades(found) && found[1] / found[0] >= DECADES;

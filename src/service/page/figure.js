@@ -37,7 +37,7 @@ function powersOfTen(low, high) {
   return values.length < 2 ? [low, high] : values.filter((_, i) => i % every === 0);
 }
 
-// Returns an axis: the map from values to pixels, and the ticks with their labels.
+// Returns an axis of a figure: the map from values to pixels, and the ticks with their labels.
 export function axis([low, high], [from, to], log = false) {
   const [a, b] = log ? [Math.log10(low), Math.log10(high)] : [low, high];
   const at = (value) => from + (((log ? Math.log10(value) : value) - a) / (b - a || 1)) * (to - from);
@@ -45,7 +45,7 @@ export function axis([low, high], [from, to], log = false) {
   return { at, values, labels: log ? values.map((value) => number(value, 3)) : ticks(values) };
 }
 
-// Returns a range with room on both sides; for a constant, with room as large as the constant.
+// Returns a range of values with room on both sides, for an axis; for a constant, with room as large as the constant.
 export function padded([low, high], log = false) {
   if (log) return [low / 1.3, high * 1.3];
   const room = isConstant([low, high]) ? Math.abs(low) / 2 || 1 : 0.06 * (high - low);
@@ -127,7 +127,7 @@ export function panelsFigure(panels, { title = "", specification = {}, span = nu
   return root(width, total, title || "Trajectories", ...parts);
 }
 
-// Draws a legend of names with their colours, from the right.
+// Draws the legend of a figure, the names of its lines with their colours, from the right.
 function legend(names, right, y) {
   const parts = [];
   let x = right;
@@ -143,7 +143,7 @@ function legend(names, right, y) {
   return parts;
 }
 
-// Draws a phase plane: one field over another.
+// Draws a phase plane: one field of a run over another.
 export function phaseFigure(run, horizontal, vertical, { title = "", specification = {}, describe, width = 560, height = 440, equal = false } = {}) {
   const named = (field) => {
     const { unit } = describe(field, specification);
@@ -177,7 +177,7 @@ export function phaseFigure(run, horizontal, vertical, { title = "", specificati
   return { figure: made, move };
 }
 
-// Enlarges two ranges until a unit is equally long along both axes.
+// Enlarges the ranges of two axes until a unit is equally long along both.
 export function sameScale(xs, ys, aspect) {
   const [wide, high] = [xs[1] - xs[0], ys[1] - ys[0]];
   const grown = ([low, end], to) => [(low + end - to) / 2, (low + end + to) / 2];
@@ -186,7 +186,7 @@ export function sameScale(xs, ys, aspect) {
 
 export const textOf = (figure) => new XMLSerializer().serializeToString(figure);
 
-// Returns the figure as a PNG of twice its size.
+// Returns an SVG figure as a PNG image of twice its size.
 export async function png(figure) {
   const image = new Image();
   const address = URL.createObjectURL(new Blob([textOf(figure)], { type: "image/svg+xml" }));

@@ -11,7 +11,7 @@ export function fixesOf({ pointer, detail, did_you_mean: meant }, text) {
   return place === null ? [] : [{ name: `Write ${meant}`, change: { from: place[0], to: place[1], insert: meant } }];
 }
 
-// Returns the range of the last key of `pointer` in the text, if it is the name that was written.
+// Returns the range in the text of the last key of `pointer`, if it is the name that was written by mistake.
 function keyRange(text, pointer, written) {
   const key = pointer.split("/").at(-1)?.replaceAll("~1", "/").replaceAll("~0", "~");
   const [value] = rangesOf(text, [pointer]);
@@ -21,7 +21,7 @@ function keyRange(text, pointer, written) {
   return at === -1 ? null : [at + 1, at + quoted.length - 1];
 }
 
-// Returns the range of a name, as a whole word, within the value to which `pointer` refers.
+// Returns the range in the text of a name, as a whole word, within the value to which `pointer` refers.
 function inValue(text, pointer, written) {
   const [value] = rangesOf(text, [pointer]);
   if (!value) return null;

@@ -30,8 +30,8 @@ export class HeatMap {
   #open;
   #asked = null;
 
-  // `knobs()` lists the adjustable numbers with their ranges; `specification()` returns the current specification;
-  // `open(list)` is called with the [pointer, value] of both numbers of a cell.
+  // `knobs()` lists the adjustable numbers of the specification with their ranges; `specification()` returns the
+  // current specification; `open(list)` is called with the [pointer, value] of both numbers of a cell.
   constructor(root, { knobs, specification, open }) {
     [this.#knobs, this.#specification, this.#open] = [knobs, specification, open];
     const select = (label) => element("select", { "aria-label": label });
@@ -44,8 +44,8 @@ export class HeatMap {
     root.append(row("Across", this.across, "up", this.up), row("colour", this.field, this.reducer, this.button), this.told, this.place);
   }
 
-  // Offers the numbers that a sweep can name and the fields of an answer as choices; a choice that is still valid
-  // stays.
+  // Offers as choices the numbers of the specification that a sweep can name, and the fields of an answer; a choice
+  // that is still valid stays.
   offer(known, fields) {
     const put = (select, options, place) => {
       const before = select.value;

@@ -18,7 +18,7 @@ export class Jobs {
   #more;
   #told = element("p", { class: "hint", role: "status" });
 
-  // `open(id)` shows a job, `fail(message)` reports an error.
+  // `open(id)` shows a job of the table, `fail(message)` reports an error.
   constructor(root, { open, fail }) {
     [this.#root, this.#open, this.#fail] = [root, open, fail];
     const filter = element(
@@ -35,7 +35,7 @@ export class Jobs {
     );
   }
 
-  // Keeps the table up to date while it is visible.
+  // Keeps the table of jobs up to date while it is visible.
   show(visible) {
     clearTimeout(this.#timer);
     if (visible) this.#load();

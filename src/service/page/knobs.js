@@ -12,11 +12,11 @@ const SIGNIFICANT = 5; // significant digits of a number that a slider writes
 const STEPS = 400;
 const MOST = 60; // largest number of sliders
 
-// Matches pointers to numbers that are not quantities: sizes, indices, orders.
+// Matches JSON pointers to numbers of a specification that are not quantities: sizes, indices, orders.
 const STRUCTURE = /\/(elements|triangles|orientation|normal|axis|count|nodes|mass\/\d+|[ABCD]|tables|domain|vertices|points)(\/|$)/;
 const START = /\/(initial|(coordinates|bodies)\/[^/]+\/(velocity|angular_velocity|position)|(capacitor\/volts|inductor\/amperes))(\/\d+)?$/;
 
-// Returns the adjustable numbers of a specification: {pointer, name, value, start}.
+// Returns the numbers of a specification that sliders can change: {pointer, name, value, start} for each.
 export function knobsOf(specification) {
   const problem = specification?.problem;
   if (problem === null || typeof problem !== "object") return [];
@@ -45,8 +45,8 @@ export function knobsOf(specification) {
 
 const SUFFIXES = { t: 1e12, g: 1e9, meg: 1e6, k: 1e3, m: 1e-3, u: 1e-6, n: 1e-9, p: 1e-12, f: 1e-15 };
 
-// Returns the adjustable values of a netlist's lines. A line that a slider changes has its number without a unit
-// suffix.
+// Returns the values in the lines of a netlist that sliders can change. A line that a slider changes has its number
+// without a unit suffix.
 function ofNetlist(netlist) {
   const line = /^([RCLVI]\S*)(\s+\S+\s+\S+\s+)(\d+\.?\d*(?:e[+-]?\d+)?)(meg|[tgkmunpf])?(?=\s|$)/gim;
   return [...netlist.matchAll(line)].map((match) => {
@@ -63,7 +63,8 @@ function ofNetlist(netlist) {
   });
 }
 
-// Whether a string is adjustable: it is a constant expression in place of a quantity, such as "2*pi" of a parameter.
+// Whether a slider can change a string: it is a constant expression in place of a quantity, such as "2*pi" of a
+// parameter.
 const isConstant = (pointer, text) => /\/(parameters|initial)\//.test(`${pointer}/`) && text.length < 40 && /\d|pi/.test(text) && Number.isFinite(valueOf(text));
 
 const escaped = (key) => key.replaceAll("~", "~0").replaceAll("/", "~1");
@@ -85,8 +86,8 @@ export function guessedRange({ value, start }) {
   return value > 0 ? [0, 2 * size] : [-2 * size, 0];
 }
 
-// Returns the name that a sweep has for an adjustable number; null if it has none, as for components of a netlist and
-// single numbers of vectors.
+// Returns the name that a parameter sweep has for a number of a specification; null if it has none, as for components
+// of a netlist and single numbers of vectors.
 export function nameInSweep({ pointer }, specification) {
   const parts = pointer.split("/").slice(1).map((part) => part.replaceAll("~1", "/").replaceAll("~0", "~"));
   const [, type, section, name, key] = parts;
@@ -108,7 +109,8 @@ export class Knobs {
   #turned;
   #rows = new Map(); // the rows of the sliders: pointer to {knob, slider, told (shows the number), low, high}
 
-  // `turned(pointer, value, done)` is called with each new value; `done` is true when the slider is released.
+  // `turned(pointer, value, done)` is called with each new value of a slider; `done` is true when the slider is
+  // released.
   constructor(root, turned) {
     this.#root = root;
     this.#turned = turned;
@@ -118,7 +120,7 @@ export class Knobs {
     return this.#rows.size;
   }
 
-  // Returns all adjustable numbers, with the ranges of their sliders.
+  // Returns all numbers that have a slider, with the ranges of their sliders.
   get list() {
     return [...this.#rows.values()].map(({ knob, low, high }) => ({ ...knob, low, high }));
   }

@@ -1,7 +1,7 @@
 // What the JSON Schema says of a place in a specification: the keys that may stand there, the values, and their
 // meaning.
 
-// Returns the schemas that a value may satisfy: references are followed, and alternatives listed.
+// Returns the JSON Schemas that a value may satisfy by `schema`: references are followed, and alternatives listed.
 function alternatives(schema, root, depth = 0) {
   if (schema === undefined || schema === null || depth > 12) return [];
   if (schema.$ref) {
@@ -14,14 +14,14 @@ function alternatives(schema, root, depth = 0) {
   return [schema];
 }
 
-// Returns those alternatives that have keys of `value`, or all if none has.
+// Returns those of the alternative schemas that have keys of `value`, or all if none has.
 function fitting(all, value) {
   const keys = value !== null && typeof value === "object" && !Array.isArray(value) ? Object.keys(value) : [];
   const known = all.filter((one) => one.properties && keys.some((key) => Object.hasOwn(one.properties, key)));
   return known.length > 0 ? known : all;
 }
 
-// Returns the schemas of the value at `path`, a list of keys and indices, in the document `value`, which may be
+// Returns the JSON Schemas of the value at `path`, a list of keys and indices, in the document `value`, which may be
 // incomplete.
 export function schemasAt(root, path, value) {
   let [here, at] = [alternatives(root, root), value];
@@ -35,7 +35,7 @@ export function schemasAt(root, path, value) {
   return fitting(here, at);
 }
 
-// Returns the keys that may stand in the object at `path`: {key, description, required, sample}.
+// Returns the keys that may stand in the object at `path` of a specification: {key, description, required, sample}.
 export function keysAt(root, path, value) {
   const found = new Map();
   for (const schema of schemasAt(root, path, value)) {
@@ -46,12 +46,12 @@ export function keysAt(root, path, value) {
   return [...found.values()];
 }
 
-// Returns the words that the value at `path` may be.
+// Returns the words that the value at `path` of a specification may be.
 export function valuesAt(root, path, value) {
   return schemasAt(root, path, value).flatMap((schema) => (schema.enum ?? []).map((word) => ({ word, description: schema.description ?? "" })));
 }
 
-// Returns the description of the key at the end of `path`.
+// Returns the description of the key at the end of `path` in a specification.
 export function meaningOf(root, path, value) {
   const parents = schemasAt(root, path.slice(0, -1), value);
   const key = path.at(-1);
@@ -71,7 +71,7 @@ function descriptionOf(schema, root) {
   return inner?.description ?? alternatives(schema, root)[0]?.description ?? "";
 }
 
-// Returns the text that completion writes as the value of a key.
+// Returns the text that completion in the editor writes as the value of a key.
 function sample(schema, root) {
   const all = alternatives(schema, root);
   const is = (type) => all.some((one) => [one.type].flat().includes(type));
@@ -89,7 +89,7 @@ const FUNCTIONS = [
   "min", "max", "heaviside", "pow", "floor", "ceil", "round", "mod", "if", "pwm", "sawtooth", "triangle", "pulse", "sum",
 ];
 
-// Returns the names that an expression of a document may use, with what they stand for.
+// Returns the names that an expression of a specification may use, with what they stand for.
 export function namesOf(value) {
   const names = new Map([["t", "the time"], ["pi", "3.14159..."], ...FUNCTIONS.map((name) => [name, "function"])]);
   const [inner] = Object.values(value?.problem ?? {});
@@ -105,6 +105,6 @@ export function namesOf(value) {
   return names;
 }
 
-// Whether the value at `path` may be an expression.
+// Whether the value at `path` of a specification may be an expression.
 export const takesExpression = (root, path, value) =>
   schemasAt(root, path, value).some((schema) => schema.type === "string" && !schema.enum) && path[0] === "problem";

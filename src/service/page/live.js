@@ -15,8 +15,8 @@ export class Live {
   #waiting = null; // the newest text, which has not been requested yet
   #going = null; // the pending request, {text, controller, since}
 
-  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are called with the outcome of a request;
-  // `busy(is)` is called when requests begin and end.
+  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are called with the outcome of a request for a
+  // solve; `busy(is)` is called when requests begin and end.
   constructor({ answer, slow, refused, busy }) {
     [this.#answer, this.#slow, this.#refused, this.#busy] = [answer, slow, refused, busy];
   }
@@ -44,7 +44,8 @@ export class Live {
     try {
       const answer = await solveNow(text, LONGEST, controller.signal);
       if (controller.signal.aborted) return;
-      // The next text is requested first, so that the service solves it while the page draws this answer.
+      // The next text of the specification is requested first, so that the service solves it while the page draws this
+      // answer.
       this.#ended(going);
       if (answer === null) this.#slow(text);
       else this.#answer(answer, text);
@@ -58,7 +59,8 @@ export class Live {
     }
   }
 
-  // Ends a request and sends the newest text. A second call for the same request does nothing.
+  // Ends a request for a solve and sends the newest text of the specification. A second call for the same request does
+  // nothing.
   #ended(going) {
     clearTimeout(going.giveUp);
     if (this.#going !== going) return;

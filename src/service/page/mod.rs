@@ -139,7 +139,7 @@ impl File {
     fn compressed(&'static self) -> &'static [u8] {
         self.compressed.get_or_init(|| {
             let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-            // Writing to memory cannot fail.
+            // Writing compressed bytes to memory cannot fail.
             let _ = encoder.write_all(self.text.as_bytes());
             encoder.finish().unwrap_or_default()
         })

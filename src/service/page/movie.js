@@ -1,5 +1,5 @@
-// A moving picture as a WebM file: it is played once from start to end, at the chosen speed, and recorded as it is
-// drawn.
+// The moving picture of an answer as a WebM file: it is played once from start to end, at the chosen speed, and
+// recorded as it is drawn.
 
 const RATE = 30; // frames per second
 const BITS = 4e6; // bits per second

@@ -13,10 +13,11 @@ export function number(value, digits = 5) {
   return whole ? value.toLocaleString("en").replaceAll(",", "\u202f") : trimmed(value.toPrecision(digits));
 }
 
-// Removes trailing zeros. Rounding may have carried a number into the next power of ten.
+// Removes trailing zeros from a formatted number. Rounding may have carried the number into the next power of ten.
 const trimmed = (text) => (text.includes("e") ? String(Number(text)) : text.includes(".") ? text.replace(/\.?0+$/, "") : text);
 
-// Formats a measurement beside its allowed value. JSON has no infinity: the largest number stands for it.
+// Formats a measured value of a check of the solution beside its allowed value. JSON has no infinity: the largest
+// number stands for it.
 export const measured = ({ value, allowed }) => {
   const told = Math.abs(value) === Number.MAX_VALUE ? "not finite" : number(value, 3);
   return `${told}, allowed ${number(allowed, 3)}`;

@@ -85,7 +85,7 @@ function textRested() {
   checkText({ solves: byId("live").checked && quick && followed === null });
 }
 
-// Checks the text of the editor, and solves it if `solves` is set and the text is correct.
+// Checks the specification in the editor, and solves it if `solves` is set and the specification is correct.
 async function checkText({ solves = false } = {}) {
   checking?.abort();
   checking = new AbortController();
@@ -162,8 +162,8 @@ function tellRefusal(refusal, text) {
   );
 }
 
-// Returns the lines of errors. A text that is not JSON is wrong where its parser stopped, which is later than where
-// the value at the nearest pointer begins.
+// Returns the lines of errors of the specification. A text that is not JSON is wrong where its parser stopped, which is
+// later than where the value at the nearest pointer begins.
 function places(errors, text) {
   const lines = linesOf(text, errors.map((error) => error.pointer));
   return errors.map((error, i) => {
@@ -192,7 +192,7 @@ function turn(pointer, value, done) {
   editor.write(pointer, value, done);
   const { text } = editor;
   if (text === shown?.text) return;
-  // If the answer comes at once, a mark would flicker, so that the mark is delayed.
+  // If the answer comes at once, a mark of the old answer would flicker, so that the mark is delayed.
   marking ??= setTimeout(markStale, SEEN);
   if (byId("live").checked && followed === null) live.solve(text);
   if (done) {
@@ -210,8 +210,8 @@ function openCell(pairs) {
   });
 }
 
-// Shows a live answer. While a slider is dragged, only the curves in view follow every answer, and the picture
-// follows some of them; everything else is updated when the slider rests, or when the verdict changes.
+// Shows the answer of a live solve. While a slider is dragged, only the curves in view follow every answer, and the
+// picture follows some of them; everything else is updated when the slider rests, or when the verdict changes.
 function showLive(answer, text) {
   quick = true;
   const specification = lenient(text);
@@ -232,7 +232,8 @@ function presentLive(run) {
   tellLive(run, run.text);
 }
 
-// Shows whether a live request is pending. A slider counts as resting when a short time has passed without requests.
+// Shows whether a request for a live solve is pending. A slider counts as resting when a short time has passed without
+// requests.
 function tellBusy(is) {
   byId("result").setAttribute("aria-busy", is);
   clearTimeout(resting);
@@ -338,7 +339,7 @@ async function follow(id, text) {
   await show(status, text === null && known !== null ? pretty(known) : known);
 }
 
-// Formats a specification on one long line; a text with line breaks stays unchanged.
+// Breaks a specification on one long line into formatted lines; a text with line breaks stays unchanged.
 function pretty(text) {
   if (text.includes("\n") || text.length < 120) return text;
   try {
@@ -396,7 +397,7 @@ function forgetShown() {
   stage.clear();
 }
 
-// Shows the status of a job without an answer, and nothing of another run.
+// Shows the status of a job that has no answer, and nothing of another run.
 function presentNothing(status) {
   shown = null;
   [other, ghost] = [null, null];
@@ -536,7 +537,7 @@ function unmarked(figure) {
 
 const ground = () => getComputedStyle(document.body).backgroundColor;
 
-// Saves the picture at the time of the cursor as a PNG file.
+// Saves the picture of the answer at the time of the cursor as a PNG file.
 async function picture() {
   const canvas = byId("stage").querySelector("canvas");
   if (canvas === null) return tellMessage("There is no picture.");
@@ -556,7 +557,7 @@ async function html() {
   stage.draw(clock.time);
 }
 
-// Records the picture, played once, and saves it as a film.
+// Records the picture of the answer, played once over its time horizon, and saves it as a film.
 async function film() {
   const canvas = byId("stage").querySelector("canvas");
   if (canvas === null) return tellMessage("There is no moving picture.");
@@ -630,7 +631,7 @@ function listJobs() {
 
 async function forget(id) {
   keep(remembered().filter((job) => job.id !== id));
-  // The service may have deleted the job already.
+  // The service may have deleted the job already, so that an error is ignored.
   await service.forget(id).catch(() => {});
   offerOthers();
 }

@@ -4,13 +4,14 @@
 // on a stack of its own, and of that path only the part that wanted pointers share: depth costs neither recursion nor
 // memory beyond its size.
 
-// Returns the line, counted from 0, on which each of `pointers` begins: the key of a member, or an element. A pointer
-// to a missing value gets the line of the nearest value around it.
+// Returns the line of the text, counted from 0, on which each of `pointers` (JSON pointers) begins: the key of a
+// member, or an element. A pointer to a missing value gets the line of the nearest value around it.
 export function linesOf(text, pointers) {
   return found(text, pointers).map((path) => lineAt(text, path.findLast((place) => place.start !== null)?.start ?? 0));
 }
 
-// Returns the offsets [from, to) of the values to which `pointers` refer, null for missing values.
+// Returns the offsets [from, to) in the text of the values to which the JSON pointers `pointers` refer, null for
+// missing values.
 export function rangesOf(text, pointers) {
   const paths = found(text, pointers);
   return paths.map((path, i) => {
@@ -19,7 +20,7 @@ export function rangesOf(text, pointers) {
   });
 }
 
-// Returns the positions of the values on the path of each of `pointers`.
+// Returns the positions in the text of the values on the path of each of the JSON pointers `pointers`.
 function found(text, pointers) {
   const root = place();
   const wanted = pointers.map((pointer) => {
@@ -42,10 +43,10 @@ export function lineAt(text, offset) {
   return line;
 }
 
-// A position: `start` is the offset of a key or element, `from` and `to` are the offsets of its value.
+// A position in a JSON text: `start` is the offset of a key or element, `from` and `to` are the offsets of its value.
 const place = () => ({ start: null, from: null, to: null, children: new Map() });
 
-// Sets the offsets of `root` and of the positions below it. Of members with the same key the last counts.
+// Sets the offsets in the text of `root` and of the positions below it. Of members with the same key the last counts.
 function find(text, root) {
   const open = []; // the objects and lists around the current token: {place, index}, with the index for lists only
   let keyed = false; // whether the key of a member has been read, and its value comes next

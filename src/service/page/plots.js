@@ -41,7 +41,7 @@ export class Plots {
   #sight = new IntersectionObserver((changes) => this.#sighted(changes), { rootMargin: `-${EDGE}px` }); // observes which panels are in view
   #hurried = false; // whether a slider is dragged
 
-  // Called with a time when the reader clicks on it.
+  // Called with a time when the reader clicks on that time in a plot.
   picked = () => {};
 
   constructor(root, hover) {
@@ -74,7 +74,7 @@ export class Plots {
     this.#build();
   }
 
-  // Returns the data of the panels, from which a figure for papers is drawn.
+  // Returns the data of the panels of the plot, from which a figure for papers is drawn.
   figure() {
     return this.#panels.map((panel) => ({
       ...panel.group,
@@ -88,14 +88,14 @@ export class Plots {
     return this.#span;
   }
 
-  // Draws the time cursor of the pictures in all panels.
+  // Draws the time cursor of the pictures in all panels of the plot.
   setTime(time) {
     this.#time = time;
     this.#placeHeads();
   }
 
-  // Draws new values in the same panels, as a slider demands many times a second. Returns false if the panels have to
-  // be built anew.
+  // Draws new values in the same panels of the plot, as a slider demands many times a second. Returns false if the
+  // panels have to be built anew.
   #renew() {
     if (!(this.#hurried ? this.#canShow() : this.#suits())) return false;
     for (const panel of this.#panels) {
@@ -134,7 +134,7 @@ export class Plots {
     });
   }
 
-  // Draws panels that came into view, and notes those that left it.
+  // Draws panels of the plot that came into view, and notes those that left it.
   #sighted(changes) {
     for (const { target, isIntersecting } of changes) {
       const panel = this.#panels.find(({ canvas }) => canvas === target);
@@ -182,8 +182,8 @@ export class Plots {
     return shown;
   }
 
-  // Returns the columns of a panel. The ghost comes first, behind all lines; without a ghost its columns are empty,
-  // so that a panel can get a ghost without being built anew.
+  // Returns the columns of a panel of the plot. The ghost (an earlier run) comes first, behind all lines; without a
+  // ghost its columns are empty, so that a panel can get a ghost without being built anew.
   #data(series) {
     const ghosts = series.map(({ run, field }) => (this.#ghost === null ? { run, field: null } : { run: this.#ghost, field }));
     const all = [...ghosts, ...series];
@@ -376,7 +376,7 @@ export class Plots {
       if (plot.scales.x.min !== min || plot.scales.x.max !== max) plot.setScale("x", { min, max });
     }
     this.#placeHeads();
-    // uPlot reports a new scale after the current task.
+    // The uPlot library reports a new scale after the current task.
     queueMicrotask(() => queueMicrotask(() => (this.#syncing = false)));
   }
 
@@ -417,7 +417,7 @@ export class Plots {
 
 const isOf = (event, field) => field === event.of || field.startsWith(`${event.of}_`) || field.endsWith(`(${event.of})`);
 
-// Returns a range with some room above and below; for a constant, with room as large as the constant.
+// Returns a range of an axis with some room above and below; for a constant, with room as large as the constant.
 function roomy(low, high) {
   if (low == null || high == null) return [0, 1];
   const room = isConstant([low, high]) ? Math.abs(low) / 2 || 1 : (high - low) * 0.06;

@@ -23,7 +23,7 @@ export class Previews {
   #going = null; // the example being solved, {card, controller}
   #refused = false;
 
-  // `root` contains the cards, each with a canvas and the name of its example.
+  // `root` contains the cards of the gallery, each with a canvas and the name of its example.
   constructor(root) {
     root.append(this.#bench);
     const observer = new IntersectionObserver((entries) => entries.forEach(({ target, isIntersecting }) => (isIntersecting ? this.#enter(target) : this.#leave(target))));
@@ -55,14 +55,15 @@ export class Previews {
       this.#known.set(card, found);
       if (found) await this.#still(card);
     } catch (error) {
-      // Another part of the page reports what the service lacks.
+      // The error is not shown here: another part of the page reports why the service refuses requests.
       if (!signal.aborted) this.#refused = error instanceof Refused;
     }
     this.#going = null;
     if (!this.#refused) this.#next();
   }
 
-  // Calls `act` with a function that draws the picture of a card at a given fraction of its time horizon.
+  // Calls `act` with a function that draws the picture of a card of the gallery at a given fraction of its time
+  // horizon.
   async #drawn(card, act) {
     const { kind, run } = this.#known.get(card);
     const picture = (await kind?.make(run.specification, run, {})) ?? curves(run);
@@ -115,7 +116,7 @@ async function solved(name, signal) {
   return run?.t?.length > 2 ? { kind, run } : null;
 }
 
-// Draws curves of the first fields that change, each over its own range.
+// Draws the curves of the first fields of a run that change, each over its own range.
 function curves({ t, fields }) {
   const shown = Object.values(fields).filter((values) => values.every(Number.isFinite) && !isConstant(range(values))).slice(0, CURVES);
   let time = t[0];

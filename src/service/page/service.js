@@ -13,18 +13,18 @@ export class Refused extends Error {
 // The path prefix of every URL of the service; empty if the service is at the root of its host.
 export const base = new URL("..", import.meta.url).pathname.slice(0, -1);
 
-// A token that the service requires is kept until the tab is closed, and sent with every request.
+// An access token that the service requires is kept until the tab is closed, and sent with every request.
 const token = () => sessionStorage.getItem("token");
 export const useToken = (text) => sessionStorage.setItem("token", text);
 
-// Returns what a token does not allow, in the words of this page.
+// Says what an access token does not allow, in the words of this page.
 const lacking = (options) =>
   (options.method ?? "GET") === "GET"
     ? "Your token does not allow reading jobs; use another."
     : "Your token allows reading jobs, but not checking, solving or cancelling; use another.";
 
-// Sends a request. If a token is missing, the page asks the user for one, unless `quiet` says that nobody waits for
-// the answer.
+// Sends a request to the service. If an access token is missing, the page asks the user for one, unless `quiet` says
+// that nobody waits for the answer.
 async function ask(address, { quiet = false, ...options } = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;

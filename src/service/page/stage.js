@@ -70,7 +70,8 @@ export class Stage {
     const cost = run.diagnostics.wall_seconds ?? 0;
     const make = () => this.#make(kind, specification, text);
     if (cost <= AT_ONCE) {
-      // If a slider is about to move again, the solves for its values come first: the solve of the film is delayed.
+      // If a slider is about to move again, the solves for its values come first: the solve for the film of the picture
+      // is delayed.
       this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
       return;
     }
@@ -120,10 +121,10 @@ export class Stage {
     }
   }
 
-  // Draws a run, unless `signal` is aborted meanwhile.
+  // Draws the picture of a run, unless `signal` is aborted meanwhile.
   async #put(kind, run, text, signal = null) {
     const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
-    // While a slider is dragged, keeping the canvas spares the page a new layout for each answer.
+    // While a slider is dragged, keeping the canvas of the picture spares the page a new layout for each answer.
     const picture = await kind.make(run.specification, run, { bundle, canvas: this.#picture?.element });
     if (signal?.aborted) return picture?.dispose();
     if (picture === null) return this.clear();

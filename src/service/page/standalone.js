@@ -24,8 +24,8 @@ play.addEventListener("click", () => {
 });
 show(0);`;
 
-// Copies a canvas, which is transparent on the page, onto a background. The copy is made at once, since the drawing
-// buffer of a scene is kept for one frame only.
+// Copies the canvas of a picture, which is transparent on the page, onto a background. The copy is made at once, since
+// the drawing buffer of a scene is kept for one frame only.
 export function flattened(canvas, background) {
   const copy = document.createElement("canvas");
   [copy.width, copy.height] = [canvas.width, canvas.height];
@@ -38,8 +38,8 @@ export function flattened(canvas, background) {
 
 export const still = (canvas, background) => new Promise((resolve) => flattened(canvas, background).toBlob(resolve, "image/png"));
 
-// `canvas` may be null; `draw(time)` draws on it. `verdict` and `claims` are elements of the page, whose links are
-// removed, since they would lead nowhere in a file.
+// `canvas` may be null; `draw(time)` draws the picture on it. `verdict` and `claims` are elements of the page, whose
+// links are removed, since they would lead nowhere in a file.
 export function standalone({ title, text, t, canvas, draw, background, figure, verdict, claims }) {
   const file = document.implementation.createHTMLDocument(title);
   const unlinked = (part) => {
@@ -69,8 +69,8 @@ export function standalone({ title, text, t, canvas, draw, background, figure, v
   }
   file.body.prepend(element("h1", {}, title), unlinked(verdict));
   file.body.append(figure, unlinked(claims), element("h2", {}, "Specification"), element("pre", {}, text), ...player);
-  // The style is added to the text, since the content security policy of the page would refuse a style element in a
-  // document.
+  // The style is added to the text of the file, since the content security policy of the page would refuse a style
+  // element in a document.
   const styled = file.documentElement.outerHTML.replace("</head>", () => `<style>${STYLE}</style></head>`);
   return new Blob([`<!doctype html>\n${styled}`], { type: "text/html" });
 }

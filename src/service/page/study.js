@@ -3,7 +3,7 @@
 import { element } from "./element.js";
 import { number, seconds } from "./numbers.js";
 
-// The picture is shown as an image, so that no script in it can run.
+// The picture of the study is shown as an image, so that no script in it can run.
 export function study({ reference, series, picture }) {
   const image = new Blob([picture], { type: "image/svg+xml" });
   const address = URL.createObjectURL(image);

@@ -7,7 +7,7 @@ import { number } from "./numbers.js";
 const KNOWN = new Set([
   "version", "status", "verdict", "error", "trajectory", "diagnostics", "study", "t", "fields", "events", "id", "label", "text", "specification",
 ]);
-// Parts that are folded: they matter when results are passed on, not when they are viewed.
+// Parts of an answer that are folded: they matter when results are passed on, not when they are viewed.
 const FOLDED = new Set(["provenance"]);
 const ROWS = 200;
 
@@ -31,8 +31,8 @@ const told = (value) => {
 
 const isObject = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
-// Returns a table of a list of similar objects, of columns of equal length, or of names with short values; null for
-// others.
+// Returns a table of a part of an answer: a list of similar objects, columns of equal length, or names with short
+// values; null for others.
 function tableOf(value) {
   if (Array.isArray(value) && value.length > 0 && value.every((row) => row !== null && typeof row === "object" && !Array.isArray(row))) {
     const columns = [...new Set(value.flatMap((row) => Object.keys(row)))];

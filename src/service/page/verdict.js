@@ -21,7 +21,7 @@ function one(run, whose) {
   return [told, list("reasons", because.map(reason)), list("caveats", caveats.map(({ message }) => [element("span", {}, message)]))];
 }
 
-// The sign is visible only: screen readers get the words, which say the same.
+// The sign of the badge is visible only: screen readers get the words, which say the same.
 const badge = (trusted, sign, words, hint) =>
   element(
     "p",

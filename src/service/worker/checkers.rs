@@ -27,7 +27,7 @@ pub enum Checked {
     Died(Death),
 }
 
-/// The idle worker processes for checks; each is started when a check first needs it.
+/// The idle worker processes that check specifications; each is started when a check first needs it.
 pub struct Checkers {
     resting: Mutex<Vec<Supervisor>>,
     launcher: Launcher,
@@ -36,8 +36,8 @@ pub struct Checkers {
 }
 
 impl Checkers {
-    /// Creates a pool without workers. A worker that holds more than `keep` bytes of memory between checks is
-    /// replaced.
+    /// Creates a pool of worker processes for checks, none of which is started yet. A worker that holds more than
+    /// `keep` bytes of memory between checks is replaced.
     pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Arc<Self> {
         Arc::new(Self { resting: Mutex::default(), launcher, keep, notice })
     }
@@ -97,14 +97,14 @@ impl Checkers {
     }
 }
 
-/// A request for the check of a document, shared with the task that performs the check.
+/// A request for the check of a specification document, shared with the task that performs the check.
 #[derive(Debug, Default)]
 struct CheckRequest {
     halted: Notify,
     is_unwanted: AtomicBool,
 }
 
-/// A guard of a request for a check: dropping the guard stops the check.
+/// A guard of a request for the check of a specification: dropping the guard stops the check.
 struct Waits(Arc<CheckRequest>);
 
 impl Drop for Waits {

@@ -33,7 +33,7 @@ const WHOLE: ABI = ABI::V3;
 /// access to files.
 static SIZES: LazyLock<Option<File>> = LazyLock::new(|| File::open("/proc/self/statm").ok());
 
-/// The size of a buffer for the seven page counts of `/proc/self/statm` as text, in bytes.
+/// The size in bytes of a buffer for the text of `/proc/self/statm`, seven numbers of pages.
 const SIZES_BYTES: usize = 256;
 
 /// The limits in force on a worker process; a limit that could not be set is absent.

@@ -34,7 +34,7 @@ impl Death {
         }
     }
 
-    /// The code of the cause of death, for programs.
+    /// Returns the code of the cause of death of the worker, for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooMuchMemory(_) => "too_much_memory",

@@ -6,7 +6,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{self, Read, Write};
 
-/// The size of the header of a frame, in bytes: the length of the message and the length of its payload.
+/// The size of the header of a frame (a message with its payload), in bytes: the length of the message and the length
+/// of the payload.
 const HEAD: usize = 8;
 
 /// The largest size, in bytes, of a message (some hundred events, or the reasons of a verdict) and of the payload of
@@ -33,7 +34,7 @@ pub fn head<M: Serialize>(message: &M, bytes: usize) -> io::Result<Vec<u8>> {
 /// I/O errors of `out`.
 pub fn write<M: Serialize>(out: &mut impl Write, message: &M, bytes: &[u8]) -> io::Result<()> {
     let mut frame = head(message, bytes.len())?;
-    // A short payload is copied behind its message, so that one write suffices.
+    // A short payload is copied behind its message, so that one write to the pipe suffices.
     if bytes.len() <= 64 << 10 {
         frame.extend_from_slice(bytes);
         return out.write_all(&frame);
@@ -69,7 +70,8 @@ fn parts(lengths: [u8; HEAD]) -> io::Result<(usize, usize)> {
     Ok((message, bytes))
 }
 
-/// A decoder of a stream of frames: input is appended to its buffer, and complete frames are taken from the buffer.
+/// A decoder of a stream of frames (messages with payloads): input is appended to its buffer, and complete frames are
+/// taken from the buffer.
 #[derive(Debug, Default)]
 pub struct Decoder {
     /// The bytes of the stream that have not been decoded; new bytes are appended.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 
-/// A worker that has been started, with the pipes to it.
+/// A worker that has been started, with the pipes that lead to it.
 #[derive(Debug)]
 pub struct Start {
     /// The pipe that carries orders to the worker.
@@ -23,8 +23,8 @@ pub struct Start {
 /// A function that starts a worker.
 pub type Launcher = Arc<dyn Fn() -> io::Result<Start> + Send + Sync>;
 
-/// The executable of this process, even if its file has been replaced, so that the front process and its workers are
-/// of one version.
+/// The executable of this process, even if its file has been replaced, so that the front process (which serves HTTP)
+/// and its workers are of one version.
 pub const SELF: &str = "/proc/self/exe";
 
 /// Returns a launcher of worker processes of `program`, or else of the executable of this process, each with

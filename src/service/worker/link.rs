@@ -46,7 +46,7 @@ const LAST_WORDS: usize = 4 << 10;
 pub const FAIR: u32 = 4;
 const LOWERED: i32 = 10;
 
-/// A duration that stands for the time limit of a task without a limit.
+/// A duration that stands for the time limit of a task that has none.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
 /// A task for a worker: to solve or to check a specification document.
@@ -73,11 +73,11 @@ pub struct Task<'a> {
 pub struct Watch<'a> {
     /// The ids of job, request and trace under which the worker logs the task.
     pub origin: &'a Origin,
-    /// Receives the progress and the events of the solve.
+    /// The control of the solve, to which the worker's reports of progress and events are passed.
     pub control: &'a Control,
     /// Notified when the task is to stop.
     pub halted: &'a Notify,
-    /// Whether the results that the task has so far are unwanted.
+    /// Whether the results that the task has so far are unwanted, when it is to stop.
     pub is_unwanted: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -99,7 +99,7 @@ pub enum Finished {
 /// The results of a solve, as the worker sends them.
 #[derive(Debug)]
 pub enum Left {
-    /// Short results, sent as JSON.
+    /// Short results of the solve, sent as JSON.
     Text(Vec<u8>),
     /// Long results, written in the columnar format to [`Task::long`], with their fingerprints.
     Columns(Prints),
@@ -119,7 +119,7 @@ pub struct Link {
     pub id: u32,
     /// The number of the latest task that the worker was given.
     task: u64,
-    /// The limits in force on the worker process.
+    /// The resource and access limits in force on the worker process.
     pub confinement: Confinement,
     /// The start-up time of the worker. It is also the time that a worker has to stop a task whose results are
     /// unwanted: to wait longer would cost more than to start another worker.
@@ -217,7 +217,8 @@ impl Link {
                         // The worker sends results, so that its solve has stopped in time; to send the results may
                         // take longer than the deadline.
                         end = end.max(Instant::now() + OVERRUN);
-                        // A worker checks the size limit itself, so that exceeding it is a defect of the worker.
+                        // A worker checks the size limit of results itself, so that exceeding it is a defect of the
+                        // worker.
                         written += bytes.len();
                         if written > limits.result_bytes.saturating_mul(COLUMNS) {
                             return Err(Loss::Died(self.defect("a result beyond its bound").await));
@@ -319,7 +320,7 @@ impl Link {
     }
 
     async fn defect(&mut self, message: &str) -> Death {
-        // Standard error contains the source location of a panic.
+        // The worker's standard error contains the source location of a panic.
         let words = self.end(Process::kill).await.unwrap_or_default();
         Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
     }

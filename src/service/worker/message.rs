@@ -56,12 +56,12 @@ pub enum Order {
         /// The ids of the request and trace of the task, for the log.
         origin: Origin,
     },
-    /// An order to report the progress of the task.
+    /// An order to report the progress of the worker's task.
     Look {
         /// The number of the task whose progress is asked for.
         task: u64,
     },
-    /// An order to stop the task at its next step.
+    /// An order to stop the worker's task at its next step.
     Cancel {
         /// The number of the task to stop.
         task: u64,
@@ -72,41 +72,41 @@ pub enum Order {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
-    /// The worker is ready to take orders.
+    /// The worker has started and is ready to take orders.
     Ready {
         /// The version of the messages, [`VERSION`].
         version: u32,
-        /// The limits in force on the worker process.
+        /// The resource and access limits in force on the worker process.
         confinement: Confinement,
     },
     /// The worker has received the specification document.
     Taken {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
     },
     /// The worker has read the specification, and its solve has begun.
     Begun {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
     },
     /// The worker reports the progress of its task.
     Progress {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
         /// The steps, the time and the events of the solve so far.
         progress: Progress,
     },
     /// The payload is the next bytes of a long result in the columnar format.
     Piece {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
     },
     /// The solve has returned; the payload is short results as JSON, the last bytes of long ones, or the rows of
     /// members of a sweep.
     Solved {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
-        /// The fingerprints of long results; `None` for short ones.
+        /// The fingerprints (length and digest) of long results; `None` for short results.
         columns: Option<Prints>,
         /// The number of rows in the payload, if the task was a part of a sweep.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -115,40 +115,40 @@ pub enum Report {
         solved: Box<Solved>,
         /// The final progress of the solve.
         progress: Progress,
-        /// The resident memory of the worker, in bytes.
+        /// The resident memory of the worker after the task, in bytes.
         resident: u64,
     },
     /// The specification is correct; the payload is its summary, as JSON.
     Checked {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
         /// The properties of the specification that the front process needs.
         facts: Facts,
-        /// The resident memory of the worker, in bytes.
+        /// The resident memory of the worker after the task, in bytes.
         resident: u64,
     },
     /// The specification has errors; the payload lists them, as JSON.
     Refused {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
         /// Whether the check of the specification was stopped before its end.
         interrupted: bool,
     },
     /// The solve was not begun, since its estimated memory exceeds the limit.
     TooMuchMemory {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
         /// The estimated memory of the solve, in bytes.
         estimate: usize,
     },
     /// The results of the solve exceed their size limit.
     TooLarge {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
     },
     /// The solver panicked, and the worker takes no more orders.
     Defect {
-        /// The number of the task that the report is about.
+        /// The number of the worker's task that is reported on.
         task: u64,
         /// The message of the solver's panic.
         message: String,
@@ -218,7 +218,7 @@ impl Origin {
         Self { job, request, traceparent: context.trace.map(|trace| trace.traceparent()) }
     }
 
-    /// Makes the task's `span` part of the trace that these ids name.
+    /// Makes `span`, the logging span of the task, a part of the trace that these ids name.
     pub fn join(&mut self, span: &Span) {
         let trace = self.traceparent.as_deref().and_then(Trace::read);
         self.traceparent = trace::join(span, trace).map(|trace| trace.traceparent());
@@ -238,13 +238,13 @@ impl Origin {
 /// The limits of a task of a worker.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Limits {
-    /// The largest number of accepted steps.
+    /// The largest number of accepted steps of a solve.
     pub steps: u64,
-    /// The largest memory in bytes, as estimated before a solve or measured by it.
+    /// The largest memory of a solve in bytes, as estimated before it or measured by it.
     pub memory: usize,
-    /// The largest wall-clock time in seconds, if it is limited.
+    /// The largest wall-clock time of the task in seconds, if it is limited.
     pub wall_seconds: Option<f64>,
-    /// The largest size of the results as JSON, in bytes.
+    /// The largest size of the results of a solve as JSON, in bytes.
     pub result_bytes: usize,
 }
 
@@ -306,7 +306,7 @@ pub struct Prints {
     pub index: Fingerprint,
 }
 
-/// The progress of a solve.
+/// The progress of a solve, as its worker reports it.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Progress {
     /// The fraction of the time horizon that has been integrated, in `[0, 1]`.
@@ -325,7 +325,7 @@ impl Progress {
         Self { fraction: control.fraction(), steps: control.steps(), events: control.events_after(told) }
     }
 
-    /// Reports this progress and its events to `control`.
+    /// Reports this progress of a worker's solve, with its events, to `control`.
     pub fn relay(self, control: &Control) {
         control.relay(self.events);
         control.report(self.fraction, self.steps);
@@ -335,11 +335,11 @@ impl Progress {
 /// The reason why a solve did not reach its end time.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Failed {
-    /// The code of the error, for programs.
+    /// The code of the error with which the solve failed, for programs.
     pub code: String,
     /// A description of the error, for people.
     pub message: String,
-    /// The time of the problem that the solve reached.
+    /// The time of the problem that the solve had reached when it failed.
     pub time: f64,
 }
 

@@ -14,38 +14,39 @@ use tokio::time::{Instant, sleep_until};
 /// runnable processes per processor than this, a slice gets less CPU time.
 const CROWDED: u32 = 4;
 
-/// The first time slice of a task of a worker.
+/// The first time slice of a task of a worker, after which the task may have to yield the worker.
 pub struct Slice<'a> {
-    /// The CPU time that the slice lasts.
+    /// The CPU time that the first time slice lasts.
     pub time: Duration,
-    /// Called when the first time slice of the task is over.
+    /// Function to call when the first time slice of the task is over.
     pub over: &'a (dyn Fn() + Sync),
 }
 
-/// A clock that measures the first time slice of a task.
+/// A clock that measures the first time slice of a worker's task.
 #[derive(Debug)]
 pub(super) struct SliceClock {
     /// The process id of the worker that performs the task.
     worker: u32,
-    /// The CPU time of the slice; `None` if there is no slice, or if it is over.
+    /// The CPU time of the first time slice; `None` if the task has no slice, or if the slice is over.
     time: Option<Duration>,
-    /// The CPU time of the worker when the specification was sent, or when the solve began, if the system reports it.
+    /// The CPU time that the worker had used when the specification was sent, or when the solve began, if the system
+    /// reports it.
     before: Option<Duration>,
     /// The time at which the worker reported that the solve had begun.
     solving_since: Option<Instant>,
-    /// The time of the next check whether the slice is over; `None` if a report of the worker must come first.
+    /// The time of the next check whether the time slice is over; `None` if a report of the worker must come first.
     next: Option<Instant>,
 }
 
 impl SliceClock {
-    /// Creates the clock of a slice of `time`, if there is a slice, for a specification that is about to be sent to
-    /// `worker`.
+    /// Creates the clock of a first time slice of `time`, if the task has a slice, for a specification that is about to
+    /// be sent to `worker`.
     pub fn new(time: Option<Duration>, worker: u32) -> Self {
         let next = time.map(|time| Instant::now() + time);
         Self { worker, time, before: effort(worker), solving_since: None, next }
     }
 
-    /// Begins the slice, when the worker has reported that the solve has begun.
+    /// Begins the first time slice, when the worker has reported that the solve has begun.
     pub fn begin(&mut self) {
         let now = Instant::now();
         self.solving_since = Some(now);
@@ -53,7 +54,7 @@ impl SliceClock {
         self.next = self.time.map(|time| now + time);
     }
 
-    /// Waits until the next time at which the slice may be over.
+    /// Waits until the next time at which the first time slice of the task may be over.
     pub async fn rings(&self) {
         match self.next {
             Some(next) => sleep_until(next).await,
@@ -61,14 +62,14 @@ impl SliceClock {
         }
     }
 
-    /// Whether the slice is over; true is returned only once.
+    /// Whether the first time slice of the task is over; true is returned only once.
     pub fn is_over(&mut self) -> bool {
         let Some(time) = self.time else { return false };
         let now = Instant::now();
         let had = effort(self.worker).zip(self.before).map(|(now, before)| now.saturating_sub(before));
         let earliest = had.map(|had| now + time.saturating_sub(had));
         self.next = match self.solving_since {
-            // If the system reports no CPU time of the worker, the elapsed time counts as the time of the slice.
+            // If the system reports no CPU time of the worker, the elapsed time counts as the time of the time slice.
             Some(since) => Some(earliest.unwrap_or(now).min(since + time * CROWDED)),
             None => earliest,
         };

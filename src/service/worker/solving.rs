@@ -56,7 +56,7 @@ pub fn serve(
     heard
 }
 
-/// The state shared by the thread that takes orders and the thread that solves.
+/// The state of a worker that is shared by the thread that takes orders and the thread that solves.
 struct Desk<W> {
     output: Mutex<W>,
     task: Mutex<Option<Task>>,
@@ -85,7 +85,8 @@ struct Assignment {
 }
 
 impl<W: Write> Desk<W> {
-    /// Takes orders until their stream ends, and assigns solves and checks to the solver thread.
+    /// Takes the orders of the front process until their stream ends, and assigns solves and checks to the solver
+    /// thread.
     fn hear(&self, input: &mut impl Read, assign: &Sender<Assignment>) -> io::Result<()> {
         while let Some((order, document)) = frame::read(input)? {
             match order {
@@ -165,7 +166,7 @@ fn within(begun: Instant, time: Option<Duration>) -> Control {
     }
 }
 
-/// Performs the assignments of the solver thread until there are no more, or until a panic, after which the state of
+/// Performs the assignments to the solver thread until there are no more, or until a panic, after which the state of
 /// the process is not trusted.
 fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
     for assignment in assigned {
@@ -201,7 +202,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         return desk.report(&Report::Checked { task, facts, resident }, &summary);
     }
     if members.is_some() && specification.sweep().is_none() {
-        // The front process never asks for a part of a specification that is not a sweep.
+        // The front process (which serves HTTP) never asks for a part of a specification that is not a sweep.
         return desk.report(&Report::Refused { task, interrupted: false }, b"[]");
     }
     // The time to read the specification is to be a small fraction of the time of a part of a sweep.
@@ -232,7 +233,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
             let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
             let (trajectory, table) = (&solution.trajectory, solution.table.as_ref());
             let index = Fingerprint::of(&write_columns(trajectory, table, &skeleton, &mut pieces)?);
-            // The last bytes, which remain in the buffer, are sent with the final report.
+            // The last bytes of the results, which remain in the buffer, are sent with the final report.
             (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }
     };
@@ -243,7 +244,8 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     desk.report(&Report::Solved { task, columns, rows: None, solved, progress, resident }, &rest)
 }
 
-/// Converts an order for a part of a sweep (a range of its members); the time limit of the part is at least `least`.
+/// Converts an order to solve a part of a sweep (a range of its members); the time limit of the part is at least
+/// `least`.
 fn chunk(members: Members, least: Duration) -> SweepChunk {
     let Members { first, end, lost, seconds } = members;
     let within = Duration::try_from_secs_f64(seconds).unwrap_or_default().max(least);
@@ -290,7 +292,7 @@ impl<W: Write> Write for Pieces<'_, W> {
     }
 }
 
-/// Returns the message of a panic.
+/// Returns the message of a panic of the solver.
 fn message(panic: &(dyn Any + Send)) -> &str {
     match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
         (Some(text), _) => text,

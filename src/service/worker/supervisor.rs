@@ -30,7 +30,7 @@ pub enum Event<'a> {
     NotStarted(&'a io::Error),
 }
 
-/// The reason why a worker gave no answer to an order.
+/// The reason why a worker gave no answer to an order: its death, before or after it received the specification.
 #[derive(Debug)]
 pub enum Loss {
     /// The worker died before it had received the specification.
@@ -39,8 +39,8 @@ pub enum Loss {
     Died(Death),
 }
 
-/// The largest number of workers in a row that may die before they have received a given specification. It is not the
-/// cause of their death, but the attempts must end.
+/// The largest number of workers in a row that may die before they have received a given specification, which then is
+/// not the cause of their death; the attempts must end all the same.
 const MOST_NOT_TAKEN: u32 = 5;
 
 /// The first and the longest pause between two attempts to start a worker.
@@ -51,7 +51,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 pub struct Supervisor {
     launcher: Launcher,
     link: Option<Link>,
-    /// The memory in bytes that a worker may hold between tasks without being replaced.
+    /// The memory in bytes that a worker may hold between tasks; a worker that holds more is replaced.
     keep: u64,
     notice: Notice,
 }

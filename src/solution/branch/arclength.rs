@@ -16,22 +16,22 @@ use factorisation::Singular;
 use nalgebra::{DMatrix, DVector};
 use numerics::Bracket;
 
-/// First, longest and shortest step along the branch, in units of the parameter interval or of the sizes of the
-/// unknowns; borders are located to the shortest step.
+/// First, longest and shortest step along a branch of solutions, in units of the parameter interval or of the sizes of
+/// the unknowns; borders (changes of the structure of the solution) are located to the shortest step.
 const FIRST: f64 = 0.02;
 const LONGEST: f64 = 0.05;
 const SHORTEST: f64 = 1e-9;
 /// Length of the first continuation step behind a border between two structures of the solution.
 const AGAIN: f64 = 1e-3;
-/// Growth factor of a step (`GROWTH`) after `STREAK` successive steps with at most `FEW` corrections each: near a
-/// border, steps that do not grow immediately halve the distance to it.
+/// Growth factor of a step along the branch (`GROWTH`) after `STREAK` successive steps with at most `FEW` Newton
+/// corrections each: near a border between two structures, steps that do not grow immediately halve the distance to it.
 const GROWTH: f64 = 1.5;
 const STREAK: usize = 3;
 const FEW: usize = 4;
 /// Largest number of Newton corrections of one point of the branch.
 const CORRECTIONS: usize = 8;
-/// Least cosine of the angles between successive tangents and the chord of their points: a sharper turn needs shorter
-/// steps, and so does a jump to another piece of the curve that is nearly parallel.
+/// Least cosine of the angles between the tangents at successive points of the branch and their chord: a sharper turn
+/// needs shorter steps, and so does a jump to another piece of the curve that is nearly parallel.
 const LEAST_COSINE: f64 = 0.9;
 /// Largest number of iterations in which an event on the branch is located (`TRIALS`), and the width of the interval
 /// to which it is located, relative to the step along the branch.
@@ -40,12 +40,14 @@ const WIDTH: f64 = 1e-9;
 /// Largest distance of a point of the branch from the plane at the distance `ds` along the tangent in which Newton's
 /// method seeks it, relative to `ds`.
 const ON_PLANE: f64 = 1e-3;
-/// Singular values below this fraction of the largest count as zero, as in the search for a single orbit.
+/// Singular values of the Jacobian below this fraction of the largest count as zero, as in the search for a single
+/// orbit.
 const RANK: f64 = 1e-8;
-/// Distance behind a border at which the continuation of the branch is sought, in units of the parameter interval.
+/// Distance behind a border (a change of the structure of the solution) at which the continuation of the branch is
+/// sought, in units of the parameter interval.
 const BEHIND: f64 = 1e-4;
 
-/// The equations of a family and their derivatives at one point.
+/// The equations of a family of solutions and their derivatives at one point.
 pub struct Evaluation<W> {
     /// The residuals of the equations, in units of their tolerances.
     pub residual: DVector<f64>,
@@ -54,18 +56,19 @@ pub struct Evaluation<W> {
     pub jacobian: DMatrix<f64>,
     /// The structure of the solution, which is constant along a smooth piece of the branch.
     pub word: W,
-    /// The numbers that determine stability, eigenvalues or multipliers as `[re, im]`, by which bifurcations are
+    /// The eigenvalues of a steady state or the multipliers of an orbit, as `[re, im]`, by which bifurcations are
     /// found.
     pub spectrum: Vec<[f64; 2]>,
-    /// Whether the point solves the problem itself, and not only the equations of its structure.
+    /// Whether the point solves the problem itself, and not only the equations of its structure (active face or
+    /// sequence of events).
     pub is_admissible: bool,
     /// Whether the solution at this parameter is isolated, according to its eigenvalues or multipliers.
     pub is_single: bool,
 }
 
-/// A family of equations `r(w, p) = 0` with a parameter `p`.
+/// A family of solutions, given by equations `r(w, p) = 0` for the unknowns `w` with a parameter `p`.
 pub trait Family {
-    /// The structure of a solution: active faces, or the sequence of events.
+    /// The structure of a solution: the active face of a steady state, or the sequence of events of an orbit.
     type Word: Clone + PartialEq;
 
     /// Evaluates the equations, with the structure of a nearby solution if they need one.
@@ -85,14 +88,14 @@ pub trait Family {
         None
     }
 
-    /// Records a point of the branch.
+    /// Records a point that has been added to the branch.
     fn accept(&mut self, _point: &Solved<Self::Word>) {}
 
     /// Whether a stop of the continuation is requested.
     fn is_stopped(&self) -> bool;
 }
 
-/// A solution in terms of other unknowns, such as the states at another point of a periodic orbit.
+/// A solution of the family in terms of other unknowns, such as the states at another point of a periodic orbit.
 pub struct ByOthers<W> {
     pub w: Vec<f64>,
     /// The change of the new unknowns along the branch.
@@ -113,14 +116,14 @@ pub struct Solved<W> {
     pub is_single: bool,
 }
 
-/// A test function of the spectrum and the tangent at a point, whose changes of sign are events.
+/// A test function of the spectrum and the tangent at a point of the branch, whose changes of sign are events.
 pub type Test = fn(&[[f64; 2]], &DVector<f64>) -> f64;
 
 /// An event on a branch of solutions, such as a bifurcation or a change of structure.
 #[derive(Clone, Debug)]
 pub struct Found<W> {
     pub at: Solved<W>,
-    /// The index of the last point before the event.
+    /// The index of the last point of the branch before the event.
     pub after: usize,
     pub what: What<W>,
 }
@@ -134,7 +137,7 @@ pub enum What<W> {
     Border(Option<W>),
 }
 
-/// The branch that was followed, with its events.
+/// The branch of solutions that was followed, with its events.
 pub struct Curve<W> {
     pub points: Vec<Solved<W>>,
     pub events: Vec<Found<W>>,
@@ -143,7 +146,7 @@ pub struct Curve<W> {
 }
 
 impl<W> Curve<W> {
-    /// Returns a message about points whose solutions are not isolated, if there are any.
+    /// Returns a message about points of the branch whose solutions are not isolated, if there are any.
     pub fn doubt(&self, name: &str, what: &str) -> Option<String> {
         let count = self.points.iter().filter(|point| !point.is_single).count();
         let first = self.points.iter().find(|point| !point.is_single)?;
@@ -156,7 +159,7 @@ impl<W> Curve<W> {
     }
 }
 
-/// The interval of the parameter, and the sizes of the unknowns.
+/// The interval of the continuation parameter, and the sizes of the unknowns.
 pub struct Scales {
     pub from: f64,
     pub to: f64,
@@ -168,7 +171,7 @@ impl Scales {
         self.unknowns.get(column).copied().unwrap_or((self.to - self.from).abs())
     }
 
-    /// Returns the fraction of the interval between its beginning and `p`.
+    /// Returns the fraction of the parameter interval between its beginning and `p`.
     fn passed(&self, p: f64) -> f64 {
         (p - self.from) / (self.to - self.from)
     }
@@ -207,7 +210,7 @@ impl<'f, F: Family> Continuation<'f, F> {
                 curve.ended = Some(stopped(&last));
                 return Ok(curve);
             }
-            // In units of the interval the parameter goes from 0 to 1; a branch that turns may return to its
+            // In units of the parameter interval the parameter goes from 0 to 1; a branch that turns may return to its
             // beginning.
             let (passed, along) = (self.scales.passed(last.p), last.tangent[n]);
             let end = if along > 0.0 { 1.0 } else { 0.0 };
@@ -256,13 +259,14 @@ impl<'f, F: Family> Continuation<'f, F> {
         Ok(curve)
     }
 
-    /// Whether a point is at the end of the parameter interval towards which its tangent leads.
+    /// Whether a point of the branch is at the end of the parameter interval towards which its tangent leads.
     fn is_at_end(&self, point: &Solved<F::Word>) -> bool {
         let end = if point.tangent[point.w.len()] > 0.0 { 1.0 } else { 0.0 };
         (self.scales.passed(point.p) - end).abs() <= SHORTEST
     }
 
-    /// Makes a step of length `ds` along the tangent; returns the point and the number of its corrections.
+    /// Makes a continuation step of length `ds` along the tangent; returns the point and the number of its Newton
+    /// corrections.
     fn step(&mut self, last: &Solved<F::Word>, ds: f64) -> Result<(Solved<F::Word>, usize), Failure> {
         let n = last.w.len();
         let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
@@ -270,7 +274,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         self.correct((&w, p), (&last.w, last.p), &last.tangent, ds, Some(&last.word))
     }
 
-    /// Makes a step to an end of the parameter interval, where the parameter is fixed.
+    /// Makes a continuation step to an end of the parameter interval, where the parameter is fixed.
     fn last_step(&mut self, last: &Solved<F::Word>, ds: f64, end: f64) -> Result<(Solved<F::Word>, usize), Failure> {
         let n = last.w.len();
         let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
@@ -284,7 +288,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         Ok((point, corrections))
     }
 
-    /// Returns the difference of two points, in the units of tangents.
+    /// Returns the difference of two points of the branch, in the units of tangents.
     fn way(&self, last: &Solved<F::Word>, next: &Solved<F::Word>) -> DVector<f64> {
         let n = last.w.len();
         let along = (next.p - last.p) / self.scales.of(n) * self.direction();
@@ -311,12 +315,12 @@ impl<'f, F: Family> Continuation<'f, F> {
         made.ok().filter(|(made, _)| made.word == word).map_or(point, |(made, _)| made)
     }
 
-    /// Returns the sign of the parameter direction from the beginning to the end of the interval.
+    /// Returns the sign of the direction from the beginning to the end of the parameter interval.
     fn direction(&self) -> f64 {
         (self.scales.to - self.scales.from).signum()
     }
 
-    /// Solves by Newton's method for the point at the distance `ds` from `origin` along `tangent`.
+    /// Solves by Newton's method for the point of the branch at the distance `ds` from `origin` along `tangent`.
     fn correct(
         &mut self,
         (w, p): (&[f64], f64),
@@ -362,8 +366,8 @@ impl<'f, F: Family> Continuation<'f, F> {
         Err(unsolved(&w, p))
     }
 
-    /// Returns the Jacobian with respect to unknowns in units of their sizes, bordered by the tangent as the last
-    /// row.
+    /// Returns the Jacobian of the equations with respect to unknowns in units of their sizes, bordered by the tangent
+    /// as the last row.
     fn bordered(&self, jacobian: &DMatrix<f64>, tangent: &DVector<f64>) -> DMatrix<f64> {
         let n = jacobian.nrows();
         let mut matrix = DMatrix::zeros(n + 1, n + 1);
@@ -375,7 +379,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         matrix
     }
 
-    /// Locates the sign changes of the test functions between two successive points.
+    /// Locates the sign changes of the test functions between two successive points of the branch.
     fn locate(&mut self, (last, next): (&Solved<F::Word>, &Solved<F::Word>), ds: f64, curve: &mut Curve<F::Word>) {
         // Where solutions are not isolated, the test functions are meaningless.
         if !(last.is_single && next.is_single) {
@@ -412,7 +416,8 @@ impl<'f, F: Family> Continuation<'f, F> {
         }
     }
 
-    /// Continues the branch behind a border if a solution exists there; returns whether it does.
+    /// Continues the branch behind a border (a change of the structure of the solution) if a solution exists there;
+    /// returns whether it does.
     fn cross(&mut self, last: &Solved<F::Word>, other: Option<F::Word>, curve: &mut Curve<F::Word>) -> bool {
         let n = last.w.len();
         let ahead: Vec<f64> = (0..n).map(|i| last.tangent[i] * self.scales.of(i)).collect();
@@ -431,7 +436,8 @@ impl<'f, F: Family> Continuation<'f, F> {
 }
 
 impl<F: Family> Continuation<'_, F> {
-    /// Returns the first point behind a border, with its tangent in the direction in which the branch continues.
+    /// Returns the first point of the branch behind a border, with its tangent in the direction in which the branch
+    /// continues.
     fn first_behind(
         &mut self,
         last: &Solved<F::Word>,
@@ -457,8 +463,8 @@ impl<F: Family> Continuation<'_, F> {
     }
 }
 
-/// Solves a square system, by the solution of least norm if it is singular; returns the solution and whether the
-/// system is regular.
+/// Solves a square system of linear equations, by the solution of least norm if it is singular; returns the solution
+/// and whether the system is regular.
 fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, bool)> {
     let rows = DVector::from_fn(matrix.nrows(), |i, _| {
         let largest = matrix.row(i).amax();

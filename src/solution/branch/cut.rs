@@ -5,24 +5,25 @@
 
 use crate::passages::Passages;
 
-/// The events of a periodic orbit, in their order from the cut on.
+/// The events of a periodic orbit, in their order from the cut (the point at which the continuation lets the period
+/// begin) on.
 #[derive(Clone, Debug)]
 pub(super) struct CutOpen {
     pub passages: Passages,
-    /// The time from the beginning of the period to the cut.
+    /// The time from the start time of the plan, at which the period of the orbit begins, to the cut.
     pub after: f64,
 }
 
 impl CutOpen {
-    /// Returns a better position of the cut, as the time after the current one, for an orbit of the given period;
-    /// `None` if the current position is good.
+    /// Returns a better position of the cut of an orbit with the given period, as the time after the current cut;
+    /// `None` if the current cut is far enough from all events.
     pub fn better(&self, period: f64) -> Option<f64> {
         Some(self.passages.far_from_all()? * period)
     }
 }
 
 impl PartialEq for CutOpen {
-    /// Whether the cyclic sequences of events are equal, wherever the cuts are.
+    /// Whether the cyclic sequences of events of two orbits are equal, wherever the cuts are.
     fn eq(&self, other: &Self) -> bool {
         self.passages == other.passages
     }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// The plan of a continuation: the kind of solutions, the parameter and its interval.
+/// The plan of a continuation: the kind of solutions on the branch, the parameter and its interval.
 #[derive(Clone, Debug)]
 pub struct BranchPlan {
     /// The kind of solutions on the branch: periodic orbits or steady states.
@@ -71,7 +71,7 @@ pub struct Branch {
 }
 
 impl Branch {
-    /// Adds the branch and its caveats to the answer.
+    /// Adds the branch of solutions and its caveats to the answer.
     fn tell(self, solution: &mut Solution) {
         if let Some(why) = &self.ended {
             let end = self.parameter.last().copied().unwrap_or_default();
@@ -91,7 +91,7 @@ impl Branch {
         solution.branch = Some(self);
     }
 
-    /// Returns the first point after which the stability changes without an event.
+    /// Returns the first point of the branch after which the stability changes without an event.
     fn unexplained(&self) -> Option<usize> {
         let changes = |pair: &[Option<bool>]| matches!(pair, [Some(before), Some(after)] if before != after);
         let has_event = |point: usize| self.events.iter().any(|event| event.after == point as u64);

@@ -24,9 +24,10 @@ use problem::Control;
 use radau::Settings;
 use std::time::Instant;
 
-/// Largest distance of an orbit behind a border from the border, relative to the largest unknown.
+/// Largest distance between an orbit behind a border (a change of its events) and the orbit at the border, relative to
+/// the largest unknown.
 const NEAR: f64 = 0.1;
-/// The largest number of Newton corrections of an orbit behind a border.
+/// The largest number of Newton corrections of an orbit behind a border (a change of its events).
 const CORRECTIONS: usize = 12;
 
 /// Returns the name of the variable or contact that an event belongs to.
@@ -71,7 +72,7 @@ pub fn follow_orbits_of_motion(
     follow(&Bindable::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
 }
 
-/// The family of periodic orbits over the parameter.
+/// The family of periodic orbits over the continuation parameter.
 struct Orbits<'a> {
     model: &'a Bindable<'a>,
     how: How<'a>,
@@ -79,9 +80,9 @@ struct Orbits<'a> {
     parameter: usize,
     values: Vec<f64>,
     periodic: Periodic,
-    /// The constant value of the state that fixes the phase.
+    /// The constant value of the state that fixes the phase of an orbit with a free period.
     anchor: f64,
-    /// The period as a function of the parameters, if it is given.
+    /// The period of the orbit as a function of the parameters, if it is given.
     program: Option<Tape>,
     control: &'a Control,
     shots: u64,
@@ -101,7 +102,7 @@ impl Orbits<'_> {
         values
     }
 
-    /// Returns the period at the parameter value `p`, if it is given.
+    /// Returns the period of the orbit at the parameter value `p`, if it is given.
     fn period_at(&mut self, p: f64) -> f64 {
         let values = self.values_at(p);
         let Some(program) = &mut self.program else { return self.periodic.period };
@@ -307,7 +308,7 @@ fn follow(
     solution
 }
 
-/// Returns the first orbit, sought from the initial values, and the sizes of its unknowns.
+/// Returns the first orbit of the branch, sought from the initial values, and the sizes of its unknowns.
 fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64>), Failure> {
     let model = orbits.model.bound(&orbits.values_at(asked.from)).map_err(|why| orbits.failure(why))?;
     let subject = model.subject(orbits.how.settings);
@@ -371,7 +372,7 @@ fn check(orbits: &mut Orbits<'_>, curve: &Curve<CutOpen>, checks: &mut Checks) {
     }
 }
 
-/// Converts the branch to named states, variables and events.
+/// Converts the branch of orbits to named states, variables and events.
 fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> Branch {
     let (names, model) = (orbits.plan.names.clone(), orbits.model);
     let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
@@ -400,8 +401,8 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> B
     branch
 }
 
-/// Returns the kind of a border, and the event that changes: grazing if the number of events changes, since a bound
-/// or contact is then touched.
+/// Returns the kind of a border of the branch, and the event of the orbit that changes: grazing if the number of events
+/// changes, since a bound or contact is then touched.
 fn border(before: &Passages, after: Option<&Passages>) -> (BranchEventKind, Option<Passed>) {
     let Some(after) = after else { return (BranchEventKind::Grazing, None) };
     let longer = if after.len() > before.len() { after } else { before };

@@ -18,11 +18,11 @@ use radau::{ActiveFace, Activity, Settings, Tangents};
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Permitted violation of a bound or inequality, relative to the size of the variables, if it exceeds the relative
-/// tolerance.
+/// Permitted violation of a bound or inequality at a steady state, relative to the size of the variables, if it exceeds
+/// the relative tolerance.
 const SLACK: f64 = 1e-8;
 
-/// States below this fraction of their tolerance are set to zero.
+/// States of a steady state below this fraction of their absolute tolerance are set to zero.
 const AT_ZERO: f64 = 1e-3;
 
 /// Follows a branch of steady states of a differential variational inequality.
@@ -71,7 +71,7 @@ pub fn follow_rests(
     solution
 }
 
-/// The family of steady states over the parameter.
+/// The family of steady states over the continuation parameter.
 struct Rests<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
@@ -79,7 +79,7 @@ struct Rests<'a> {
     parameter: usize,
     /// The length of the parameter interval of the continuation.
     span: f64,
-    /// The size of the unknowns at the beginning of the branch.
+    /// The size of the unknowns (states and variables) at the beginning of the branch.
     size: f64,
     values: Vec<f64>,
     control: &'a Control,
@@ -109,7 +109,8 @@ impl Rests<'_> {
         self.model.with_parameters(&self.values_at(p)).map_err(|why| self.failure(why.to_string()))
     }
 
-    /// Returns the rates at a point, and for each variable the equation and the inequality of an active face.
+    /// Returns the rates at a point of the branch, and for each variable the equation and the inequality of an active
+    /// face.
     fn rows(&self, model: &DviModel, w: &[f64], face: &ActiveFace) -> (Vec<f64>, Vec<Sided>) {
         let mut problem = model.problem();
         let structure = problem.structure().clone();
@@ -160,8 +161,8 @@ impl Family for Rests<'_> {
         let count = w.len();
         let mut jacobian = DMatrix::zeros(count, count + 1);
         jacobian.columns_mut(0, count).copy_from(&by_y);
-        // Column `count` holds the derivatives with respect to the parameter; those of bounds have the sign of the
-        // residual.
+        // Column `count` of the Jacobian holds the derivatives with respect to the parameter; those of bounds have the
+        // sign of the residual.
         jacobian.set_column(count, &by_parameter.column(0));
         let mut residual = DVector::zeros(count);
         let mut is_admissible = true;
@@ -169,7 +170,7 @@ impl Family for Rests<'_> {
         let of_variables = self.settings.atol.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         for row in 0..count {
             let tolerance = |i: usize| {
-                // Variables have no absolute tolerance of their own, and take the largest one of the states.
+                // Variables have no absolute tolerance of their own: each takes the largest one of the states.
                 let own = self.settings.atol.get(i).map(|atol| atol + self.settings.rtol * w[i].abs());
                 own.unwrap_or(of_variables + self.settings.rtol * largest)
             };
@@ -240,7 +241,7 @@ fn first(rests: &mut Rests<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64
     Ok((w, sizes))
 }
 
-/// Converts the branch to named states, variables and events.
+/// Converts the branch of steady states to named states, variables and events.
 fn told(rests: &Rests<'_>, asked: &BranchPlan, curve: Curve<ActiveFace>) -> Branch {
     let n = rests.model.state_names.len();
     let named = |w: &[f64]| -> BTreeMap<String, f64> {

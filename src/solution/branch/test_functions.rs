@@ -14,18 +14,18 @@ fn complex([re, im]: &[f64; 2]) -> Complex<f64> {
     Complex::new(*re, *im)
 }
 
-/// Returns the real part of a product of factors, each scaled to a modulus of at most one to avoid overflow.
+/// Returns the real part of a product of complex factors, each scaled to a modulus of at most one to avoid overflow.
 fn product(factors: impl Iterator<Item = Complex<f64>>) -> f64 {
     factors.fold(Complex::new(1.0, 0.0), |product, factor| product * (factor / factor.norm().max(1.0))).re
 }
 
-/// Returns the component of the tangent along the parameter: zero at a fold.
+/// Returns the component of the tangent of a branch along the parameter: zero at a fold.
 fn fold(_: &[[f64; 2]], tangent: &DVector<f64>) -> f64 {
     tangent[tangent.len() - 1]
 }
 
-/// Returns `prod (1 - mu)` times the sign of the tangent's parameter component: the sign changes where the branch
-/// meets another, and not at a fold, where both factors change sign.
+/// Returns `prod (1 - mu)` over the multipliers `mu` times the sign of the tangent's parameter component: the sign
+/// changes where the branch meets another, and not at a fold, where both factors change sign.
 fn branching_of_orbits(spectrum: &[[f64; 2]], tangent: &DVector<f64>) -> f64 {
     product(spectrum.iter().map(|value| Complex::new(1.0, 0.0) - complex(value))) * fold(spectrum, tangent).signum()
 }
@@ -68,7 +68,8 @@ pub(super) const OF_RESTS: [(Test, BranchEventKind); 3] = [
     (oscillation, BranchEventKind::Hopf),
 ];
 
-/// Whether the zero of a test function is the bifurcation `kind`: for tori and oscillations the pair must be complex.
+/// Whether the zero of a test function is the bifurcation `kind`: for tori and oscillations the pair of multipliers or
+/// eigenvalues must be complex.
 pub(super) fn is_confirmed(kind: BranchEventKind, spectrum: &[[f64; 2]]) -> bool {
     let nearest = |off: fn(Complex<f64>, Complex<f64>) -> f64| {
         pairs(spectrum).min_by(|a, b| off(a.0, a.1).total_cmp(&off(b.0, b.1)))

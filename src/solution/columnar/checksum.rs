@@ -8,12 +8,12 @@ const P3: u64 = 0x1656_67B1_9E37_79F9;
 const P4: u64 = 0x85EB_CA77_C2B2_AE63;
 const P5: u64 = 0x27D4_EB2F_1656_67C5;
 
-/// Returns the checksum of `bytes`.
+/// Returns the 64-bit checksum of `bytes`.
 pub fn checksum(bytes: &[u8]) -> u64 {
     checksum_from(0, bytes)
 }
 
-/// Returns the checksum of `bytes` with a seed; another seed gives another checksum.
+/// Returns the 64-bit checksum of `bytes` with a seed; another seed gives another checksum.
 pub fn checksum_from(seed: u64, bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
     let (stripes, words) = words.as_chunks::<4>();

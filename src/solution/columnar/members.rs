@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Number of rows in a part: a column of numbers then takes no more than 8 KiB with its header, as a chunk of a
-/// trajectory does, a size for which allocators reuse freed memory.
+/// Number of rows in a part of a table: a column of numbers then takes no more than 8 KiB with its header, as a chunk
+/// of a trajectory does, a size for which allocators reuse freed memory.
 pub const PART: usize = 1000;
 
 /// A table that is read one part of its rows at a time.
@@ -90,7 +90,7 @@ impl Members for Table {
     }
 }
 
-/// The index of the parts of a stored table.
+/// The index of the parts of a stored table: their numbers of rows and bytes, and the checksums of their columns.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PartsIndex {
     /// The table without its rows: names, counts, provenance.
@@ -101,7 +101,7 @@ pub struct PartsIndex {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct PartIndex {
     rows: usize,
-    /// For each column, the number of its bytes and their checksum.
+    /// For each column of the part, the number of its bytes and their checksum.
     columns: Vec<(u64, u64)>,
 }
 
@@ -160,7 +160,7 @@ impl PartsWriter {
 /// Errors of writing to `out`.
 pub fn write_parts(table: &Table, out: &mut impl Write) -> io::Result<Option<PartsIndex>> {
     let (members, mut writer): (&dyn Members, _) = (table, PartsWriter::default());
-    // A table without rows has an index too.
+    // A table without rows has an index of its parts too.
     writer.add(table.head(), out)?;
     for part in 0..members.parts() {
         writer.add(Table { failed: 0, ..members.part(part)? }, out)?;
@@ -172,10 +172,11 @@ pub fn write_parts(table: &Table, out: &mut impl Write) -> io::Result<Option<Par
 pub struct StoredMembers {
     source: Arc<dyn Source>,
     index: PartsIndex,
-    /// The offset in bytes of each column of each part.
+    /// The offset in bytes of each column of each part of the table.
     offsets: Vec<u64>,
     end: u64,
-    /// The bytes that were read last, in one buffer for all columns, of which there may be many thousand.
+    /// The bytes that were read last from the stored table, in one buffer for all columns, of which there may be many
+    /// thousand.
     bytes: Mutex<Vec<u8>>,
 }
 
@@ -191,7 +192,7 @@ impl StoredMembers {
         Self { source, index, offsets, end, bytes: Mutex::default() }
     }
 
-    /// Returns the offset of the end of the table in bytes.
+    /// Returns the offset in bytes of the end of the stored table.
     pub fn end(&self) -> u64 {
         self.end
     }
@@ -201,8 +202,8 @@ impl StoredMembers {
         &self.index
     }
 
-    /// Reads a column of a part, verifies its checksum, and calls `read` with the number of rows of the part and the
-    /// bytes of the column.
+    /// Reads a column of a part of the table, verifies its checksum, and calls `read` with the number of rows of the
+    /// part and the bytes of the column.
     fn read<T>(&self, part: usize, column: usize, read: impl FnOnce(usize, &[u8]) -> io::Result<T>) -> io::Result<T> {
         let damaged = || io::Error::new(io::ErrorKind::InvalidData, "a table is not as it was written");
         let of = self.index.parts.get(part).ok_or_else(damaged)?;

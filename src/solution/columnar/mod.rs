@@ -61,19 +61,19 @@ pub trait Columns: Send + Sync {
     }
 }
 
-/// The rows from `first` to before `end`, one in `every`.
+/// A selection of rows of a trajectory or table: from `first` to before `end`, one in `every`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rows {
     /// The index of the first row of the range.
     pub first: usize,
     /// The index after the last row of the range.
     pub end: usize,
-    /// The distance between consecutive rows, at least one.
+    /// The distance between consecutive rows of the range, at least one.
     pub every: usize,
 }
 
 impl Rows {
-    /// Returns the last of `rows` rows, or an empty range if `rows` is zero.
+    /// Returns the range of the last of `rows` rows, or an empty range if `rows` is zero.
     pub fn last(rows: usize) -> Self {
         Self { first: rows.saturating_sub(1), end: rows, every: 1 }
     }

@@ -14,7 +14,7 @@ const PIECE: usize = 4096;
 pub struct JsonPieces {
     selection: Selection,
     skeleton: Skeleton,
-    /// The column and row at which the next piece begins; `None` before the first piece.
+    /// The column and row of the trajectory at which the next piece begins; `None` before the first piece.
     next: Option<(usize, usize)>,
     /// The column and the part of the table of a sweep that are written next; `None` before the table begins.
     of_table: Option<(usize, usize)>,
@@ -80,8 +80,8 @@ impl JsonPieces {
     }
 }
 
-/// Writes the next part of a column of a table, and the text `after` at the end of the table; returns whether there
-/// is more.
+/// Writes the next part of a column of the table of a sweep, and the text `after` at the end of the table; returns
+/// whether there is more.
 fn write_part(
     members: &dyn Members,
     (column, part): &mut (usize, usize),
@@ -112,7 +112,7 @@ fn write_part(
     Ok(true)
 }
 
-/// Writes the text before the numbers of a column: of the times if `field` is `None`, or of a field with its index
+/// Writes the JSON text before the numbers of a column: of the times if `field` is `None`, or of a field with its index
 /// and name.
 fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     if let Some((place, name)) = field {
@@ -134,7 +134,7 @@ pub struct TablePieces {
 }
 
 impl TablePieces {
-    /// Prepares the table of the selected fields and rows.
+    /// Prepares the selected fields and rows of a solution in the given table format.
     pub fn new(selection: Selection, table: Box<dyn Table>) -> Self {
         Self { selection, table, next: 0 }
     }

@@ -65,7 +65,7 @@ struct Parts<'a> {
     study: Option<Cow<'a, RawValue>>,
 }
 
-/// Returns the JSON of a table without its columns.
+/// Returns the JSON of the table of a sweep without its columns.
 fn head_of(table: &Table) -> serde_json::Result<Box<RawValue>> {
     serde_json::value::to_raw_value(&Table { columns: Vec::new(), ..table.head() })
 }
@@ -151,8 +151,8 @@ impl Skeleton {
         &self.0
     }
 
-    /// Returns the text before the times, between times and fields, and after the fields. Quotes within JSON strings
-    /// are escaped, so that no string can contain the text that marks these positions.
+    /// Returns the JSON text before the times, between times and fields, and after the fields. Quotes within JSON
+    /// strings are escaped, so that no string can contain the text that marks these positions.
     pub fn around_columns(&self) -> [&str; 3] {
         let start = self.0.find(EMPTY).unwrap_or_default();
         let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
@@ -170,7 +170,7 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// Splits the text at the position of the columns of the table of a sweep; returns `None` if the text has no
+    /// Splits the JSON text at the position of the columns of the table of a sweep; returns `None` if the text has no
     /// table whose columns are stored separately.
     pub fn around_table(text: &str) -> Option<(&str, &str)> {
         let start = text.find(EMPTY_TABLE)? + EMPTY_TABLE.len() - "}".len();

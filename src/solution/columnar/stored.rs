@@ -10,17 +10,17 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows per block. A block takes 512 bytes with its checksum, the least amount that is read for a number. A block
-/// never crosses a page of memory, and at most 504 bytes beside the requested number are verified.
+/// Rows per block of a stored column. A block takes 512 bytes with its checksum, the least amount that is read for a
+/// number. A block never crosses a page of memory, and at most 504 bytes beside the requested number are verified.
 const BLOCK: usize = 63;
 
-/// Rows per chunk in the earlier stored forms, which have chunks of 8 KiB instead of blocks.
+/// Rows per chunk of a column in the earlier stored forms, which have chunks of 8 KiB instead of blocks.
 const CHUNK: usize = 1024;
 
 /// Bytes per number of a column, and per checksum of a block.
 const WIDTH: usize = size_of::<f64>();
 
-/// Bytes that are read at once if the requested blocks are close to one another.
+/// Bytes of a stored column that are read at once if the requested blocks are close to one another.
 const RUN: usize = 64 << 10;
 
 /// Distance in bytes between two requested blocks up to which the bytes between them are read as well: the size of a
@@ -34,7 +34,7 @@ const FETCHED: usize = 128 << 10;
 /// The index of a stored solution, which describes the bytes before the index.
 #[derive(Serialize, Deserialize)]
 struct Index {
-    /// Version number of the stored form.
+    /// Version number of the stored form of the solution.
     columns: u32,
     rows: usize,
     names: Vec<String>,
@@ -47,12 +47,12 @@ struct Index {
     skeleton: String,
 }
 
-/// The version number of the stored form with blocks, and those of the forms in chunks, which can still be read:
-/// without and with the table of a sweep.
+/// The version number of the stored form of solutions with blocks, and those of the forms in chunks, which can still be
+/// read: without and with the table of a sweep.
 const FORM: u32 = 3;
 const IN_CHUNKS: [u32; 2] = [1, 2];
 
-/// The layout of the numbers of a column in the file.
+/// The layout of the numbers of a stored column in the file.
 enum Layout {
     /// Chunks of [`CHUNK`] rows, with their checksums in the index.
     Chunks(Vec<u64>),
@@ -63,7 +63,8 @@ enum Layout {
 }
 
 impl Layout {
-    /// Returns the layout in blocks, with the seed for the solution with this skeleton.
+    /// Returns the layout of columns in blocks, with the checksum of this skeleton as the seed of the blocks'
+    /// checksums.
     fn of(skeleton: &Skeleton) -> Self {
         Self::Blocks(checksum(skeleton.text().as_bytes()))
     }
@@ -84,13 +85,13 @@ impl Layout {
         }
     }
 
-    /// Returns the length of a full block in bytes, with its checksum.
+    /// Returns the length in bytes of a full block (or chunk) of a column, with its checksum.
     fn length(&self) -> usize {
         self.rows() * WIDTH + self.tail()
     }
 
-    /// Returns the numbers in the bytes of the block with index `number` in the file; `None` if the checksum does not
-    /// match.
+    /// Returns the numbers in the bytes of the block with index `number` in the file; `None` if the bytes do not match
+    /// the checksum of the block.
     fn numbers<'b>(&self, number: usize, block: &'b [u8]) -> Option<&'b [[u8; WIDTH]]> {
         let (bytes, is_intact) = match self {
             Self::Chunks(checksums) => (block, checksums.get(number) == Some(&checksum(block))),
@@ -148,8 +149,7 @@ pub trait Source: Send + Sync {
     /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
 
-    /// Announces that several parts of `_length` bytes from `_offset` on will be read soon, each by a request of its
-    /// own.
+    /// Announces that several parts of `_length` bytes from `_offset` on will be read soon, each by a separate request.
     fn fetch(&self, _offset: u64, _length: u64) {}
 }
 
@@ -235,7 +235,7 @@ impl Stored {
         &self.skeleton
     }
 
-    /// Returns the number of bytes before the index.
+    /// Returns the number of bytes of the stored solution before its index.
     pub fn bytes(&self) -> u64 {
         let columns = self.start_of(1 + self.names.len());
         self.members.as_ref().map_or(columns, StoredMembers::end)
@@ -259,7 +259,7 @@ impl Stored {
         start..(start + self.layout.rows()).min(self.rows)
     }
 
-    /// Reads successive blocks of a column into `bytes`, without verifying them.
+    /// Reads successive blocks of a column into `bytes`, without verifying their checksums.
     fn read(&self, column: usize, blocks: Range<usize>, bytes: &mut Vec<u8>) -> io::Result<()> {
         let rows = self.rows_of(blocks.end.saturating_sub(1)).end - self.rows_of(blocks.start).start;
         bytes.resize(rows * WIDTH + blocks.len() * self.layout.tail(), 0);
@@ -268,7 +268,8 @@ impl Stored {
             .map_err(cut_off)
     }
 
-    /// Returns the verified numbers of a block, from the `bytes` of successive blocks beginning with block `first`.
+    /// Returns the numbers of a block of a column, verified by its checksum, from the `bytes` of successive blocks
+    /// beginning with block `first`.
     fn numbers<'b>(&self, column: usize, block: usize, bytes: &'b [u8], first: usize) -> io::Result<&'b [[u8; WIDTH]]> {
         let start = (block - first) * self.layout.length();
         let length = self.rows_of(block).len() * WIDTH + self.layout.tail();
@@ -330,7 +331,7 @@ impl Columns for Stored {
             self.read(0, block..block + 1, &mut bytes)?;
             Ok(self.numbers(0, block, &bytes, block)?.iter().map(|time| f64::from_le_bytes(*time)).collect())
         };
-        // Bisection for the first block whose last time does not satisfy `is_before`.
+        // Bisection for the first block of the times whose last time does not satisfy `is_before`.
         let (mut found, mut end) = (0, self.blocks());
         while found < end {
             let middle = found.midpoint(end);

@@ -4,8 +4,8 @@ use crate::run::{Plan, Run};
 use crate::{CheckCode, Refinement, Warning};
 use convolution::Convolution;
 
-/// The run with the least estimated error so far. Beyond some number of steps, rounding errors, which grow as an
-/// inverse power of the step given by the order of the kernel, outweigh the gain of a smaller step.
+/// The run on a uniform mesh with the least estimated error so far. Beyond some number of steps, rounding errors, which
+/// grow as an inverse power of the step given by the order of the kernel, outweigh the gain of a smaller step.
 pub(super) struct Best<'a> {
     run: Run<'a>,
     /// The distance of this run from the previous run with twice the step; `None` for the first run.
@@ -23,8 +23,8 @@ impl<'a> Best<'a> {
         self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
-    /// Returns the estimated error, for comparison with other runs. It is infinite if it is based on a single
-    /// distance between runs, which may be small by chance.
+    /// Returns the estimated error of this run, for comparison with other runs. It is infinite if it is based on a
+    /// single distance between runs, which may be small by chance.
     pub fn rank(&self) -> f64 {
         let estimated = self.refinement.as_ref().filter(|refinement| refinement.halvings > 1);
         estimated.map_or(f64::INFINITY, |refinement| refinement.scaled)
@@ -56,16 +56,16 @@ impl<'a> Best<'a> {
 
 /// The values of a run, for comparison with a run with half the step.
 pub(super) struct Coarse {
-    /// The values of each variable at the ends of the steps.
+    /// The values of each variable at the ends of the steps of the run.
     ends: Vec<Vec<f64>>,
-    /// The distance of each variable from the previous run with twice the step.
+    /// The distance of each variable from its values in the previous run with twice the step.
     distances: Option<Vec<f64>>,
-    /// Number of consecutive runs in which the largest distance has grown.
+    /// Number of consecutive runs in which the largest distance of a variable from the previous run has grown.
     growths: u32,
 }
 
-/// Number of consecutive halvings with growing distances after which rounding errors are assumed to dominate: a
-/// single increase may be due to a feature of the solution that only the last run resolves.
+/// Number of consecutive halvings of the step with growing distances between runs after which rounding errors are
+/// assumed to dominate: a single increase may be due to a feature of the solution that only the last run resolves.
 const GROWTHS: u32 = 2;
 
 impl Coarse {
@@ -81,7 +81,8 @@ impl Coarse {
         Self { distances, growths, ..self }
     }
 
-    /// Whether the distances between runs have grown so often that smaller steps increase the error.
+    /// Whether the distances between runs with successively halved steps have grown so often that smaller steps
+    /// increase the error.
     pub fn diverges(&self) -> bool {
         self.growths >= GROWTHS
     }

@@ -15,7 +15,8 @@ use problem::{Control, Dvi};
 
 /// Largest number of runs by segments, each with a tenth of the tolerance of the previous one.
 const RUNS: usize = 4;
-/// The tolerance of the first run relative to the requested one, and the factor of the tolerance from run to run.
+/// The tolerance of the first run by segments relative to the requested one, and the factor of the tolerance from run
+/// to run.
 const FIRST: f64 = 0.1;
 const NEXT: f64 = 0.1;
 
@@ -26,7 +27,7 @@ pub(super) struct Unsettled {
     pub best: Option<Solution>,
 }
 
-/// Integrates by segments between located switches; returns an error if no two runs agree.
+/// Integrates a problem with memory by segments between located switches; returns an error if no two runs agree.
 pub(super) fn integrate(
     model: &ConvolutionModel,
     plan: &Plan,
@@ -89,7 +90,7 @@ pub(super) fn integrate(
     Err(unsettled(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"), best))
 }
 
-/// Returns the diagnostics known before a run by segments between located switches.
+/// Returns the diagnostics of a problem with memory known before a run by segments between located switches.
 pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "convolution",
@@ -108,7 +109,7 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     diagnostics
 }
 
-/// A run by segments between located switches, with named outputs.
+/// A run of a problem with memory by segments between located switches, with named outputs.
 struct SegmentedRun<'p> {
     segments: Segments<'p>,
     names: &'p [String],

@@ -22,7 +22,7 @@ pub struct Arrow {
 }
 
 impl Arrow {
-    /// Prepares a stream with the given verdict in its metadata.
+    /// Prepares an Arrow stream with the given verdict in its metadata.
     pub fn with(verdict: &Verdict) -> Self {
         // Every number of a verdict is finite, so that serialisation cannot fail.
         let json = serde_json::to_string(verdict).unwrap_or_default();
@@ -30,7 +30,7 @@ impl Arrow {
         Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
     }
 
-    /// Adds the provenance of the answer to the metadata.
+    /// Adds the provenance of the answer to the metadata of the Arrow stream.
     #[must_use]
     pub fn of(mut self, provenance: Option<&Provenance>) -> Self {
         if let Some(json) = provenance.and_then(|provenance| serde_json::to_string(provenance).ok()) {
@@ -39,7 +39,7 @@ impl Arrow {
         self
     }
 
-    /// Returns the metadata of the schema.
+    /// Returns the metadata of the Arrow schema.
     pub fn metadata(&self) -> &HashMap<String, String> {
         &self.metadata
     }
@@ -52,7 +52,7 @@ impl Arrow {
         Arc::new(Schema::new_with_metadata(columns, self.metadata.clone()))
     }
 
-    /// Flushes the bytes written so far to `out`.
+    /// Flushes the bytes of the Arrow stream written so far to `out`.
     fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
         let Some((_, writer)) = &mut self.begun else { return Ok(()) };
         let written = writer.get_mut();

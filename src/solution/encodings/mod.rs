@@ -47,7 +47,7 @@ pub fn read_json(text: &[u8]) -> io::Result<Solution> {
     serde_json::from_slice(text).map_err(io::Error::from)
 }
 
-/// A table format, written in order: its beginning, its rows, its end.
+/// A table format of a trajectory, written in order: its beginning, its rows, its end.
 pub trait Table: Send {
     /// Writes the text before the rows of `trajectory`.
     ///

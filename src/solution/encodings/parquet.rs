@@ -75,7 +75,7 @@ pub struct Parquet {
 }
 
 impl Parquet {
-    /// Prepares a file with the columns and the metadata of an Arrow stream.
+    /// Prepares a Parquet file with the columns and the metadata of an Arrow stream.
     pub fn like(arrow: Arrow) -> Self {
         Self { like: arrow, begun: None }
     }

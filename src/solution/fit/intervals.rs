@@ -15,7 +15,7 @@ use super::least_squares::{LeastSquares, Loss, Minimum};
 use expression::cube_root;
 use factorisation::Singular;
 use nalgebra::DMatrix;
-/// Components of a singular vector below this value count as zero: the accuracy of singular vectors.
+/// Components of a singular vector of the Jacobian below this value count as zero: the accuracy of singular vectors.
 const PART: f64 = 1e-6;
 /// The confidence level of the intervals of fitted parameters.
 const CONFIDENCE: f64 = 0.95;
@@ -23,32 +23,34 @@ const CONFIDENCE: f64 = 0.95;
 const NORMAL: f64 = 1.959_963_984_540_054;
 /// The degrees of freedom above which Student's distribution equals the normal distribution to four digits.
 const MANY: usize = 20_000;
-/// The 0.999 quantile of the standard normal distribution, beyond which a statistic counts as improbable.
+/// The 0.999 quantile of the standard normal distribution, beyond which a statistic of the residuals counts as
+/// improbable.
 const RARE: f64 = 3.090;
 
 /// The least number of residuals for which the normal approximation of the number of runs of equal signs is accurate.
 const NORMAL_FROM: usize = 20;
 
-/// The uncertainties of all parameters, in the order of the parameters.
+/// The uncertainties of all fitted parameters, in the order of the parameters.
 #[derive(Clone, Debug)]
 pub struct Intervals {
     /// Standard errors of the parameters; `None` for parameters that the data do not determine or that are at a
     /// bound.
     pub sd: Vec<Option<f64>>,
-    /// Half the width of the confidence intervals, in standard errors.
+    /// Half the width of the confidence intervals of the parameters, in standard errors.
     pub width: f64,
     /// The covariance matrix of the parameters; `None` for parameters that have no standard error.
     pub covariance: Vec<Vec<Option<f64>>>,
-    /// The singular values of the scaled Jacobian, over the free parameters, decreasing.
+    /// The singular values of the scaled Jacobian of the residuals, over the free parameters, decreasing.
     pub singular_values: Vec<f64>,
-    /// The combinations of relative changes that the data do not determine, with one coefficient per parameter.
+    /// The combinations of relative changes of the parameters that the data do not determine, with one coefficient per
+    /// parameter.
     pub undetermined: Vec<Vec<f64>>,
     /// Whether each fitted parameter is at one of its bounds and is held there.
     pub held: Vec<bool>,
 }
 
-/// Computes the uncertainty of the parameters at a minimum, with the magnitudes `size` of the parameters; returns
-/// `None` if the singular value decomposition fails.
+/// Computes the uncertainty of the fitted parameters at a minimum of the loss, with the magnitudes `size` of the
+/// parameters; returns `None` if the singular value decomposition fails.
 pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) -> Option<Intervals> {
     let here = &minimum.residuals;
     let (m, p) = here.jacobian.shape();
@@ -72,7 +74,7 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
     let mut sd = vec![None; p];
     let (mut singular_values, mut undetermined) = (Vec::new(), Vec::new());
     if !free.is_empty() {
-        // Zero rows are appended, so that there is a singular value for each parameter.
+        // Zero rows are appended to the Jacobian, so that there is a singular value for each parameter.
         let rows = m.max(free.len());
         let matrix = matrix.resize(rows, free.len(), 0.0);
         let Singular { values, v_t, .. } = Singular::of(&matrix)?;
@@ -92,8 +94,9 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
     Some(Intervals { sd, width, covariance, singular_values, undetermined, held })
 }
 
-/// Reduces the rows to a sparse basis of their span by Gauss-Jordan elimination: each row has a leading parameter,
-/// which no other row contains. Coefficients are scaled to a largest magnitude of one.
+/// Reduces the rows, combinations of parameters that the data do not determine, to a sparse basis of their span by
+/// Gauss-Jordan elimination: each row has a leading parameter, which no other row contains. Coefficients are scaled to
+/// a largest magnitude of one.
 fn combinations(rows: &DMatrix<f64>, free: &[usize], p: usize) -> Vec<Vec<f64>> {
     let mut rows = rows.clone();
     for i in 0..rows.nrows() {
@@ -155,8 +158,8 @@ fn within(angle: f64, freedoms: usize) -> f64 {
     if is_odd { std::f64::consts::FRAC_2_PI * (angle + sin * sum) } else { sin * sum }
 }
 
-/// Whether `squares` exceeds the 0.999 quantile of the chi-squared distribution, by the cube-root approximation (Wilson
-/// and Hilferty 1931).
+/// Whether the sum of squares `squares` exceeds the 0.999 quantile of the chi-squared distribution, by the cube-root
+/// approximation (Wilson and Hilferty 1931).
 pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
     let part = 2.0 / (9.0 * freedoms as f64);
     freedoms > 0 && (cube_root(squares / freedoms as f64) - (1.0 - part)) / part.sqrt() > RARE

@@ -17,21 +17,22 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The largest number of evaluations in the search from one starting point.
+/// The largest number of evaluations of the residuals in the search from one starting point.
 const MOST_RUNS: u64 = 100;
 /// The initial damping of the Levenberg-Marquardt method, relative to the diagonal of the scaled normal matrix, which
 /// is one.
 const DAMPING: f64 = 1e-3;
-/// The least factor of the damping after a step with the predicted gain: small, since undamped steps converge fast.
+/// The least factor of the damping of the Levenberg-Marquardt method after a step with the predicted gain: small, since
+/// undamped steps converge fast.
 const LESS: f64 = 0.1;
 /// The damping of the Levenberg-Marquardt method above which steps are shorter than rounding errors.
 const MOST_DAMPING: f64 = 1e20;
-/// The distance to the minimum, in standard errors of the parameters, at which the search ends.
+/// The distance to the minimum of the loss, in standard errors of the parameters, at which the search ends.
 const CLOSE: f64 = 1e-8;
-/// The distance to the minimum, in standard errors, up to which estimates are accepted.
+/// The distance to the minimum of the loss, in standard errors of the parameters, up to which estimates are accepted.
 const ALLOWED: f64 = 1e-2;
-/// The search continues until the distance to the minimum is this fraction of the uncertainty due to errors of the
-/// residuals. These errors are nearly equal at nearby points, so that they do not disturb the search earlier.
+/// The search continues until the distance to the minimum of the loss is this fraction of the uncertainty due to errors
+/// of the residuals. These errors are nearly equal at nearby points, so that they do not disturb the search earlier.
 const BELOW_NOISE: f64 = 1e-2;
 /// The relative rounding error of a loss, a sum of many terms.
 const ROUNDING: f64 = 1e-14;
@@ -71,7 +72,7 @@ impl Loss {
         self == Self::Squares || r.abs() <= HUBER
     }
 
-    /// Returns the loss: the sum of `rho` over all residuals.
+    /// Returns the loss: the sum of `rho(r)` over all residuals `r`.
     pub fn of(self, residuals: &DVector<f64>) -> f64 {
         residuals.iter().map(|r| self.rho(*r)).sum()
     }
@@ -88,24 +89,26 @@ pub struct Residuals {
     pub noise: f64,
 }
 
-/// The result of a search for a minimum.
+/// The result of a search for a minimum of the loss.
 #[derive(Clone, Debug)]
 pub struct Minimum {
-    /// The parameters at the end of the search.
+    /// The values of the parameters at the end of the search.
     pub point: Vec<f64>,
     /// The residuals at the parameters `point`.
     pub residuals: Residuals,
     /// The loss at the parameters `point`.
     pub loss: f64,
-    /// The distance to the minimum that the linearised problem predicts, in standard errors.
+    /// The distance to the minimum of the loss that the linearised problem predicts, in standard errors of the
+    /// parameters.
     pub distance: f64,
-    /// The largest distance to the minimum that is accepted, given the accuracy of the residuals.
+    /// The largest distance to the minimum of the loss, in standard errors, that is accepted, given the accuracy of the
+    /// residuals.
     pub allowed: f64,
     /// The number of evaluations of the residuals in the search.
     pub runs: u64,
 }
 
-/// A least-squares problem with bounds.
+/// A least-squares problem with bounds on the parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct LeastSquares<'a> {
     /// The lower bounds of the parameters, possibly infinite.
@@ -121,13 +124,14 @@ pub struct LeastSquares<'a> {
     pub rank: f64,
 }
 
-/// The linearised least-squares problem at a point, over the free parameters (those not held at a bound).
+/// The least-squares problem linearised at a point, over the free parameters (those not held at a bound).
 struct Linear {
     free: Vec<usize>,
-    /// The lengths of the weighted columns of `J`: the diagonal of `D`.
+    /// The lengths of the weighted columns of the Jacobian `J`: the diagonal of the scaling matrix `D`.
     scale: Vec<f64>,
     svd: Singular,
-    /// `U' W^(1/2) r`, where `U` are the left singular vectors, `W` the weights and `r` the residuals.
+    /// The vector `U' W^(1/2) r`, where `U` are the left singular vectors of the scaled Jacobian, `W` the weights and
+    /// `r` the residuals.
     right: DVector<f64>,
 }
 
@@ -193,7 +197,7 @@ impl LeastSquares<'_> {
         if r == 0.0 { 1.0 } else { self.loss.psi(r) / r }
     }
 
-    /// Whether a parameter is at a bound, and the loss would decrease beyond the bound.
+    /// Whether a fitted parameter is at a bound, and the loss would decrease beyond the bound.
     pub fn is_held(&self, k: usize, point: &[f64], here: &Residuals) -> bool {
         let column = here.jacobian.column(k);
         let slope: f64 = column.iter().zip(here.values.iter()).map(|(j, r)| j * self.loss.psi(*r)).sum();
@@ -217,7 +221,7 @@ impl LeastSquares<'_> {
         Some(Linear { free, scale, svd, right })
     }
 
-    /// Returns the point after a damped step of the linearised problem, projected onto the bounds.
+    /// Returns the parameters after a damped step of the linearised problem, projected onto the bounds.
     fn step(&self, linear: &Linear, point: &[f64], damping: f64) -> Vec<f64> {
         let Linear { free, scale, svd, right } = linear;
         let pairs = svd.values.iter().zip(right.iter());
@@ -230,7 +234,8 @@ impl LeastSquares<'_> {
         next
     }
 
-    /// Returns the length of the undamped step in standard errors, in the directions that the data determine.
+    /// Returns the length of the undamped step of the linearised problem in standard errors, in the directions that the
+    /// data determine.
     fn distance(&self, linear: &Option<Linear>, here: &Residuals, loss: f64) -> f64 {
         let Some(Linear { svd, right, .. }) = linear else { return 0.0 };
         let least = self.rank * svd.values.first().copied().unwrap_or(0.0);

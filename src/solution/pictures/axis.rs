@@ -11,7 +11,7 @@ const LEAST_RELATIVE_SPAN: f64 = 1e-9;
 /// Distance by which a tick may lie beyond the end of an axis, relative to the distance of ticks.
 const ROUNDING: f64 = 1e-6;
 
-/// Decimal exponents of values that are shown without a power of ten.
+/// Decimal exponents of the values of an axis whose labels are shown without a power of ten.
 const PLAIN: std::ops::RangeInclusive<i32> = -1..=4;
 
 /// The interval of the real line that an axis shows, in units of `10^exponent`.
@@ -54,13 +54,13 @@ impl Axis {
         self.place(scaled(value, self.exponent))
     }
 
-    /// Returns the power of ten of the labels, such as `×10⁻³`; `None` if it is one.
+    /// Returns the power of ten by which the labels of the axis are multiplied, such as `×10⁻³`; `None` if it is one.
     pub fn unit(&self) -> Option<String> {
         (self.exponent != 0).then(|| format!("×10{}", raised(self.exponent)))
     }
 
-    /// Returns ticks at round numbers, in increasing order. The number of intervals between them is near `about`, and
-    /// at most half as large again.
+    /// Returns ticks of the axis at round numbers, in increasing order. The number of intervals between them is near
+    /// `about`, and at most half as large again.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let wanted = (self.high - self.low) / about.max(1) as f64;
         let power = wanted.log10().floor();
@@ -94,7 +94,7 @@ pub fn raised(exponent: i32) -> String {
     digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize])).collect()
 }
 
-/// Returns the decimal exponent of the unit for values up to `largest`.
+/// Returns the decimal exponent of the unit of an axis for values up to `largest`.
 fn exponent(largest: f64) -> i32 {
     if largest == 0.0 {
         return 0;

@@ -37,7 +37,8 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// Draws the line, the spread and the marks of the `k`-th curve; crosses are drawn at the height `above`.
+    /// Draws the line, the spread and the marks of this curve in the style of the `k`-th curve; crosses are drawn at
+    /// the height `above`.
     pub(super) fn drawn(&self, k: usize, radius: f64, (x, y): (&Decades, &Decades), above: f64) -> Group {
         let place = |&(a, b): &Point| (x.place(a), y.place(b));
         let shown: Vec<Point> = self.points.iter().map(place).collect();
@@ -53,14 +54,14 @@ impl Curve {
         self.lost.iter().fold(group, |group, &at| group.add(cross((x.place(at), above), k, radius)))
     }
 
-    /// Returns the abscissae of all points, crosses and spreads.
+    /// Returns the abscissae of all points, crosses and spreads of the curve.
     pub(super) fn abscissae(&self) -> impl Iterator<Item = f64> {
         let spread = self.spread.iter().flat_map(|&(least, largest, _)| [least, largest]);
         self.points.iter().map(|point| point.0).chain(self.lost.iter().copied()).chain(spread)
     }
 }
 
-/// Returns the explanation of hollow marks and crosses, if there are any.
+/// Returns the text that explains hollow marks and crosses, if there are any in the plot.
 pub(super) fn told_of_marks<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> String {
     let hollow =
         curves.clone().any(|curve| !curve.untrusted.is_empty()).then_some("hollow marks: answers that are not trusted");
@@ -91,7 +92,7 @@ impl Decades {
         self.from + fraction * (self.to - self.from)
     }
 
-    /// Returns the decades that have a label.
+    /// Returns the decades of the axis that have a label.
     pub fn ticks(&self) -> impl Iterator<Item = i32> {
         let step = (self.high - self.low - 1) / MOST_LABELS + 1;
         (self.low..=self.high).step_by(step as usize)

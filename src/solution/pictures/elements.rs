@@ -4,7 +4,7 @@
 use super::thinning::Point;
 use svg::node::element::{Line, Text};
 
-/// Draws a straight line.
+/// Draws a straight line as an SVG element.
 pub fn line(class: &str, from: Point, to: Point) -> Line {
     let ends = Line::new().set("x1", tenths(from.0)).set("y1", tenths(from.1));
     ends.set("x2", tenths(to.0)).set("y2", tenths(to.1)).set("class", class)
@@ -27,7 +27,7 @@ pub fn plain(written: &str, most: usize) -> String {
     text
 }
 
-/// Rounds a position to a tenth of a pixel, without `-0`.
+/// Rounds a position in a plot to a tenth of a pixel, without `-0`.
 pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0 + 0.0
 }

@@ -5,13 +5,15 @@ use super::elements::{plain, tenths, text};
 use super::thinning::Point;
 use svg::node::element::{Group, Path, Polyline, TSpan, Text};
 
-/// Number of distinct line colours.
+/// Number of distinct colours of the lines of a plot.
 pub const COLOURS: usize = 6;
 
-/// The mark shapes as text: one for each pass through the colours. After the last, the shapes repeat.
+/// The shapes of the marks on lines as text: one for each pass through the line colours. After the last, the shapes
+/// repeat.
 const SHAPES: [&str; 3] = ["●", "■", "▲"];
 
-/// Widths in pixels of a mark with its margins, and of the widest and of other characters of a wide typeface.
+/// Widths in pixels of a mark in the legend with its margins, and of the widest and of other characters of a wide
+/// typeface.
 const MARK: f64 = 38.0;
 const WIDE: f64 = 13.0;
 const CHARACTER: f64 = 7.6;
@@ -22,7 +24,7 @@ pub const ROW: f64 = 20.0;
 /// Largest number of characters of a name in the legend.
 const NAME: usize = 44;
 
-/// The legend: the names of the lines, in rows that fit between `left` and `right`.
+/// The legend of a plot: the names of the lines, in rows that fit between `left` and `right`.
 pub struct Legend<'a> {
     rows: Vec<Vec<(usize, &'a str)>>,
     left: f64,
@@ -56,7 +58,7 @@ impl<'a> Legend<'a> {
     }
 }
 
-/// Draws one row of names, each name after the mark of its line and cut to `most` characters.
+/// Draws one row of the legend, each name after the mark of its line and cut to `most` characters.
 pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
     row.iter().enumerate().fold(text("", "name", x, y), |names, (place, &(k, name))| {
         let mark = TSpan::new(SHAPES[round(k)]).set("class", colour("mark", k));
@@ -81,24 +83,24 @@ pub fn polyline(points: &[Point], k: usize) -> Polyline {
     Polyline::new().set("class", class).set("points", shown)
 }
 
-/// Draws a mark of the `k`-th line, with the area of a disc of radius `r`.
+/// Draws a mark of the `k`-th line of a plot, with the area of a disc of radius `r`.
 pub fn mark(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", colour("mark", k)).set("d", shape(place, k, r))
 }
 
-/// Draws a hollow mark of the `k`-th line, with its outline in the colour of the line.
+/// Draws a hollow mark of the `k`-th line of a plot, with its outline in the colour of the line.
 pub fn hollow(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", format!("hollow {}", colour("line", k))).set("d", shape(place, k, r))
 }
 
-/// Draws a cross in the colour of the `k`-th line.
+/// Draws a cross in the colour of the `k`-th line of a plot.
 pub fn cross((x, y): Point, k: usize, r: f64) -> Path {
     let (low, high, left, right) = (tenths(y + r), tenths(y - r), tenths(x - r), tenths(x + r));
     let strokes = format!("M{left},{low}L{right},{high}M{left},{high}L{right},{low}");
     Path::new().set("class", format!("cross {}", colour("line", k))).set("d", strokes)
 }
 
-/// Draws a thin line in the colour of the `k`-th line.
+/// Draws a thin line in the colour of the `k`-th line of a plot.
 pub fn whisker(from: Point, to: Point, k: usize) -> Path {
     let [a, b, c, d] = [from.0, from.1, to.0, to.1].map(tenths);
     Path::new().set("class", format!("whisker {}", colour("line", k))).set("d", format!("M{a},{b}L{c},{d}"))

@@ -18,18 +18,19 @@ const TOP: f64 = 72.0;
 const HEIGHT: f64 = 360.0;
 const FOOT: f64 = 62.0;
 const TICKS: usize = 8;
-/// Largest number of collected numbers that are drawn as lines.
+/// Largest number of collected numbers of a sweep that are drawn as lines.
 const MOST_LINES: usize = 6;
-/// Largest number of modes with a colour of their own; rarer modes share one colour.
+/// Largest number of modes in a map with a colour of their own; rarer modes share one colour.
 const MOST_MODES: usize = 11;
-/// Largest number of lines in parallel coordinates.
+/// Largest number of members of a sweep that are drawn as lines in parallel coordinates.
 const MOST_PARALLEL: usize = 2000;
 /// Largest number of points of a line that are drawn with marks.
 const MARKED: usize = 60;
 /// Widths in pixels of the colour scale of a map, and of the list of mode words.
 const SCALE: f64 = 96.0;
 const WORDS: f64 = 210.0;
-/// Largest number of characters of a mode word; mode words usually differ in their first modes.
+/// Largest number of characters of a mode word (the text of successive modes); mode words usually differ in their first
+/// modes.
 const WORD: usize = 28;
 /// Number of rectangles of uniform colour that make up the drawn colour scale.
 const STEPS: usize = 48;
@@ -75,7 +76,7 @@ struct Drawn {
     below: Option<String>,
 }
 
-/// Two axes of a plot, with ticks and labels.
+/// Two axes of a plot of a sweep, with ticks and labels.
 struct Frame {
     x: Axis,
     y: Axis,
@@ -119,7 +120,7 @@ impl Frame {
     }
 }
 
-/// Returns the collected columns that contain numbers, with their names.
+/// Returns the collected columns of the table that contain numbers, with their names.
 fn collected(table: &Table) -> Vec<(&str, &Values)> {
     let of =
         |name: &'_ String| Some((table.collected.iter().find(|known| *known == name)?.as_str(), table.column(name)?));
@@ -224,8 +225,8 @@ fn map(table: &Table, grid: &Grid<'_>) -> Drawn {
     Drawn { group, extra: 0.0, below: colours.below() }
 }
 
-/// Returns the boundaries of cells around sorted values: the midpoints between the values, and equally far beyond the
-/// first and the last value.
+/// Returns the boundaries of the cells of a map around sorted values: the midpoints between the values, and equally far
+/// beyond the first and the last value.
 fn edges(values: &[f64]) -> Vec<f64> {
     let middle = |pair: &[f64]| pair[0] + 0.5 * (pair[1] - pair[0]);
     let inner: Vec<f64> = values.windows(2).map(middle).collect();
@@ -235,7 +236,7 @@ fn edges(values: &[f64]) -> Vec<f64> {
 }
 
 fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
-    // Cells are slightly wider than their spacing, to close the gaps between neighbours.
+    // Cells of the map are slightly wider than their spacing, to close the gaps between neighbours.
     Rectangle::new()
         .set("x", tenths(from.0))
         .set("y", tenths(from.1))
@@ -244,7 +245,7 @@ fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
         .set("fill", colour)
 }
 
-/// The colours of the cells of a map.
+/// The colours of the cells of a map: by numbers, or by modes.
 enum Colours<'t> {
     Numbers {
         name: &'t str,
@@ -252,7 +253,7 @@ enum Colours<'t> {
         axis: Axis,
         ends: (f64, f64),
     },
-    /// Modes with their numbers of occurrences, the most frequent first.
+    /// The modes of the members of a sweep with their numbers of occurrences, the most frequent first.
     Modes {
         name: &'t str,
         values: &'t Values,
@@ -298,7 +299,7 @@ impl<'t> Colours<'t> {
         }
     }
 
-    /// Draws the colour scale or the list of modes, with its upper left corner at the given position.
+    /// Draws the colour scale or the list of modes of the map, with its upper left corner at the given position.
     fn scale(&self, group: Group, left: f64, top: f64) -> Group {
         match self {
             Self::Numbers { axis, name, .. } => {
@@ -341,7 +342,7 @@ impl<'t> Colours<'t> {
 /// The colour of a map that the rarer modes share.
 const OTHER: &str = "#9198a1";
 
-/// Returns the colour of mode number `k`: the colours of Okabe and Ito, then lighter ones.
+/// Returns the colour of mode number `k` in a map: the colours of Okabe and Ito, then lighter ones.
 fn hue(k: usize) -> String {
     const HUES: [&str; MOST_MODES] = [
         "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7", "#f0e442", "#7fb8d8", "#f2cf80", "#80ceb9",
@@ -370,7 +371,8 @@ fn shade(part: f64) -> String {
     format!("#{:02x}{:02x}{:02x}", mixed(0), mixed(1), mixed(2))
 }
 
-/// Draws a vertical axis for each swept name and each collected number, and a line for each member.
+/// Draws parallel coordinates: a vertical axis for each swept name and each collected number, and a line for each
+/// member of the sweep.
 fn parallel(table: &Table) -> Drawn {
     let swept = table.swept.iter().filter_map(|name| Some((name.as_str(), table.column(name)?)));
     let axes: Vec<(&str, &Values, Axis)> = swept

@@ -30,13 +30,13 @@ const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = WIDTH - 24.0;
-/// Height of the title, in pixels.
+/// Height of the title of a plot, in pixels.
 const TITLE: f64 = 44.0;
 /// Height of the labels of the time axis and the remarks below it, in pixels.
 const FOOT: f64 = 58.0;
 /// Approximate number of intervals between the ticks of the time axis.
 const TIME_TICKS: usize = 10;
-/// Least distance in pixels between two switches that are drawn separately.
+/// Least distance in pixels between two switches of variables that are drawn separately.
 const APART: f64 = 2.0;
 /// Number of characters that fit into a line of the plot, and into a line of a title in large type.
 const LINE_CHARACTERS: usize = 80;
@@ -107,7 +107,7 @@ fn magnitude(field: &Field) -> f64 {
     field.values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
 
-/// Returns the horizontal positions of the switches, with indistinguishable ones merged.
+/// Returns the horizontal positions of the switches in the plot, with indistinguishable ones merged.
 fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     let events = solution.trajectory.events.iter();
     let within = events.filter(|event| (0.0..=1.0).contains(&stage.axis.fraction(event.t)));
@@ -117,7 +117,7 @@ fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     places
 }
 
-/// Returns the remarks below the plot.
+/// Returns the text of the remarks below the plot.
 fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
     let mut remarks = Vec::new();
     if let (Some(error), Status::Failed | Status::Stopped) = (&solution.error, solution.status) {

@@ -18,7 +18,7 @@ const GAP: f64 = 14.0;
 const FOOT: f64 = 64.0;
 /// The width in pixels of a character in the name of a panel.
 const CHARACTER: f64 = 6.6;
-/// The space for a label on either axis, in pixels.
+/// The space for a label on either axis of an overview, in pixels.
 const LABEL: f64 = 30.0;
 
 /// The arrangement of the panels in an overview.
@@ -125,7 +125,7 @@ fn panel(
     group
 }
 
-/// Returns decades that are at least `room` pixels apart, at multiples of 1, 2, 4, ..
+/// Returns decades of an axis that are at least `room` pixels apart, at multiples of 1, 2, 4, ..
 fn grid(axis: &Decades, room: f64) -> Vec<i32> {
     let decade = (axis.to - axis.from).abs() / f64::from(axis.high - axis.low);
     let mut every = 1;

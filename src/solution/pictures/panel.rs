@@ -23,7 +23,7 @@ const MOST_TICKS: usize = 5;
 /// Free space above and below the lines of a panel, relative to the span of their values.
 const MARGIN: f64 = 0.08;
 
-/// The parts that all panels share: the time axis and its position, and the switches.
+/// The parts that all panels of a plot share: the time axis and its position, and the switches.
 pub struct Stage<'a> {
     /// The times of the values in all fields.
     pub t: &'a [f64],

@@ -10,7 +10,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     Solution { status: Status::Completed, trajectory, ..Solution::default() }
 }
 
-/// Draws a solution, parses the SVG and passes its root to `look`.
+/// Draws a solution, parses the SVG and passes its root element to `look`.
 #[track_caller]
 fn drawn<T>(solution: &Solution, label: Option<&str>, look: impl FnOnce(Node<'_, '_>) -> T) -> T {
     let mut picture = Vec::new();
@@ -32,7 +32,7 @@ fn lines(picture: Node<'_, '_>) -> Vec<Vec<(f64, f64)>> {
     lines.map(|line| line.attribute("points").unwrap().split_whitespace().map(point).collect()).collect()
 }
 
-/// Returns the number of elements of a class.
+/// Returns the number of elements of the plot with a given class.
 fn count(picture: Node<'_, '_>, class: &str) -> usize {
     picture.descendants().filter(|node| node.attribute("class") == Some(class)).count()
 }

@@ -5,7 +5,7 @@
 /// A point of a plot, in pixels.
 pub type Point = (f64, f64);
 
-/// Returns the points to draw of a line that runs from left to right.
+/// Returns the points of a line from left to right that must be drawn: at most four in each column of pixels.
 pub fn thin(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut kept = Vec::new();
     let mut column: Option<Column> = None;

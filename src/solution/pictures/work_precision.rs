@@ -4,7 +4,7 @@
 use super::double_logarithmic::{Curve, double_logarithmic};
 use crate::{Series, Status, StudyRun};
 
-/// Errors below this value are rounding errors, and are drawn at this value.
+/// Errors of a run below this value are rounding errors, and are drawn at this value.
 const LEAST_ERROR: f64 = 1e-17;
 
 /// Draws the plot of a study: relative errors at the end against run times in seconds.
@@ -17,8 +17,8 @@ pub fn work_precision<'a>(
     double_logarithmic(&curves(series), label.unwrap_or("Error against run time"), &below, "run time in s")
 }
 
-/// Converts each series to a curve: a mark for each run that has an error, a cross for each run that did not reach
-/// the end.
+/// Converts each series of runs of a study to a curve: a mark for each run that has an error, a cross for each run that
+/// did not reach the end.
 pub fn curves<'a>(series: impl IntoIterator<Item = &'a Series>) -> Vec<Curve> {
     let point = |run: &StudyRun| Some((run.wall_seconds.max(1e-9), run.error_at_end?.max(LEAST_ERROR)));
     let curve = |series: &Series| Curve {

@@ -33,7 +33,8 @@ const ROUNDING: f64 = 1.5e-8;
 /// it is a small part of the memory of a machine.
 pub(super) const MOST_STORED: usize = 64 << 20;
 
-/// The number whose gradient is requested: a single definition at the end, or a single integral.
+/// The quantity whose gradient is requested in adjoint mode: a user-defined quantity (`definitions`) at the end time,
+/// or an integral over the run.
 #[derive(Clone, Debug)]
 pub struct Objective {
     /// The objective, as a set of observables that has it as the only definition or integral, with its derivatives.
@@ -65,18 +66,18 @@ pub struct Gradient {
     value: f64,
     slopes: Vec<f64>,
     compared: Compared,
-    /// The accuracy of the objective and its derivatives.
+    /// The accuracy to which the objective and its derivatives are known.
     resolution: Resolution,
     work: AdjointWork,
 }
 
-/// The accuracy of the objective and of its derivatives.
+/// The accuracy to which the objective of adjoint mode and its derivatives are known.
 #[derive(Clone, Debug)]
 pub(crate) struct Resolution {
-    /// The sum over the states of their absolute tolerances times the derivatives of the objective with respect to
-    /// them.
+    /// The sum over the states of the absolute tolerance of a state times the derivative of the objective with respect
+    /// to this state.
     tolerated: f64,
-    /// The sum of the absolute values of all terms of the directional derivative, before terms cancel.
+    /// The sum of the absolute values of all terms of the directional derivative of the objective, before terms cancel.
     made_of: f64,
     /// The rate of change of each parameter and initial value along the direction of differentiation.
     speeds: Vec<f64>,
@@ -91,17 +92,19 @@ impl Resolution {
     }
 }
 
-/// The gradient and the propagated derivative in the direction in which all parameters and initial values move
-/// together.
+/// The gradient of the objective, multiplied by the direction in which all parameters and initial values move together,
+/// and the derivative propagated in that direction.
 #[derive(Clone, Copy, Debug)]
 struct Compared {
-    /// The derivative in the direction of all parameters and initial values together, computed from the gradient.
+    /// The derivative of the objective in the direction of all parameters and initial values together, computed from
+    /// the gradient.
     swept: f64,
-    /// The derivative in the direction of all parameters and initial values together, propagated along the run.
+    /// The derivative of the objective in the direction of all parameters and initial values together, propagated along
+    /// the run.
     followed: f64,
     /// The largest term of the scalar product of gradient and direction, in absolute value.
     terms: f64,
-    /// The sum of the absolute values of all terms of the directional derivative, before terms cancel.
+    /// The sum of the absolute values of all terms of the directional derivative of the objective, before terms cancel.
     made_of: f64,
 }
 
@@ -118,7 +121,7 @@ impl Compared {
 }
 
 impl Gradient {
-    /// Writes the gradient of the objective, and the check of it, into an answer.
+    /// Writes the gradient of the objective, and the check of the gradient, into an answer.
     pub(crate) fn put(self, plan: &Plan, ended: &mut Ended) {
         let Some(asked) = &plan.sensitivities else { return };
         let solution = &mut ended.solution;
@@ -137,7 +140,8 @@ impl Gradient {
     }
 }
 
-/// The objective of a run, and the direction along which derivatives are propagated beside the run.
+/// The objective (the quantity whose gradient is requested) of a run, and the direction along which derivatives are
+/// propagated beside the run.
 pub(super) struct SweptBack {
     objective: ObjectiveSlopes,
     /// The rate of change of each parameter and initial value along the direction of differentiation.
@@ -146,11 +150,11 @@ pub(super) struct SweptBack {
     ahead: f64,
     /// The absolute tolerance of each state.
     atol: Vec<f64>,
-    /// The largest memory of the stored steps, in bytes.
+    /// The largest memory that the stored steps have taken so far, in bytes.
     largest: usize,
 }
 
-/// Returns a single direction, along which each parameter and initial value moves at its own speed.
+/// Returns a single direction of differentiation, along which each parameter and initial value moves at its own speed.
 pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Directions, String> {
     let Directions { initial, mut rows, mass, bounds, .. } = unshifted(model, by)?;
     let speeds_of_all = DVector::from_column_slice(speeds);
@@ -195,7 +199,7 @@ impl SweptBack {
         Self { objective, direction, ahead, atol: atol.to_vec(), largest: 0 }
     }
 
-    /// Updates the largest memory of the steps stored so far.
+    /// Updates the largest memory of the stored steps by their present memory `bytes`.
     pub fn watch(&mut self, bytes: usize) {
         self.largest = self.largest.max(bytes);
     }
@@ -261,7 +265,7 @@ impl From<radau::AdjointWork> for AdjointWork {
     }
 }
 
-/// The contribution of one step to an objective that is an integral.
+/// The contribution of one step of the run to an objective that is an integral.
 struct OverStep {
     gained: f64,
     /// The integrals of the absolute values of the partial derivatives of the integrand with respect to the
@@ -299,8 +303,8 @@ impl ObjectiveSlopes {
         }
     }
 
-    /// Returns the value of the objective at a time and states, and writes the partial derivatives with respect to
-    /// the states and to the directions.
+    /// Returns the value of the objective (or of its integrand) at a time and states, and writes the partial
+    /// derivatives with respect to the states and to the directions.
     fn at(&mut self, t: f64, x: &[f64], by_states: &mut [f64], by_directions: &mut [f64]) -> f64 {
         let mut value = [0.0];
         self.outputs[..x.len()].copy_from_slice(x);
@@ -321,8 +325,8 @@ impl ObjectiveSlopes {
         value[0]
     }
 
-    /// Integrates the objective and its derivatives over a step; `ahead` is added to the time of the step to obtain
-    /// the user's time.
+    /// Integrates the integrand of the objective and its derivatives over a step; `ahead` is added to the time of the
+    /// step to obtain the user's time.
     fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> OverStep {
         let (n, s, p) = (states, step.step().tableau.stages(), self.count);
         let (mut x, mut by_states, mut by_directions) = (vec![0.0; n], vec![0.0; n], vec![0.0; p]);
@@ -363,7 +367,7 @@ mod tests {
         // A derivative whose terms, of size one, cancel up to rounding errors passes the check.
         let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
         assert!(rest.off() < 1e-6, "{}", rest.off());
-        // A difference of a millionth of the terms exceeds rounding errors.
+        // A difference of the two derivatives of a millionth of their terms exceeds rounding errors.
         assert!(Compared { swept: 1e-6, ..rest }.off() > 1.0);
         // If the derivative does not cancel, a relative error of 5e-5 and a wrong sign are both detected.
         let whole = Compared { swept: 2.0, followed: 2.0, terms: 2.0, made_of: 2.0 };

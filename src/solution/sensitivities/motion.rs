@@ -11,10 +11,10 @@ use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{EventKind, Mechanical};
 
-/// Largest number of events in the answer whose times are differentiated.
+/// Largest number of events with derivatives of their times in an answer.
 const MOST_EVENTS: usize = 10_000;
 
-/// Derivatives that are propagated along a motion with located impacts.
+/// Derivatives of the states that are propagated along a motion with located impacts.
 pub(crate) struct FollowedMotion<'p> {
     tangents: Tangents,
     observed: Option<ObservedSlopes>,
@@ -28,8 +28,8 @@ pub(crate) struct FollowedMotion<'p> {
     /// Number of events whose times are differentiated, but which the answer leaves out since it contains the largest
     /// number already.
     pub left_out: u64,
-    /// The stored steps and the objective, in adjoint mode; derivatives are then propagated in a single direction, in
-    /// which all parameters and initial values move together.
+    /// The stored steps and the objective (the quantity whose gradient is requested), in adjoint mode; derivatives are
+    /// then propagated in a single direction, in which all parameters and initial values move together.
     swept: Option<Swept>,
 }
 
@@ -168,7 +168,7 @@ impl<'p> FollowedMotion<'p> {
         Ok(())
     }
 
-    /// Returns the gradient of the objective after the last step, in adjoint mode.
+    /// Returns the gradient of the objective (the quantity to differentiate) after the last step, in adjoint mode.
     pub fn gradient(&mut self, located: &EventDriven<'_>) -> Option<Result<Gradient, String>> {
         let Self { tangents, observed: Some(observed), start, swept: Some(swept), .. } = self else { return None };
         let Swept { adjoint, back, .. } = swept;
@@ -180,7 +180,7 @@ impl<'p> FollowedMotion<'p> {
         }))
     }
 
-    /// Writes the columns of derivatives at the user's time `t`, within the last step.
+    /// Writes the columns of derivatives of a motion at the user's time `t`, within the last step.
     pub fn write(&mut self, phase: &mut SmoothPhase<'_, '_>, t: f64, out: &mut [f64]) {
         if self.swept.is_some() {
             return;
@@ -201,7 +201,7 @@ impl<'p> FollowedMotion<'p> {
     }
 }
 
-/// Returns a single direction, along which each parameter and initial value moves at its own speed.
+/// Returns a single direction of differentiation, along which each parameter and initial value moves at its own speed.
 fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> Result<Directions, String> {
     let Directions { initial, mut terms, mu, restitution, .. } = unshifted(model, by, start)?;
     let speeds = DMatrix::from_column_slice(speeds.len(), 1, speeds);
@@ -232,7 +232,8 @@ fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> R
     })
 }
 
-/// Returns two motions, in which each parameter `k` is increased and decreased by `by * speed(k)`.
+/// Returns two mechanical systems for central differences, in which each parameter `k` is increased and decreased by
+/// `by * speed(k)`.
 fn shifted_by(
     model: &MechanicalModel,
     by: f64,

@@ -11,18 +11,18 @@ use nalgebra::{DMatrix, DVector};
 /// The derivatives of the user's definitions and integrals along a run.
 pub(super) struct ObservedSlopes {
     of: ObservableSlopes,
-    /// The program of definitions, integrands and monitors, with buffers for the outputs of the problem and for the
-    /// values.
+    /// The program of the user's definitions, integrands and monitors, with buffers for the outputs of the problem and
+    /// for the values of the program.
     program: Tape,
     outputs: Vec<f64>,
     values: Vec<f64>,
     definitions: usize,
     integrals: usize,
-    /// The index of each parameter with respect to which derivatives are requested, its direction, and its speed
-    /// along the direction.
+    /// The index of each parameter with respect to which derivatives are requested, the index of its direction of
+    /// differentiation, and its speed along the direction.
     directions: Vec<(usize, usize, f64)>,
     count: usize,
-    /// The derivatives of the integrals at the beginning and at the end of the last step, one row per integral.
+    /// The derivatives of the user's integrals at the beginning and at the end of the last step, one row per integral.
     begun: DMatrix<f64>,
     ended: DMatrix<f64>,
     step: (f64, f64),
@@ -38,8 +38,8 @@ pub(super) struct Jump {
 }
 
 impl ObservedSlopes {
-    /// Prepares the derivatives at the start of a run of a problem with `outputs` outputs, with respect to all of
-    /// `by`.
+    /// Prepares the derivatives of the user's definitions and integrals at the start of a run of a problem with
+    /// `outputs` outputs, with respect to all parameters and initial values in `by`.
     pub fn new(observables: &Observables, outputs: usize, by: &[By], start: f64) -> Self {
         let parameter = |(direction, by): (usize, &By)| match *by {
             By::Parameter(parameter) => Some((parameter, direction, 1.0)),
@@ -49,8 +49,8 @@ impl ObservedSlopes {
         Self::along(observables, outputs, (directions, by.len()), start)
     }
 
-    /// Prepares the derivatives at the start of a run along a single direction, in which each parameter moves at its
-    /// own speed.
+    /// Prepares the derivatives of the user's definitions and integrals at the start of a run along a single direction,
+    /// in which each parameter moves at its own speed.
     pub fn together(observables: &Observables, outputs: usize, (by, speeds): (&[By], &[f64]), start: f64) -> Self {
         let parameter = |(by, speed): (&By, &f64)| match *by {
             By::Parameter(parameter) => Some((parameter, 0, *speed)),
@@ -60,7 +60,8 @@ impl ObservedSlopes {
         Self::along(observables, outputs, (directions, 1), start)
     }
 
-    /// Prepares the derivatives at the start of a run along `count` directions in which no parameter changes.
+    /// Prepares the derivatives of the user's definitions and integrals at the start of a run along `count` directions
+    /// in which no parameter changes.
     pub fn of_states(observables: &Observables, outputs: usize, count: usize, start: f64) -> Self {
         Self::along(observables, outputs, (Vec::new(), count), start)
     }
@@ -87,7 +88,7 @@ impl ObservedSlopes {
         }
     }
 
-    /// Returns the derivatives of definitions and integrands at states `x` with the derivatives `slopes`.
+    /// Returns the derivatives of the user's definitions and integrands at states `x` with the derivatives `slopes`.
     fn at(&mut self, t: f64, x: &[f64], slopes: &DMatrix<f64>) -> DMatrix<f64> {
         let mut values = vec![0.0; self.of.pattern.len()];
         self.of.program.evaluate(t, x, &mut values);
@@ -107,7 +108,7 @@ impl ObservedSlopes {
         out
     }
 
-    /// Integrates the derivatives of the integrands between two times.
+    /// Integrates the derivatives of the user's integrands between two times.
     fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (first, integrals, count) = (self.definitions, self.integrals, self.count);
         let mut sums = Integrals::new(integrals * count);
@@ -118,8 +119,8 @@ impl ObservedSlopes {
         DMatrix::from_column_slice(integrals, count, &sums.values)
     }
 
-    /// Adds a step between two times to the integrals; `along` returns the states and their derivatives at a time
-    /// within the step.
+    /// Adds a step between two times to the derivatives of the user's integrals; `along` returns the states and their
+    /// derivatives at a time within the step.
     pub fn step(
         &mut self,
         (from, to): (f64, f64),
@@ -140,8 +141,8 @@ impl ObservedSlopes {
         }
     }
 
-    /// Returns the change of the derivatives of the only integral at a jump, one per direction; `None` if there is no
-    /// integral.
+    /// Returns the change of the derivatives of the only integral at a jump of the states, one per direction; `None` if
+    /// there is no integral.
     pub fn gained(&mut self, jump: &Jump) -> Option<DVector<f64>> {
         if self.integrals == 0 {
             return None;
@@ -151,7 +152,8 @@ impl ObservedSlopes {
         Some(self.ended.row(0).transpose())
     }
 
-    /// Adds the changes of the derivatives of the integrals at a jump of the integrands.
+    /// Adds the changes of the derivatives of the user's integrals at a jump of the states, at which the integrands
+    /// jump.
     fn pass(&mut self, jump: &Jump) {
         let Jump { t, before, after, times } = jump;
         let Self { program, outputs, values, definitions, integrals, .. } = self;
@@ -179,7 +181,7 @@ impl ObservedSlopes {
         }
     }
 
-    /// Returns the derivatives of definitions and integrals at a time within the last step.
+    /// Returns the derivatives of the user's definitions and integrals at a time within the last step.
     pub fn write(&mut self, t: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (x, slopes) = along(t);
         let mut out = self.at(t, &x, &slopes);

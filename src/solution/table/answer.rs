@@ -6,7 +6,7 @@ use crate::summary::summary;
 use crate::{CheckCode, Failure, Solution, Status};
 use std::io;
 
-/// The reason why a table has fewer rows than members were requested.
+/// The reason why the table of a sweep has fewer rows than members were requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Incomplete<'a> {
     /// A code of the reason why rows are missing, for programs.
@@ -70,7 +70,7 @@ pub fn answer(members: &dyn Members, asked: usize, incomplete: Incomplete<'_>) -
     Ok(solution)
 }
 
-/// Records the number of members that are not trusted, and of those that failed.
+/// Records the numbers of members of the sweep that are not trusted, and that failed, in the answer.
 fn judge(members: &dyn Members, rows: usize, solution: &mut Solution) -> io::Result<()> {
     let checks = &mut solution.diagnostics.checks;
     let untrusted = untrusted(members)?;
@@ -85,7 +85,7 @@ fn judge(members: &dyn Members, rows: usize, solution: &mut Solution) -> io::Res
     Ok(())
 }
 
-/// Returns the number of members that reached their end and are not trusted.
+/// Returns the number of members of the sweep that reached their end and are not trusted.
 fn untrusted(members: &dyn Members) -> io::Result<u64> {
     let place = |name: &str| members.head().columns.iter().position(|column| column.name == name);
     let (Some(trusted), Some(status)) = (place("trusted"), place("status")) else { return Ok(0) };

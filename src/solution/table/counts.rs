@@ -9,13 +9,13 @@ pub const MISSING: u32 = u32::MAX;
 #[derive(Clone, Debug)]
 pub struct Counts {
     kept: Kept,
-    /// Number of rows for which space is reserved.
+    /// Number of rows of the column for which space is reserved.
     room: usize,
 }
 
 #[derive(Clone, Debug)]
 enum Kept {
-    /// The arithmetic sequence `first`, `first + step`, and so on, one count per row.
+    /// The counts of a column that form an arithmetic sequence `first`, `first + step`, and so on, one per row.
     Run {
         first: u32,
         step: u32,
@@ -62,7 +62,7 @@ impl Counts {
         self.len() == 0
     }
 
-    /// Returns the count in a row; `None` after the last row.
+    /// Returns the count in a row of the column; `None` after the last row.
     pub fn get(&self, row: usize) -> Option<u32> {
         match &self.kept {
             Kept::Run { first, step, len } => (row < *len).then(|| first + step * row as u32),
@@ -76,7 +76,7 @@ impl Counts {
         }
     }
 
-    /// Returns the counts of all rows in order.
+    /// Returns the counts in all rows of the column in order.
     pub fn iter(&self) -> impl Iterator<Item = u32> {
         (0..self.len()).filter_map(|row| self.get(row))
     }
@@ -98,7 +98,7 @@ impl Counts {
             match *len {
                 0 => (*first, *step) = (value, 0),
                 1 if value.checked_sub(*first).is_some_and(|step| step <= 1) => *step = value - *first,
-                // The value of a missing count does not occur in a sequence with step 1.
+                // The value that stands for a missing count does not occur in a sequence with step 1.
                 _ if first.checked_add(step.saturating_mul(*len as u32)) == Some(value)
                     && (*step == 0 || value < MISSING) => {}
                 _ => return self.widen(value),
@@ -120,7 +120,7 @@ impl Counts {
         }
     }
 
-    /// Appends a count that does not fit into the current representation, by a change to a wider one.
+    /// Appends a count to the column that does not fit into the current representation, by a change to a wider one.
     fn widen(&mut self, value: u32) {
         let room = self.room.max(self.len() + 1);
         let is_of = |fits: &dyn Fn(u32) -> bool| self.iter().chain([value]).all(fits);

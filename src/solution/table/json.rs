@@ -118,7 +118,7 @@ impl<'de> Deserialize<'de> for Values {
     }
 }
 
-/// The numbers of a list, with null for missing ones.
+/// The numbers of a list in a table, with null for missing ones.
 #[derive(Serialize)]
 #[serde(transparent)]
 struct List(Vec<Option<f64>>);
@@ -131,7 +131,7 @@ impl List {
 
 struct ValuesVisitor;
 
-/// One value in JSON: an integer without a decimal point is read as a count.
+/// One value of a column in JSON: an integer without a decimal point is read as a count.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Value {

@@ -1,7 +1,7 @@
 //! Lists of numbers of equal length, one list per row: the trajectories of members of a sweep at the same times. A
 //! missing number, such as one after the time at which a run failed, is NaN in memory and null in every written form.
 
-/// A column of lists of equal length.
+/// A column of lists of numbers of equal length in the table of a sweep.
 #[derive(Clone, Debug, Default)]
 pub struct Lists {
     length: usize,
@@ -22,7 +22,7 @@ impl Lists {
         Self { length, ..Self::default() }
     }
 
-    /// Returns the length of each list.
+    /// Returns the length of each list of the column.
     pub fn length(&self) -> usize {
         self.length
     }
@@ -45,20 +45,21 @@ impl Lists {
         self.values.get(row * self.length..(row + 1) * self.length)
     }
 
-    /// Returns the numbers of the list in a row, `None` for missing ones; returns `None` if all are missing.
+    /// Returns the numbers of the list in a row of the column, `None` for missing ones; returns `None` if all are
+    /// missing.
     pub fn numbers(&self, row: usize) -> Option<impl Iterator<Item = Option<f64>>> {
         let list = self.get(row).filter(|list| list.iter().any(|value| value.is_finite()))?;
         Some(list.iter().map(|value| Some(*value).filter(|value| value.is_finite())))
     }
 
-    /// Appends a list: missing numbers are added if it is too short, and excess numbers are dropped.
+    /// Appends a list to the column: missing numbers are added if it is too short, and excess numbers are dropped.
     pub fn push(&mut self, list: &[f64]) {
         let given = list.iter().copied().chain(std::iter::repeat(f64::NAN));
         self.values.extend(given.take(self.length));
         self.rows += 1;
     }
 
-    /// Sets the length of the lists to that of `other`, if there are no rows yet.
+    /// Sets the length of the lists of the column to that of `other`, if there are no rows yet.
     pub fn take_length(&mut self, other: &Self) {
         if self.rows == 0 {
             self.length = other.length;
@@ -70,7 +71,7 @@ impl Lists {
         self.values.reserve_exact(rows.saturating_mul(self.length));
     }
 
-    /// Returns the numbers of all rows, one list after the other.
+    /// Returns the numbers in all rows of the column, one list after the other.
     pub fn values(&self) -> &[f64] {
         &self.values
     }

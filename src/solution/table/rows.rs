@@ -14,7 +14,7 @@
 use super::{Lists, MISSING, Table, Values, Words};
 use std::io;
 
-/// The codes of the column types in the byte format.
+/// The codes of the types of columns in the byte format of a table.
 const NUMBERS: u8 = 0;
 const COUNTS: u8 = 1;
 const FLAGS: u8 = 2;
@@ -116,7 +116,7 @@ fn cut_off() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "these are no rows of a table")
 }
 
-/// The bytes of a table that have not been read yet.
+/// The bytes of a stored table that have not been read yet.
 struct Rest<'b>(&'b [u8]);
 
 impl<'b> Rest<'b> {
@@ -145,7 +145,7 @@ impl<'b> Rest<'b> {
             [LISTS] => {
                 let length = self.count()?;
                 let mut lists = Lists::new(length);
-                // Empty lists take no bytes, so that the number of rows is limited separately.
+                // Empty lists take no bytes, so that their number of rows is limited separately.
                 let count = if length == 0 { rows.min(self.0.len()) } else { rows };
                 let numbers = self.numbers(count.checked_mul(length).ok_or_else(cut_off)?)?;
                 let numbers: Vec<f64> = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();

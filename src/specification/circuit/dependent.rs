@@ -10,10 +10,10 @@ use crate::ordered::Ordered;
 use expression::Node;
 use models::circuit::{Dependent, DependentLaw, Element, Equations, Law, System};
 
-/// The controlling quantity of an element, as the user writes it.
+/// The controlling quantity of a controlled circuit element, as the user writes it.
 #[derive(Clone, Debug)]
 pub(super) enum Drive<'a> {
-    /// An expression under the key `key` of the component.
+    /// An expression that gives the voltage or current of the element, under the key `key` of the component.
     Expression { key: &'static str, expression: &'a Expression, bounds: [Option<Node>; 2] },
     /// The sign of a voltage or an expression, for a switch or a comparator.
     Comparison { of: Compared<'a>, hysteresis: Option<Node>, begins: bool, limits: [Node; 2] },
@@ -25,17 +25,17 @@ pub(super) enum Drive<'a> {
     WindingCurrent { other: usize, factor: Node },
 }
 
-/// The quantity whose sign controls a switch or a comparator.
+/// The quantity whose sign controls a switch or the output of a comparator.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Compared<'a> {
     /// The expression `closed` of a switch, whose sign decides whether the switch is closed.
     Closed(&'a Expression),
-    /// The voltage between the inputs of a comparator.
+    /// The voltage between the two inputs of a comparator.
     Between((usize, usize)),
 }
 
-/// Writes the equations of all controlled elements; `drives` are their controlling quantities, each with the index of
-/// its element.
+/// Writes the equations of all controlled circuit elements; `drives` are their controlling quantities, each with the
+/// index of its element.
 pub(super) fn laws(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],
@@ -100,7 +100,7 @@ pub(super) fn laws(
     laws
 }
 
-/// Reports names in expressions that do not exist in the circuit.
+/// Reports names in the expressions of components that do not exist in the circuit.
 pub(super) fn check_names(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],

@@ -1,5 +1,5 @@
-//! From a component to its elements, and to the controlling quantities of those elements that are not controlled by
-//! time alone.
+//! From a component of a circuit to its elements, and to the controlling quantities of those elements that are not
+//! controlled by time alone.
 
 use super::components::*;
 use super::dependent::{Compared, Drive};
@@ -13,8 +13,8 @@ use models::circuit::{Element, Law, Quantity, Terms};
 use std::collections::HashMap;
 
 impl<'a> Circuit<'a> {
-    /// Appends the elements of a component, and the controlling quantities (`drives`) of those elements that are not
-    /// controlled by time alone.
+    /// Appends the circuit elements of a component, and the controlling quantities (`drives`) of those elements that
+    /// are not controlled by time alone.
     pub(super) fn elements(
         &self,
         (component, swapped): (usize, bool),
@@ -159,7 +159,7 @@ impl<'a> Circuit<'a> {
         Law::Switch { closed, withstand: value }
     }
 
-    /// Returns a constant of element `k` as a node of the expression graph; `otherwise` is the default of the
+    /// Returns a constant of circuit element `k` as a node of the expression graph; `otherwise` is the default of the
     /// constant.
     fn constant(
         &self,
@@ -181,7 +181,7 @@ impl<'a> Circuit<'a> {
         Some(node.unwrap_or_else(|| lowering.graph.constant(value)))
     }
 
-    /// Returns the lower and the upper limit of a source as graph nodes.
+    /// Returns the lower and the upper limit of a controlled source as nodes of the expression graph.
     fn limits(&self, k: usize, given: Option<&(Expression, Expression)>, lowering: &mut Lowering) -> [Option<Node>; 2] {
         let Some((low, high)) = given else { return [None; 2] };
         let limits = [low, high].map(|limit| self.constant(k, "limits", Some(limit), 0.0, lowering));
@@ -197,7 +197,8 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// Returns a constant, which must be above the lower bound `least.0`, or may equal it if `least.1` is true.
+    /// Returns a constant of a component, which must be above the lower bound `least.0`, or may equal it if `least.1`
+    /// is true.
     fn value(
         &self,
         k: usize,
@@ -229,8 +230,8 @@ impl<'a> Circuit<'a> {
     }
 }
 
-/// Returns which quantity of an element a key of the component sets: `volts` sets the initial value of a capacitor,
-/// for example.
+/// Returns which quantity of a circuit element a key of the component sets: `volts` sets the initial value of a
+/// capacitor, for example.
 fn quantity(key: &str) -> Quantity {
     match key {
         "volts" | "amperes" => Quantity::Start,

@@ -4,14 +4,14 @@ use crate::error::SpecificationError;
 use crate::wording::abridged;
 use models::circuit::Fault;
 
-/// The names in a circuit, and the pointers to its components.
+/// The names in a circuit, and the JSON pointers to its components, for messages.
 pub(super) struct Names<'a> {
     /// The name of each circuit element.
     pub components: Vec<String>,
     pub nodes: Vec<&'a str>,
-    /// Returns the JSON pointer to the component of an element.
+    /// Returns the JSON pointer to the component that a circuit element belongs to.
     pub pointer: &'a dyn Fn(usize) -> String,
-    /// The JSON pointer to the whole list of components, or to the netlist.
+    /// The JSON pointer to the whole list of components, or to the netlist that the circuit is read from.
     pub whole: String,
 }
 
@@ -107,7 +107,7 @@ impl Names<'_> {
     }
 }
 
-/// Joins names in quotes, of which at most `SHOWN` are shown.
+/// Joins names in quotes for a message; at most `SHOWN` names are shown.
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const SHOWN: usize = 12;
     let mut names = names.map(|name| format!("`{}`", abridged(name)));

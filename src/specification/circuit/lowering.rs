@@ -131,12 +131,13 @@ impl<'a> Circuit<'a> {
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.member(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
             let left: Vec<usize> = (0..count).filter(is_transformer).filter(|&k| !swapped[k]).collect();
-            // The transformers to swap: those that the errors name, or else all that have not been swapped yet.
+            // The transformers whose other winding is to act as the voltage source: those that the errors name, or else
+            // all that have not been swapped yet.
             let named: Vec<usize> = left.iter().copied().filter(|&k| is_named(k)).collect();
             let turned = if named.is_empty() { left } else { named };
             let errors = first.get_or_insert(errors);
             if turned.is_empty() {
-                // An unknown name may be the cause of the fault, so report it first.
+                // An unknown name in an expression may be the cause of the fault of the circuit, so report it first.
                 dependent::check_names(self, &drives, (&names, definitions), lowering);
                 errors.drain(..).for_each(|error| lowering.errors.push(self.placed(error)));
                 return None;
@@ -152,13 +153,13 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// Returns the pointer of a component in a list of components, by which errors name the component; errors of a
-    /// netlist have such pointers until [`Self::placed`] replaces them.
+    /// Returns the JSON pointer of component `k` in a list of components, by which errors name the component; errors of
+    /// a netlist have such pointers until [`Self::placed`] replaces them.
     fn member(&self, k: usize) -> String {
         self.place.index(k).key(self.components[k].key()).to_string()
     }
 
-    /// Returns an error of a component, moved to its line if the circuit is given as a netlist.
+    /// Returns an error of a component, moved to the line of the component if the circuit is given as a netlist.
     fn placed(&self, error: SpecificationError) -> SpecificationError {
         let Some(lines) = self.lines else { return error };
         match (0..self.components.len()).find(|&k| error.pointer == self.member(k)) {
@@ -171,7 +172,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// Numbers the nodes by name, ground first, and reports faulty names.
+    /// Numbers the nodes of the circuit by name, ground first, and reports faulty names.
     fn nodes(&self, lowering: &mut Lowering) -> HashMap<&str, usize> {
         let mut nodes = HashMap::from([(GROUND, 0)]);
         for (k, component) in self.components.iter().enumerate() {
@@ -230,8 +231,8 @@ impl<'a> Circuit<'a> {
         node
     }
 
-    /// Calls `call` with the pointer to a member of an element's component. All components of a netlist share one
-    /// pointer.
+    /// Calls `call` with the JSON pointer to the member `key` of the component of element `k`. All components of a
+    /// netlist share one pointer.
     pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Pointer<'_>) -> T) -> T {
         match self.lines {
             Some(_) => call(&self.place),
@@ -239,7 +240,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// Returns the component that element `k` belongs to.
+    /// Returns the component that circuit element `k` belongs to.
     pub(super) fn owner(&self, k: usize) -> &Component {
         &self.components[self.owners[k]]
     }

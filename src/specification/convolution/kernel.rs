@@ -17,14 +17,15 @@ use expression::{ExpressionError, Node, Tape};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 
-/// Highest admissible index of a kernel: above it, solutions need not exist.
+/// Highest admissible index of a convolution kernel: above it, solutions need not exist.
 const HIGHEST_INDEX: f64 = 2.0;
 
-/// A kernel, its index, and its leading coefficient matrix at `t = 0`.
+/// A convolution kernel, its index, and its leading coefficient matrix at `t = 0`.
 pub type Lowered = (Kernel, f64, DMatrix<f64>);
 
 impl KernelOfTime {
-    /// Builds the kernel, of `m` rows and columns, from its description; reports errors and then returns `None`.
+    /// Builds the convolution kernel, of `m` rows and columns, from its description; reports errors and then returns
+    /// `None`.
     pub(super) fn lower(&self, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Lowered> {
         match (&self.fractional, &self.entries) {
             (Some(fractional), None) => {
@@ -63,7 +64,7 @@ impl FractionalKernel {
     }
 }
 
-/// Reads the exponent of a kernel, a constant above 0 and at most `HIGHEST_INDEX`.
+/// Reads the exponent of a convolution kernel, a constant above 0 and at most `HIGHEST_INDEX`.
 fn exponent(exponent: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
     let value = lowering.constant(exponent, place)?;
     if value > HIGHEST_INDEX {
@@ -138,7 +139,7 @@ fn of_entries(
     Some((Kernel { terms }, index, matrix))
 }
 
-/// Returns the error for entries that vanish at `t = 0` together with their derivatives.
+/// Returns the error for a kernel whose entries vanish at `t = 0` together with their derivatives.
 fn vanishing(place: &Pointer<'_>, exponent: f64) -> SpecificationError {
     if exponent < 1.0 {
         let detail = format!("all entries are zero at t = 0: the index is above the exponent {exponent}");
@@ -148,8 +149,8 @@ fn vanishing(place: &Pointer<'_>, exponent: f64) -> SpecificationError {
     too_high(place, if exponent > 1.0 { exponent + 1.0 } else { 3.0 })
 }
 
-/// Returns the function `t^(a-1) g`, differentiated once if its index is above one (the solver integrates it back),
-/// and the value at `t = 0` of the remaining factor.
+/// Returns the kernel entry `t^(a-1) g` as a function, differentiated once if its index is above one (the solver
+/// integrates it back), and the value at `t = 0` of the remaining factor.
 fn function(node: Node, exponent: f64, lowering: &mut Lowering) -> Result<(Function, f64), SpecificationError> {
     let (mut g, mut a, mut integrations) = (node, exponent, 0);
     loop {
@@ -177,15 +178,15 @@ fn underivable(error: ExpressionError) -> SpecificationError {
     SpecificationError::new(String::new(), error.code, error.message)
 }
 
-/// Returns the derivative `g'` of an entry `g` with respect to `t`.
+/// Returns the derivative `g'` of the factor `g` of a kernel entry with respect to `t`.
 fn slope(node: Node, lowering: &mut Lowering) -> Result<Node, ExpressionError> {
     let graph = &mut lowering.graph;
     let slope = graph.gradient(node)?.into_iter().find(|&(input, _)| input == 0).map(|(_, slope)| slope);
     Ok(slope.unwrap_or_else(|| graph.constant(0.0)))
 }
 
-/// Returns the factor that remains of the derivative of `t^(a-1) g`: `(a - 1) g + t g'` for `a > 1`, and `g'` for
-/// `a = 1`.
+/// Returns the factor that remains of the derivative of the kernel entry `t^(a-1) g`: `(a - 1) g + t g'` for `a > 1`,
+/// and `g'` for `a = 1`.
 fn derivative(node: Node, a: f64, lowering: &mut Lowering) -> Result<Node, ExpressionError> {
     let slope = slope(node, lowering)?;
     if a == 1.0 {

@@ -111,7 +111,8 @@ impl Written for ConvolutionProblem {
             lowering.errors.push(error.expected("at least one variable"));
             return (lowering, None);
         }
-        // Read `q` and the kernel before the names of the variables are bound, since neither may depend on variables.
+        // Read the forcing `q` and the kernel before the names of the variables are bound, since neither may depend on
+        // variables.
         let mut inequality = Vec::with_capacity(m);
         for (name, variable) in self.variables.iter() {
             inequality.push(lowering.node_or_zero(&variable.q, &variables.key(name).key("q")));

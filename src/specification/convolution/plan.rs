@@ -11,14 +11,15 @@ use convolution::{SegmentSettings, Segments, Settings};
 use models::ConvolutionModel;
 use solution::{ConvolutionPlan, Mesh};
 
-/// Largest number of values that a run may store: 512 MiB.
+/// Largest number of values that a run of a problem with memory may store: 512 MiB.
 const MOST_NUMBERS: usize = 1 << 26;
-/// Largest number of unknowns of a step, whose matrix is dense.
+/// Largest number of unknowns (stages times variables) of a step of a problem with memory, whose matrix is dense.
 const MOST_UNKNOWNS: usize = 2_000;
-/// Default number of steps of the first run, and of the last run of a sequence of halved step sizes.
+/// Default number of steps of the first run of a problem with memory, and of the last run of a sequence of halved step
+/// sizes.
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
-/// Default number of polynomials per element of the time mesh.
+/// Default number of polynomials per element of the adaptive time mesh of a problem with memory.
 const POLYNOMIALS: usize = 5;
 
 /// Returns the settings of a run of a problem with memory.
@@ -67,7 +68,7 @@ fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Optio
     })
 }
 
-/// Number of values that the first run of a problem with memory stores.
+/// Number of values that the first run of a problem with memory stores: those of its whole history.
 pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize {
     let steps = match plan_of(model, specification).mesh {
         Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
@@ -79,7 +80,7 @@ pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize
 /// Measured number of values that an adaptive run stores per variable, for its meshes and singular functions.
 const OF_MESHES: usize = 4000;
 
-/// Refuses a run that would not fit into memory.
+/// Refuses a run of a problem with memory whose history or whose steps would be too large to store.
 pub fn check(model: &ConvolutionModel, method: &Method, time: Time, errors: &mut Errors) {
     let most = most_steps(model, method.stages);
     if most == 0 {
@@ -99,7 +100,7 @@ fn stages(stages: Stages) -> usize {
     }
 }
 
-/// Largest number of steps that fit into memory; zero if even one step is too large.
+/// Largest number of steps of a problem with memory whose history may be stored; zero if even one step is too large.
 fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     if stages(chosen) * model.variables() > MOST_UNKNOWNS {
         return 0;
@@ -107,14 +108,14 @@ fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     MOST_NUMBERS / numbers_a_step(model, chosen)
 }
 
-/// Number of values stored per step: two per stage and variable, and the weights and their transforms per kernel
-/// term.
+/// Number of values stored per step of a problem with memory: two per stage and variable, and the weights and their
+/// transforms per kernel term.
 fn numbers_a_step(model: &ConvolutionModel, chosen: Stages) -> usize {
     let (s, m) = (stages(chosen), model.variables());
     (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)
 }
 
-/// Number of equal steps, at most `step` long, that cover the horizon.
+/// Number of equal steps, at most `step` long, that cover the time horizon.
 fn steps_of(time: Time, step: f64) -> usize {
     ((time.end - time.start) / step * (1.0 - 4.0 * f64::EPSILON)).ceil().max(1.0) as usize
 }

@@ -83,10 +83,10 @@ pub struct BoxBody {
     pub z: [Expression; 2],
 }
 
-/// The grid of an elastic body, and the degrees of freedom per node.
+/// The grid of an elastic body, and its number of displacement components per node.
 pub(super) struct Geometry {
     pub grid: Grid,
-    /// Number of displacement components per node.
+    /// Number of displacement components per node of the grid.
     pub components: usize,
     pub is_string: bool,
 }
@@ -99,7 +99,7 @@ pub(super) struct Law {
 }
 
 impl ElasticBody {
-    /// Number of space dimensions of the body.
+    /// Number of space dimensions of the elastic body.
     pub(super) fn dimension(&self) -> usize {
         self.extents().1.len()
     }
@@ -115,7 +115,7 @@ impl ElasticBody {
 }
 
 impl ElasticProblem {
-    /// Builds the grid of the body, if its description is valid.
+    /// Builds the finite element grid of the body, if its description is valid.
     pub(super) fn geometry(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Geometry> {
         let (shape, extents) = self.body.extents();
         let at = place.key("elements");
@@ -148,7 +148,7 @@ impl ElasticProblem {
         Some(Geometry { components: axes.len(), grid: Grid::new(axes), is_string })
     }
 
-    /// Reads the material parameters of the body, if they are valid.
+    /// Reads the material parameters of the elastic body, if they are valid.
     pub(super) fn law(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Law> {
         let density = positive(&self.density, "density", &place.key("density"), lowering);
         let dimension = geometry.grid.dimension();

@@ -41,7 +41,7 @@ struct Meeting {
 const STRING_SIDES: [&str; 2] = ["below", "above"];
 
 impl ElasticProblem {
-    /// Collects all potential contact nodes, and the names of the sides that face an obstacle.
+    /// Collects all potential contact nodes of an elastic body, and the names of the sides that face an obstacle.
     pub(super) fn contacts(
         &self,
         geometry: &Geometry,
@@ -188,14 +188,14 @@ impl ElasticProblem {
 }
 
 impl Geometry {
-    /// Returns the other displacement components at the node of a displacement.
+    /// Returns the other displacement components at the node that a displacement component belongs to.
     fn others_of(&self, displacement: usize) -> impl Iterator<Item = usize> {
         let first = displacement - displacement % self.components;
         (first..first + self.components).filter(move |&other| other != displacement)
     }
 }
 
-/// Reads the coefficient of friction with an obstacle.
+/// Reads the coefficient of friction between an elastic body and an obstacle.
 fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     let Some(friction) = &contact.friction else { return 0.0 };
     let place = place.key("friction");
@@ -207,5 +207,5 @@ fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, 
     in_range(friction, "coefficient of friction", range, &place, lowering).unwrap_or(0.0)
 }
 
-/// Relative tolerance for rounding in comparisons of lengths.
+/// Relative tolerance for rounding in comparisons of lengths of bodies and obstacles.
 const ROUNDING: f64 = 1e-12;

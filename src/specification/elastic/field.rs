@@ -12,7 +12,7 @@ use models::finite_elements::Grid;
 /// reported.
 pub(super) struct Field<'a> {
     node: Option<Node>,
-    /// Number of points at which the expression has been evaluated so far.
+    /// Number of points of the grid at which the expression has been evaluated so far.
     points: usize,
     dimension: usize,
     place: &'a Pointer<'a>,
@@ -40,7 +40,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Returns the value at a point, for an expression that must not depend on time.
+    /// Returns the value of the expression at a point, for an expression that must not depend on time.
     pub(super) fn value(&mut self, point: [f64; 3], lowering: &mut Lowering) -> f64 {
         let node = self.at(point, lowering);
         lowering.graph.value(node).unwrap_or_else(|| {

@@ -24,7 +24,7 @@ pub struct ElasticStart {
 }
 
 impl ElasticStart {
-    /// Returns the initial displacements and velocities of all nodes.
+    /// Returns the initial displacements and velocities of all nodes of an elastic body.
     pub(super) fn lower(
         &self,
         geometry: &Geometry,
@@ -48,7 +48,8 @@ impl ElasticStart {
 }
 
 impl Geometry {
-    /// Returns the given components of a vector if their number is right, and no components otherwise.
+    /// Returns the given components of a vector if there are as many as displacement components per node, and none
+    /// otherwise.
     pub(super) fn components_of<'e>(
         &self,
         given: Option<&'e [Expression]>,
@@ -101,7 +102,7 @@ impl ElasticProblem {
     }
 }
 
-/// Adds a force density to the loads; `shares` is the volume or area that belongs to each node.
+/// Adds a force density to the loads on the nodes; `shares` is the volume or area that belongs to each node.
 fn add(
     density: &[Expression],
     shares: &[f64],

@@ -98,18 +98,18 @@ pub struct ElasticProblem {
     pub probes: Ordered<Vec<Expression>>,
 }
 
-/// Largest number of nodal displacements.
+/// Largest number of nodal displacements of an elastic body.
 const MOST_DISPLACEMENTS: usize = 100_000;
 
 impl ElasticProblem {
-    /// Number of nodal displacements, as far as `elements` determines it.
+    /// Number of nodal displacements of the body, as far as `elements` determines it.
     fn displacements(&self) -> usize {
         let dimension = self.body.dimension();
         self.elements.nodes(dimension).saturating_mul(dimension)
     }
 }
 
-/// Measured time to check a specification, in nanoseconds per unknown.
+/// Measured time to check the specification of an elastic body, in nanoseconds per nodal displacement.
 const A_DISPLACEMENT: usize = 20_000;
 
 impl Written for ElasticProblem {

@@ -16,7 +16,7 @@ pub(super) struct Names {
     pub variables: Vec<String>,
 }
 
-/// The displacement at a point, a weighted sum of nodal displacements.
+/// A probe, the displacement at a point of an elastic body: a weighted sum of nodal displacements.
 pub(super) struct Probe {
     name: String,
     weights: Vec<(usize, f64)>,
@@ -115,7 +115,7 @@ pub(super) fn lower(
 }
 
 impl ElasticProblem {
-    /// Reads the probes as weighted sums of nodal displacements.
+    /// Reads the user's probes (displacements at given points) as weighted sums of nodal displacements.
     pub(super) fn probes(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Probe> {
         let place = place.key("probes");
         let mut probes = Vec::new();

@@ -10,7 +10,7 @@ use expression::nearest;
 use models::finite_elements::Side;
 
 impl Geometry {
-    /// Finds the side of the given name; reports an unknown name.
+    /// Finds the side of an elastic body by its name; reports an unknown name.
     pub(super) fn side(&self, name: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Side> {
         let found = Side::all(self.grid.dimension()).find(|side| side.name() == name);
         if found.is_none() {
@@ -21,7 +21,7 @@ impl Geometry {
     }
 }
 
-/// Reports an unknown name of a side.
+/// Reports an unknown name of a side of an elastic body.
 pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowering: &mut Lowering) {
     let detail = format!("`{}` is not a side of this body", abridged(name));
     let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
@@ -30,7 +30,7 @@ pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowerin
 }
 
 impl ElasticProblem {
-    /// Returns whether each displacement is clamped.
+    /// Returns for each nodal displacement of an elastic body whether it is clamped.
     pub(super) fn clamped(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<bool> {
         let place = place.key("clamped");
         let components = geometry.components;

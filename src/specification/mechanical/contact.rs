@@ -154,17 +154,17 @@ pub(super) fn lower(
     lowered
 }
 
-/// Node of a coefficient of friction that is not a number.
+/// Graph node of a coefficient of friction that is not a number.
 enum Term {
-    /// The coefficient depends on parameters alone.
+    /// The coefficient of friction depends on parameters alone.
     Parametric(Node),
-    /// The coefficient depends on time or on the state.
+    /// The coefficient of friction depends on time or on the state.
     Varying(Node),
 }
 
 impl Friction {
-    /// Returns the coefficient of friction as a node, `Some(None)` if it depends on neither time nor state nor slip
-    /// speed, and `None` if it is faulty.
+    /// Returns the coefficient of friction as a graph node, `Some(None)` if it depends on neither time nor state nor
+    /// slip speed, and `None` if it is faulty.
     fn varying(&self, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Option<Node>> {
         if matches!(self.coefficient, Expression::Number(_)) {
             return Some(None);
@@ -322,7 +322,7 @@ fn in_range(
     None
 }
 
-/// Returns the error for a force on an unknown coordinate.
+/// Returns the error for a force on a coordinate that the mechanical system does not have.
 pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || coordinates.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a coordinate", abridged(name)))

@@ -9,13 +9,15 @@ use models::MechanicalModel;
 use nalgebra::DMatrix;
 use problem::{Constraints, Control};
 
-/// Tolerance for gaps and joints, in units of the coordinates: a smaller violation is rounding of the user's numbers.
+/// Tolerance for initial gaps and joints, in units of the coordinates: a smaller violation is rounding of the user's
+/// numbers.
 const ROUNDING: f64 = 1e-9;
 
-/// Largest number of iterations to resolve an overlap.
+/// Largest number of iterations to resolve an overlap of bodies at the start.
 const ROUNDS: usize = 40;
 
-/// Checks the initial state; if `interpenetration` asks to resolve violations, moves it to an admissible state.
+/// Checks the initial state of a mechanical system; if `interpenetration` asks to resolve violations, moves it to an
+/// admissible state.
 pub(super) fn settle(
     model: &mut MechanicalModel,
     t: f64,

@@ -93,7 +93,7 @@ impl Model for MechanicalModel {
         let structure = self.structure();
         let (n, rows) = (structure.coordinates, structure.rows());
         let located = specification.method().impacts() == Impacts::Locate;
-        // A member of a sweep keeps neither arcs nor events.
+        // A run of a member of a sweep stores neither smooth arcs nor events.
         let of_arcs = if located && specification.sweep().is_none() { OF_ARCS.saturating_mul(n) } else { 0 };
         // Values of the mass matrix, the matrix of an implicit step and two Jacobians, and of the responses to
         // impulses.
@@ -164,7 +164,7 @@ fn check_friction(model: &MechanicalModel, errors: &mut Errors) {
     }
 }
 
-/// Refuses methods that cannot treat impacts.
+/// Refuses methods of solution that cannot treat impacts.
 pub(super) fn refuse_other_methods(method: &Method, errors: &mut Errors) {
     let why = match method.name {
         MethodName::Radau => ("Radau IIA alone does not treat impacts", "`auto` or `contact`"),

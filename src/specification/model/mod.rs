@@ -33,21 +33,21 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Names of the states; for problems with memory, which have no states, of the variables.
     fn state_names(&self) -> Vec<String>;
 
-    /// Names of all outputs, states first.
+    /// Names of all outputs of the problem, states first.
     fn output_names(&self) -> Vec<String>;
 
-    /// Range of the outputs that are kept by default.
+    /// Range of the outputs that are kept in the trajectory by default.
     fn default_outputs(&self) -> Range<usize> {
         0..self.output_names().len()
     }
 
-    /// Initial states; zeros for problems with memory.
+    /// Initial values of the states; zeros for problems with memory.
     fn initial(&self) -> Vec<f64>;
 
-    /// Warnings to report before the solve.
+    /// Warnings about the problem to report before the solve.
     fn warnings(&self) -> &[Warning];
 
-    /// Numbers of states and variables, and structure of the Jacobian.
+    /// Numbers of states and variables of the problem, and structure of its Jacobian.
     fn sizes(&self) -> Sizes;
 
     /// The convex set `K` of the variables of the variational inequality, if the user gives one.
@@ -87,7 +87,7 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Structural analysis (index, uniqueness) at time `t` and the initial states.
     fn analyse(&self, t: f64) -> Analysis;
 
-    /// Whether the analysis covers uniqueness of solutions.
+    /// Whether the structural analysis covers uniqueness of solutions.
     fn has_theory_of_uniqueness(&self) -> bool {
         false
     }
@@ -100,7 +100,7 @@ pub trait Model: Any + Debug + Send + Sync {
         None
     }
 
-    /// The reason why the global error cannot be estimated; `None` if it can.
+    /// The reason why the global error of a run cannot be estimated; `None` if it can.
     fn no_global_error(&self) -> Option<&'static str>;
 
     /// Estimates the memory for the contacts of rigid bodies at the start; contacts are counted until the estimate is
@@ -114,50 +114,50 @@ pub trait Model: Any + Debug + Send + Sync {
         1
     }
 
-    /// Number of `f64` values in the matrices and the history of a run, as far as it is known in advance.
+    /// Number of `f64` values in the matrices and the stored history of a run, as far as it is known in advance.
     fn numbers(&self, specification: &Specification) -> usize;
 
-    /// Describes the solvers and structures that a run would use.
+    /// Describes the solvers and matrix structures that a run would use.
     fn describe(&self, specification: &Specification) -> Diagnostics;
 
     /// Solves the problem; stops at the next step if `control` asks for it.
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution;
 
-    /// Short name of the method with the given choice of stages, for a table.
+    /// Short name of the method with the given choice of Radau IIA stages, for a table.
     fn method_name(&self, stages: Stages) -> String;
 
-    /// Returns the quantities that a work-precision study of the problem may vary.
+    /// Returns the quantities (tolerance, step size, stages) that a work-precision study of the problem may vary.
     fn varied(&self) -> Varied;
 }
 
 /// Numbers of states and variables of a problem, and structure of its Jacobian.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {
-    /// The number of states.
+    /// The number of states of the problem.
     pub states: usize,
     /// The number of variables of the variational inequality.
     pub variables: usize,
-    /// The number of bounds that vary with time or states.
+    /// The number of bounds of variables that vary with time or states.
     pub moving_bounds: usize,
-    /// The number of structural nonzeros of the Jacobian.
+    /// The number of structural nonzeros of the Jacobian of the equations.
     pub jacobian_nonzeros: usize,
-    /// Whether the Jacobian is constant.
+    /// Whether the Jacobian of the equations is constant.
     pub constant_jacobian: bool,
 }
 
-/// The accuracy setting that a study refines from run to run.
+/// The accuracy setting that a work-precision study refines from run to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// Refinement of the relative tolerance.
+    /// Refinement of the relative tolerance from run to run.
     Tolerance,
-    /// Refinement of the fixed step size.
+    /// Refinement of the fixed step size from run to run.
     Step,
 }
 
 /// The quantities that a work-precision study of a problem type may vary.
 #[derive(Clone, Copy, Debug)]
 pub struct Varied {
-    /// Whether runs can be controlled by a tolerance.
+    /// Whether the steps of runs can be controlled by a tolerance.
     pub tolerance: bool,
     /// The runs in which the number of Radau IIA stages can be chosen.
     pub stages: WithStages,
@@ -170,14 +170,14 @@ pub struct Varied {
     pub balances: &'static [By],
 }
 
-/// The runs in which the number of stages can be chosen.
+/// The runs of a problem type in which the number of Radau IIA stages can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WithStages {
-    /// The number of stages can be chosen in every run.
+    /// The number of Radau IIA stages can be chosen in every run.
     Always,
-    /// The number of stages can be chosen in runs that locate impacts.
+    /// The number of Radau IIA stages can be chosen in runs that locate impacts.
     Located,
-    /// The number of stages can be chosen in no run.
+    /// The number of Radau IIA stages can be chosen in no run.
     Never,
 }
 

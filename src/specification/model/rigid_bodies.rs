@@ -130,7 +130,7 @@ impl Model for MultibodySystem {
     }
 }
 
-/// Returns the bodies that move by forces.
+/// Returns the bodies of a scene that move by forces.
 fn moving(scene: &MultibodySystem) -> impl Iterator<Item = &Body> {
     scene.bodies.iter().filter(|body| !body.fixed)
 }
@@ -149,7 +149,7 @@ fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
 /// cost of a run grows with the square of their number.
 const LOCATED: usize = 100;
 
-/// Returns how the steps treat impacts, and why.
+/// Returns how the steps of a run treat impacts (located or stepped over), and why.
 fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
     let reason = not_located(scene);
     let can_be_located = reason.is_none();

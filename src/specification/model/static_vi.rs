@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Number of stored values per entry of a sparse Jacobian including its factors, at the fill of a grid problem.
 const OF_AN_ENTRY: usize = 40;
-/// Largest number of variables for which dense tableaus are allocated.
+/// Largest number of variables of a static problem for which solvers allocate dense tableaus.
 const TABLEAU: usize = 300;
 
 impl Model for StaticModel {

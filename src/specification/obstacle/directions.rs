@@ -20,7 +20,7 @@ use utoipa::{PartialSchema, ToSchema};
 pub enum PerDirection {
     /// One expression for the coefficient in all directions of space.
     Same(Expression),
-    /// One expression for each direction of the domain.
+    /// One expression for the coefficient in each direction of the domain.
     Each(Box<Directions>),
 }
 

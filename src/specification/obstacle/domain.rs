@@ -35,7 +35,7 @@ impl Domain {
         }
     }
 
-    /// Builds the grid of the domain, if its description is valid.
+    /// Builds the finite element grid of the domain, if its description is valid.
     pub(super) fn grid(&self, given: &Elements, problem: &Pointer<'_>, lowering: &mut Lowering) -> Option<Grid> {
         let (place, place_of_elements) = (problem.key("domain"), problem.key("elements"));
         let dimension = self.dimension();

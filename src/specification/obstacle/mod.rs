@@ -90,13 +90,13 @@ choices! {
 }
 
 impl ObstacleProblem {
-    /// Number of nodes of the grid, as far as `elements` determines it.
+    /// Number of nodes of the finite element grid, as far as `elements` determines it.
     pub(super) fn nodes(&self) -> usize {
         self.elements.nodes(self.domain.dimension())
     }
 }
 
-/// Measured time to check a specification, in nanoseconds per node of the grid.
+/// Measured time to check the specification of an obstacle problem, in nanoseconds per node of the grid.
 const A_NODE: usize = 1_000;
 
 impl Written for ObstacleProblem {
@@ -218,7 +218,7 @@ impl ObstacleProblem {
     }
 }
 
-/// Translates an expression to a function of time and space; a faulty expression becomes zero.
+/// Translates an expression of an obstacle problem to a function of time and space; a faulty expression becomes zero.
 fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Field {
     let node = lowering.node_or_zero(expression, place);
     Field::new(&mut lowering.graph, node)

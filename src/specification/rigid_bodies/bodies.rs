@@ -85,7 +85,7 @@ pub struct BodyMotion {
 }
 
 impl BodyMotion {
-    /// Reads the expressions of a prescribed motion, and sets the initial pose and velocities of the moved body
+    /// Reads the expressions of a prescribed motion of a body, and sets the initial pose and velocities of that body,
     /// `lowered`.
     pub(super) fn lower(
         &self,
@@ -153,17 +153,17 @@ impl BodyMotion {
 }
 
 impl RigidBody {
-    /// Whether the body moves by the equations of motion.
+    /// Whether the body moves by the equations of motion: it is neither fixed nor has a prescribed motion.
     pub(super) fn is_free(&self) -> bool {
         !self.fixed && self.motion.is_none()
     }
 
-    /// Returns the user's name of the body with index `k`, or its default name.
+    /// Returns the user's name of the rigid body with index `k`, or its default name.
     pub(super) fn name(&self, k: usize) -> String {
         self.name.clone().unwrap_or_else(|| format!("body{}", k + 1))
     }
 
-    /// Builds the body, if its description is valid.
+    /// Builds the rigid body, if its description is valid.
     pub(super) fn lower(
         &self,
         name: String,
@@ -213,7 +213,7 @@ impl RigidBody {
         })
     }
 
-    /// Returns the index of the body's material; bodies without a material have the last index.
+    /// Returns the index of the contact material of the body; bodies without a material have the last index.
     fn material(&self, materials: &Ordered<Material>, place: &Pointer<'_>, lowering: &mut Lowering) -> usize {
         let Some(name) = &self.material else { return materials.len() };
         materials.names().position(|known| known == name).unwrap_or_else(|| {
@@ -233,14 +233,14 @@ impl RigidBody {
         }
     }
 
-    /// Returns the mass, the centre of mass, and the inertia about the centre of mass.
+    /// Returns the mass of the body, its centre of mass, and its inertia about the centre of mass.
     fn inertial(
         &self,
         parts: &[(Shape, Isometry3<f64>)],
         place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
-        // Volume, first and second moments of volume about the origin of the body's frame.
+        // Volume of the body, and the first and second moments of volume about the origin of its frame.
         let (mut volume, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
         for (shape, at) in parts {
             let Some((of_shape, centre, moment)) = shape.moments() else {

@@ -100,7 +100,8 @@ pub struct MaterialPair {
 }
 
 impl BodyContacts {
-    /// Returns the set of friction forces, a quadratic or a polyhedral cone; reports a wrong number of corners.
+    /// Returns the set of friction forces of a contact, a quadratic or a polyhedral cone; reports a wrong number of
+    /// corners.
     pub(super) fn cone(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Cone {
         let facets = self.facets.unwrap_or(FACETS);
         if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
@@ -115,7 +116,7 @@ impl BodyContacts {
     }
 }
 
-/// Returns the indices of the groups of bodies by name, and the pairs of groups without contact.
+/// Returns the indices of the contact groups of bodies by name, and the pairs of groups without contact.
 pub(super) fn groups<'a>(
     contacts: &'a BodyContacts,
     known: &HashSet<&str>,
@@ -144,7 +145,7 @@ pub(super) fn groups<'a>(
     (groups, apart)
 }
 
-/// Default number of corners of a polyhedral cone.
+/// Default number of corners of a polyhedral friction cone.
 const FACETS: u64 = 8;
 
 /// Coefficient of friction between two materials: a number, or the geometric mean of two varying expressions, which
@@ -163,16 +164,16 @@ struct Coefficients {
     patch: Patch,
 }
 
-/// Names of the inputs of a coefficient of friction, after the time `t`.
+/// Names of the inputs that a coefficient of friction may depend on, after the time `t`.
 const NAMES: [&str; 4] = ["contact_x", "contact_y", "contact_z", "slip_speed"];
 
 /// Quantities that a coefficient of friction may depend on, for error messages.
 const DEPENDS: &str = "an expression in `t`, `contact_x`, `contact_y`, `contact_z`, `slip_speed` and parameters";
 
-/// Reads the coefficients of contact laws, and combines those of two materials.
+/// Reads the coefficients of contact laws of materials, and combines those of two materials.
 struct Reading<'l, 'c> {
     lowering: &'l mut Lowering<'c>,
-    /// Index in the graph of the first input of [`NAMES`].
+    /// Index in the expression graph of the first input of [`NAMES`].
     first: usize,
     coefficients: Vec<Coefficient>,
     known: HashMap<(Node, Node), u32>,

@@ -56,8 +56,8 @@ pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
         .collect()
 }
 
-/// Compiles the expressions of the forces. Kinks and jumps in them are allowed without a warning, since fixed steps
-/// step over them.
+/// Compiles the expressions of the forces on bodies. Kinks and jumps in them are allowed without a warning, since fixed
+/// steps step over them.
 pub(super) fn lower(
     forces: &[BodyForce],
     bodies: &[Body],
@@ -97,7 +97,7 @@ pub(super) fn lower(
     actions
 }
 
-/// Finds the moving body of the given name.
+/// Finds the moving body of the given name, which a force acts on or depends on.
 fn find(
     name: &str,
     bodies: &[Body],
@@ -121,7 +121,7 @@ fn find(
     Some(body)
 }
 
-/// Compiles the components of a force and a torque, with the list of bodies that they depend on.
+/// Compiles the components of a force and a torque on a body, with the list of bodies whose motion they depend on.
 fn action(
     own: usize,
     nodes: &[Node],

@@ -21,10 +21,11 @@ pub enum Inertia {
     Matrix([[Expression; 3]; 3]),
 }
 
-/// Relative tolerance for rounding of the user's numbers.
+/// Relative tolerance for rounding of the inertia that the user gives.
 const ROUNDING: f64 = 1e-9;
 
-/// Reads the inertia tensor, which must be positive definite, with no principal moment above the sum of the other two.
+/// Reads the inertia tensor of a body, which must be positive definite, with no principal moment above the sum of the
+/// other two.
 pub(super) fn lower(inertia: &Inertia, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Matrix3<f64>> {
     let matrix = match inertia {
         Inertia::Moments(moments) => {

@@ -99,7 +99,7 @@ impl BodyJoint {
     }
 }
 
-/// Relative tolerance for the violation of a joint in velocity.
+/// Relative tolerance up to which initial velocities may violate a joint.
 const ROUNDING: f64 = 1e-6;
 
 /// Reports joints that the velocities at the start time `t` violate, or whose motor prescribes another rate. The points
@@ -193,7 +193,7 @@ pub(super) fn lower(
     lowered
 }
 
-/// Returns the bodies of a joint, a moving one first (`None` is the world), and whether that reverses the order in
+/// Returns the bodies of a joint, a moving one first (`None` is the world), and whether this order reverses that in
 /// which the user names them.
 pub(super) fn pair(
     given: &[String],

@@ -50,7 +50,7 @@ use std::sync::Arc;
 use utoipa::ToSchema;
 use vectors::Vector;
 
-/// Largest number of bodies of one problem.
+/// Largest number of rigid bodies of one problem.
 pub(super) const MOST_BODIES: usize = 100_000;
 
 /// Rigid bodies with contact, friction, impacts and joints. SI units; the z axis of a shape is its axis of symmetry.
@@ -106,7 +106,7 @@ pub struct RigidBodiesProblem {
     pub interpenetration: Interpenetration,
 }
 
-/// Measured time to check a pair of bodies, in nanoseconds.
+/// Measured time to check a pair of rigid bodies of a specification, in nanoseconds.
 const A_PAIR_OF_BODIES: usize = 5_000;
 
 impl Written for RigidBodiesProblem {

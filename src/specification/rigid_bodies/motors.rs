@@ -137,7 +137,7 @@ impl Functions {
         lowering.start.map_or(0.0, |t| signals.rounding(t))
     }
 
-    /// Returns value and rate of a function of time at the start, if the start time is known.
+    /// Returns value and rate of a function of time at the start time, if that time is known.
     pub fn at_start(&self, function: usize, lowering: &Lowering<'_>) -> Option<[f64; 2]> {
         let mut values = [0.0; 2];
         Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]).evaluate(
@@ -201,7 +201,7 @@ pub(super) fn lower(
     Some((DriveLaw::Force(law), limits.unwrap_or(Limits::NONE)))
 }
 
-/// Adds a function of time that must be finite at the start, and returns its index.
+/// Adds a function of time that must be finite at the start time, and returns its index.
 pub(super) fn finite(
     given: &Expression,
     place: &Pointer<'_>,

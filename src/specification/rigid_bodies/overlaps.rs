@@ -5,10 +5,10 @@ use crate::pointer::Pointer;
 use models::rigid_bodies::MultibodySystem;
 use problem::Control;
 
-/// Tolerance for overlaps, relative to the size of the smaller body.
+/// Tolerance for overlaps of bodies at the start, relative to the size of the smaller body.
 const ROUNDING: f64 = 1e-6;
 
-/// Reports overlapping bodies, until `control` asks to stop.
+/// Reports rigid bodies that overlap at the start, until `control` asks to stop.
 pub(super) fn refuse(scene: &MultibodySystem, bodies: &Pointer<'_>, control: &Control, errors: &mut Errors) {
     // Ask for one overlap more than can be listed, so that the list of errors is marked as cut.
     for overlap in scene.overlaps(ROUNDING, MOST + 1, control).unwrap_or_default() {

@@ -113,14 +113,15 @@ pub struct MeshShape {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Largest number of parts of a compound: each part is tested against each part of another body.
+/// Largest number of parts of a compound shape: each part is tested for contact with each part of another body.
 const MOST_PARTS: usize = 1_000;
 
 /// Largest number of points of a convex hull: each costs time at every contact.
 const MOST_POINTS: usize = 1_000;
 
 impl RigidShape {
-    /// Returns the single shapes of the body with their poses in its frame; `None` if one is faulty.
+    /// Returns the single shapes that the shape of the body consists of, with their poses in the frame of the body;
+    /// `None` if one is faulty.
     pub(super) fn parts(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
         let Self::Compound(parts) = self else {
             return Some(vec![(self.lower(place, lowering)?, Isometry3::identity())]);
@@ -144,7 +145,7 @@ impl RigidShape {
         all.into_iter().collect()
     }
 
-    /// Builds a single shape, if its description is valid.
+    /// Builds a single shape of a rigid body, if its description is valid.
     fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Shape> {
         let length = |value: &Expression, place: &Pointer<'_>, key: &str, lowering: &mut Lowering| {
             range::positive(value, key, &place.key(key), lowering)

@@ -9,12 +9,12 @@ use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 /// A vector of three constant expressions.
 pub type Vector = [Expression; 3];
 
-/// Evaluates a vector; a faulty component is reported and set to zero.
+/// Evaluates a vector of three constant expressions; a faulty component is reported and set to zero.
 pub(super) fn lower(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Vector3<f64> {
     Vector3::from_fn(|i, _| lowering.constant(&vector[i], &place.index(i)).unwrap_or(0.0))
 }
 
-/// Normalises a direction; a zero vector is reported.
+/// Evaluates a vector and normalises it to a direction; a zero vector is reported.
 pub(super) fn direction(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Unit<Vector3<f64>> {
     let before = lowering.errors.is_empty();
     let value = lower(vector, place, lowering);
@@ -27,7 +27,7 @@ pub(super) fn direction(vector: &Vector, place: &Pointer<'_>, lowering: &mut Low
     })
 }
 
-/// Normalises an orientation, and returns the norm of the given quaternion; a zero quaternion is reported.
+/// Evaluates and normalises the quaternion of an orientation, and returns its norm, too; a zero quaternion is reported.
 pub(super) fn orientation(
     given: Option<&[Expression; 4]>,
     place: &Pointer<'_>,

@@ -7,9 +7,9 @@ use std::f64::consts::PI;
 /// Mass, centre of mass and inertia of a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Inertial {
-    /// Mass in kilograms.
+    /// Mass of the body in kilograms.
     pub mass: f64,
-    /// The centre of mass, in the frame of the body.
+    /// The centre of mass of the body, in the frame of the body.
     pub centre: Vector3<f64>,
     /// The inertia about the centre of mass, along the axes of the body's frame.
     pub inertia: Matrix3<f64>,
@@ -26,7 +26,7 @@ impl Inertial {
         }
     }
 
-    /// Returns the mass properties of two parts together (theorem of Huygens and Steiner).
+    /// Returns the mass properties of this part and another part together (theorem of Huygens and Steiner).
     pub fn with(self, other: Self) -> Self {
         let mass = self.mass + other.mass;
         if mass <= 0.0 {
@@ -47,8 +47,8 @@ impl Inertial {
 }
 
 impl Shape {
-    /// Returns the volume of a shape, and the moments of inertia per unit of mass of the homogeneous solid, along the
-    /// axes of the shape; `None` for a half space.
+    /// Returns the volume of a shape, and the moments of inertia per unit of mass of the homogeneous solid of that
+    /// shape, along the axes of the shape; `None` for a half-space.
     pub fn solid(&self) -> Option<(f64, Vector3<f64>)> {
         let round = |across: f64, along: f64| Vector3::new(across, across, along);
         Some(match *self {
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn a_capsule_is_a_tube_and_two_halves_of_a_ball() {
-        // Integration by the midpoints of thin slices across the axis.
+        // Midpoint rule over thin slices of the capsule across its axis.
         let (r, l) = (0.3, 1.1);
         let (slices, half) = (200_000, 0.5 * l + r);
         let (mut volume, mut along, mut across) = (0.0, 0.0, 0.0);

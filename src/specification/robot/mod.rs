@@ -24,7 +24,7 @@ use scene::{Names, Robot, Start, Written};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use xml::{At, DescriptionError, Element, Place, Reader};
 
-/// Largest length of a description in bytes, and largest number of XML nodes in it.
+/// Largest length of a robot description in bytes, and largest number of XML nodes in it.
 const LONGEST: usize = 4 << 20;
 const MOST_NODES: u32 = 1 << 20;
 
@@ -84,7 +84,8 @@ fn read(format: &str, text: &str, pose: Option<&Json>) -> Description {
     let known: Vec<&str> = robot.poses.iter().map(|(name, _)| name.as_str()).collect();
     let is_whole = errors.is_empty();
     poses.finish(&known, &mut errors);
-    // After other errors, a name may be unknown only because its element could not be read.
+    // After other errors in the robot description, a name in `pose` may be unknown only because its element could not
+    // be read.
     errors.retain(|error| is_whole || !matches!(&error.at, At::Keys(_) if error.code == "unknown_name"));
     let names = Names::of(&robot);
     let renamed = names.changed.iter().map(|(given, name)| format!("`{given}` is called `{name}` here"));
@@ -113,14 +114,15 @@ pub(super) struct Origins {
     /// By JSON pointer of a generated or moved member: the pointer of its origin, and the position in the text of the
     /// description, if it is from there.
     places: HashMap<String, (String, Option<String>)>,
-    /// Remarks on parts of the description that were left out, as sentences.
+    /// Remarks on parts of the robot description that were left out, as sentences.
     pub remarks: Vec<String>,
-    /// Whether the description has errors, so that the names of its bodies are unknown.
+    /// Whether the robot description has errors, so that the names of its bodies are unknown.
     is_broken: bool,
 }
 
 impl Origins {
-    /// Moves errors in generated members to their origins. Errors that follow from a broken description are dropped.
+    /// Moves errors in members generated from a robot description to their origins. Errors that follow from a broken
+    /// description are dropped.
     pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
         let is_explained = |error: &SpecificationError| {
             let is_of_robot = error.pointer.starts_with("/problem/rigid_bodies/robot");
@@ -216,7 +218,7 @@ fn group_of(body: &Json) -> Option<&str> {
     }
 }
 
-/// Converts an error in a description to a specification error, located by line of the text or by JSON key.
+/// Converts an error in a robot description to a specification error, located by line of the text or by JSON key.
 fn at_place(error: &DescriptionError, robot: &Pointer<'_>, format: &str) -> SpecificationError {
     let (pointer, detail) = match &error.at {
         At::Text(place) => (robot.key(format).to_string(), format!("{}: {}", shown(*place), error.detail)),
@@ -239,7 +241,7 @@ struct Scene<'a> {
     members: &'a mut Vec<(String, Json)>,
     origins: &'a mut Origins,
     errors: &'a mut Errors,
-    /// JSON pointers of the scene and of the robot, and the format of the description.
+    /// JSON pointers of the scene and of the robot, and the format of the robot description.
     names: (String, String, &'static str),
 }
 
@@ -272,7 +274,7 @@ impl Scene<'_> {
                 append_to(contacts, "pairs", written.pairs);
             }
         }
-        // Keep only the member `pose` of the description, since a sweep may vary the numbers in it.
+        // Keep only the member `pose` of the robot, since a sweep may vary the numbers in it.
         let is_start = |(key, _): &(String, Json)| key == "pose";
         if let Some((_, Json::Object(given))) = self.members.iter_mut().find(|(key, _)| key == ROBOT) {
             given.retain(is_start);
@@ -309,8 +311,8 @@ impl Scene<'_> {
         }
         let count = items.len();
         if !self.members.iter().any(|(known, _)| known == key) {
-            // Errors of the list as a whole, such as a scene in which nothing moves, are reported at the beginning of
-            // the description.
+            // Errors of the list of bodies or joints as a whole, such as a scene in which nothing moves, are reported
+            // at the beginning of the description.
             let origin = (format!("{robot}/{format}"), Some(shown(Place { line: 1, column: 1 })));
             self.origins.places.insert(format!("{scene}/{key}"), origin);
         }
@@ -356,12 +358,12 @@ impl Scene<'_> {
     }
 }
 
-/// Appends to the list `key` among members, which is created if missing.
+/// Appends items to the list with the key `key` among the members of a JSON object; a missing list is created.
 fn append_to(members: &mut Vec<(String, Json)>, key: &str, items: Vec<Json>) {
     match members.iter_mut().find(|(known, _)| known == key) {
         None => members.push((key.to_owned(), Json::List(items))),
         Some((_, Json::List(all))) => all.extend(items),
-        // A value of another type is reported when the document is read.
+        // A value that is not a list is reported when the document is read.
         Some(_) => {}
     }
 }
@@ -387,7 +389,7 @@ pub(super) fn document(text: &str) -> Option<Json> {
         };
         (name, start)
     });
-    // Duplicate names are reported when the description is read.
+    // Duplicate names of joints or bodies are reported when the robot description is read.
     let mut seen = HashSet::new();
     let mut described = vec![(format, scene::text(text))];
     let pose: Vec<(String, Json)> = pose.filter(|(name, _)| seen.insert(name.clone())).collect();
@@ -400,13 +402,13 @@ pub(super) fn document(text: &str) -> Option<Json> {
     Some(scene::object(members))
 }
 
-/// Returns the format of a text, by its XML root element.
+/// Returns the format of a robot description, by its XML root element; `None` for any other text.
 pub(super) fn format_of(text: &str) -> Option<&'static str> {
     let text = text.trim_start();
     if !text.starts_with('<') {
         return None;
     }
-    // Declarations and comments of any length may precede the root element.
+    // XML declarations and comments of any length may precede the root element.
     let first = FORMATS.iter().filter_map(|(format, tag)| Some((text.find(&format!("<{tag}"))?, *format)));
     first.min().map(|(_, format)| format)
 }

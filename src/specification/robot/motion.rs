@@ -1,15 +1,15 @@
-//! Positions and velocities of bodies at the start, along a chain of joints.
+//! Positions and velocities of the bodies of a robot at the start, along a chain of joints.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// A moving frame: its pose and velocity at the start.
+/// A moving frame, such as that of a body: its pose and velocity at the start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
-    /// Pose of the frame in the world.
+    /// Pose of the moving frame in the world.
     pub frame: Isometry3<f64>,
-    /// Angular velocity of the frame, in the world.
+    /// Angular velocity of the frame, in world coordinates.
     pub angular: Vector3<f64>,
-    /// Velocity at the origin of the world of a rigid body that moves with the frame.
+    /// Velocity of the point at the origin of the world, on a rigid body that moves with the frame.
     linear: Vector3<f64>,
 }
 
@@ -22,7 +22,7 @@ pub(super) struct Axis {
 }
 
 impl Motion {
-    /// Creates a frame at rest.
+    /// Creates a moving frame that is at rest.
     pub fn at_rest(frame: Isometry3<f64>) -> Self {
         Self { frame, angular: Vector3::zeros(), linear: Vector3::zeros() }
     }
@@ -32,7 +32,7 @@ impl Motion {
         Self { frame, angular, linear: velocity - angular.cross(&frame.translation.vector) }
     }
 
-    /// Velocity of the origin of the frame.
+    /// Velocity of the origin of the moving frame.
     pub fn velocity(&self) -> Vector3<f64> {
         self.linear + self.angular.cross(&self.frame.translation.vector)
     }
@@ -42,8 +42,8 @@ impl Motion {
         Self { frame: self.frame * at, ..self }
     }
 
-    /// Returns the frame behind a joint with the coordinate `q` and its rate; and in the world a point of the joint
-    /// axis, and its direction.
+    /// Returns the moving frame beyond a joint, which has the coordinate `q` and the rate `rate`; and in world
+    /// coordinates a point of the joint axis and its direction.
     pub fn behind(self, axis: &Axis, (q, rate): (f64, f64)) -> (Self, Vector3<f64>, Vector3<f64>) {
         let at = self.frame.transform_point(&Point3::from(axis.at)).coords;
         let along = self.frame.rotation * axis.along;

@@ -1,4 +1,4 @@
-//! The initial state of the joints and the free bodies of a description, by their names and in numbers, which are
+//! The initial state of the joints and the free bodies of a robot description, by their names and in numbers, which are
 //! read before the document.
 
 use super::xml::{At, DescriptionError};
@@ -9,14 +9,14 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use std::cell::RefCell;
 use std::collections::HashSet;
 
-/// The initial states that the user gives in `pose`, with the names used and the errors found so far.
+/// The initial states that the user gives in `pose` of a robot, with the names used and the errors found so far.
 pub(super) struct Poses<'j> {
     given: &'j [(String, Json)],
     used: RefCell<HashSet<&'j str>>,
     errors: RefCell<Vec<DescriptionError>>,
 }
 
-/// Initial position and velocity of a joint.
+/// Initial position and velocity of a joint of a robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointStart {
     pub position: f64,
@@ -30,7 +30,7 @@ const OF_JOINT: [&str; 2] = ["position", "velocity"];
 const OF_BODY: [&str; 4] = ["position", "orientation", "velocity", "angular_velocity"];
 
 impl<'j> Poses<'j> {
-    /// Reads the member `pose` of a description; a value that is not an object is refused where the document is read.
+    /// Reads the member `pose` of a robot; a value that is not an object is refused where the document is read.
     pub fn new(pose: Option<&'j Json>) -> Self {
         let given = match pose {
             Some(Json::Object(members)) => members.as_slice(),
@@ -76,8 +76,8 @@ impl<'j> Poses<'j> {
         JointStart { position: position.unwrap_or(own.position), velocity: velocity.unwrap_or(0.0), is_moved }
     }
 
-    /// Returns the pose, the velocity of the origin and the angular velocity of a free body; by default it is at rest
-    /// at `frame`.
+    /// Returns the pose, the velocity of the origin and the angular velocity of a free body as `pose` gives them; by
+    /// default the body is at rest at `frame`.
     pub fn of_body(&self, name: &str, frame: Isometry3<f64>) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
         let Some(value) = self.find(name) else { return (frame, Vector3::zeros(), Vector3::zeros()) };
         self.check_keys(name, value, &OF_BODY);

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use serde_json::Number;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-/// The shape of a body, or of a part of it, along the axes of its own frame.
+/// The shape of a body of a robot, or of a part of it, along the axes of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     Sphere {
@@ -18,7 +18,7 @@ pub(super) enum Shape {
     Ellipsoid {
         radii: Vector3<f64>,
     },
-    /// A box; `size` holds the lengths of its sides.
+    /// A box; `size` holds the lengths of its edges.
     Box {
         size: Vector3<f64>,
     },
@@ -35,7 +35,7 @@ pub(super) enum Shape {
     HalfSpace,
 }
 
-/// A collision shape of a body.
+/// A collision shape of a body of a robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
     pub shape: Shape,
@@ -54,7 +54,8 @@ pub(super) struct Body {
     /// Mass and inertia of the body; `None` for a fixed body.
     pub inertial: Option<Inertial>,
     pub parts: Vec<Part>,
-    /// Collision masks: two bodies can touch if the first mask of one shares a bit with the second mask of the other.
+    /// Collision masks of the body: two bodies can touch if the first mask of one shares a bit with the second mask of
+    /// the other.
     pub masks: [u32; 2],
 }
 
@@ -67,7 +68,7 @@ pub(super) enum Freedom {
     Nothing,
 }
 
-/// A joint between a body and another body, or the world.
+/// A joint between a body of a robot and another body, or the world.
 #[derive(Clone, Debug)]
 pub(super) struct Joint {
     /// Name of the joint in the description.
@@ -79,16 +80,16 @@ pub(super) struct Joint {
     /// A point on the joint and the direction of its axis, both in world coordinates at the start.
     pub at: Vector3<f64>,
     pub axis: Vector3<f64>,
-    /// Lower and upper limit of the joint coordinate, which is zero at the start.
+    /// Lower and upper limit of the joint coordinate, which is zero in the initial position.
     pub limits: [Option<f64>; 2],
     pub stiffness: f64,
-    /// Joint coordinate at which the spring exerts no force.
+    /// Joint coordinate at which the spring of the joint exerts no force.
     pub rest: f64,
     pub damping: f64,
 }
 
 impl Joint {
-    /// Creates a joint without limits, spring and damper.
+    /// Creates a joint without limits, spring or damper.
     pub fn new(freedom: Freedom, place: Place, bodies: (usize, Option<usize>), at: Vector3<f64>) -> Self {
         Self {
             name: None,
@@ -120,7 +121,7 @@ impl Joint {
     }
 }
 
-/// Content of a description: a robot, or any other mechanism.
+/// Content of a robot description: a robot, or any other mechanism.
 #[derive(Debug, Default)]
 pub(super) struct Robot {
     pub name: Option<String>,
@@ -128,7 +129,7 @@ pub(super) struct Robot {
     pub joints: Vec<Joint>,
     /// Pairs of bodies without contact with each other, the smaller index first.
     pub apart: BTreeSet<(usize, usize)>,
-    /// Whether no two bodies of the description have contact with each other.
+    /// Whether no two bodies of the robot description have contact with each other.
     pub is_apart: bool,
     pub gravity: Vector3<f64>,
     /// Initial joint coordinates and initial poses of free bodies, by the names in the description, for use unless
@@ -136,16 +137,16 @@ pub(super) struct Robot {
     pub poses: Vec<(String, Start)>,
 }
 
-/// Initial position of a joint or a free body.
+/// Initial position of a joint or a free body of a robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Start {
-    /// Initial joint coordinate.
+    /// Initial coordinate of a joint.
     Joint(f64),
-    /// Initial pose of a free body.
+    /// Initial pose of a free body, in the world.
     Body(Isometry3<f64>),
 }
 
-/// Remark on joints whose limits exclude the coordinate 0.
+/// Remark on joints whose limits exclude the coordinate 0, so that they start at the middle of their limits.
 pub(super) const BEYOND_LIMITS: &str =
     "joints whose limits do not hold 0 begin in their middle: give the start as `robot.pose`";
 
@@ -213,8 +214,8 @@ pub(super) struct Written {
 }
 
 impl Robot {
-    /// Translates the robot into members of a scene whose other bodies have the groups `groups_of_others`; `names`
-    /// are the names of its bodies and joints in the scene.
+    /// Translates the robot into members of a scene whose other bodies have the contact groups `groups_of_others`;
+    /// `names` are the names of the robot's bodies and joints in the scene.
     pub fn write(&self, groups_of_others: &BTreeSet<String>, names: &Names) -> Written {
         let mut written = Written::default();
         let frictions = self.frictions();
@@ -243,8 +244,8 @@ impl Robot {
         all
     }
 
-    /// Returns the contact group of each body, or nothing if no groups are needed, and adds the excluded pairs of
-    /// groups to `written`.
+    /// Returns the contact group of each body of the robot, or nothing if no groups are needed, and adds the pairs of
+    /// groups without contact to `written`.
     fn groups(&self, of_others: &BTreeSet<String>, written: &mut Written) -> Vec<String> {
         let touches = |body: &Body| !body.parts.is_empty();
         let masks: HashSet<[u32; 2]> = self.bodies.iter().filter(|body| touches(body)).map(|body| body.masks).collect();
@@ -260,7 +261,7 @@ impl Robot {
             () => format!("{ROBOT}.{}.{}", body.masks[0], body.masks[1]),
         };
         let groups: Vec<String> = self.bodies.iter().enumerate().map(group).collect();
-        // One body represents each group: all bodies of a group have the same contacts.
+        // One body represents each contact group: all bodies of a group have the same contacts.
         let mut first: BTreeMap<&str, usize> = BTreeMap::new();
         for (k, group) in groups.iter().enumerate() {
             first.entry(group).or_insert(k);
@@ -342,7 +343,7 @@ fn material(k: usize) -> String {
 }
 
 impl Body {
-    /// Returns the largest coefficient of friction of the shapes of the body.
+    /// Returns the largest coefficient of friction of the collision shapes of the body.
     fn friction(&self) -> Option<f64> {
         self.parts.iter().filter_map(|part| part.friction).reduce(f64::max)
     }
@@ -369,8 +370,8 @@ impl Joint {
         object([(kind, object(members))])
     }
 
-    /// Adds limits and springs to `members`; a named joint with neither gets a motor of zero effort, so that its
-    /// coordinate is an output.
+    /// Adds the limits and the spring of the joint to `members`; a named joint with neither gets a motor of zero
+    /// effort, so that its coordinate is an output.
     fn drive(&self, is_named: bool, members: &mut Vec<(&'static str, Json)>) {
         let [lower, upper] = self.limits;
         let ends: Vec<(&'static str, Json)> = [("lower", lower), ("upper", upper)]
@@ -394,7 +395,7 @@ impl Joint {
     }
 }
 
-/// Unique names of bodies and joints in a scene, which can be used in expressions.
+/// Unique names of the bodies and joints of a robot in a scene, which can be used in expressions.
 #[derive(Debug, Default)]
 pub(super) struct Names {
     pub bodies: Vec<String>,
@@ -404,7 +405,7 @@ pub(super) struct Names {
 }
 
 impl Names {
-    /// Assigns names to the bodies and joints of a robot.
+    /// Assigns unique names to the bodies and joints of a robot.
     pub fn of(robot: &Robot) -> Self {
         let mut taken = HashSet::new();
         let mut names = Self::default();
@@ -431,15 +432,15 @@ impl Names {
     }
 }
 
-/// Returns an unused name of letters, digits and `_`: with `suffix` if the name is taken, and with a number if that
-/// is taken too.
+/// Returns an unused name of letters, digits and `_` derived from `given`: with `suffix` if the name is taken, and with
+/// a number if that is taken too.
 fn free(given: &str, suffix: &str, taken: &mut HashSet<String>) -> String {
     let mut name: String = given.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) {
         name.insert(0, '_');
     }
     if name == "t" {
-        // `t` is the name of the time.
+        // The name `t` is that of the time.
         name.push('_');
     }
     if taken.contains(&name) {

@@ -14,16 +14,16 @@ use expression::nearest;
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 
-/// Default acceleration of gravity along the z axis of a robot description, in metres per second squared.
+/// Default acceleration of gravity along the z axis of a URDF robot, in metres per second squared.
 const GRAVITY: f64 = -9.81;
-/// Radius of the ball whose inertia a point mass gets, relative to the distance of the mass from the origin of its
+/// Radius of the ball that gives a point mass its inertia, relative to the distance of the mass from the origin of its
 /// link.
 const POINT: f64 = 1e-3;
 
 const OF_ROBOT: [&str; 2] = ["link", "joint"];
 const OF_LINK: [&str; 3] = ["inertial", "visual", "collision"];
 const OF_JOINT: [&str; 6] = ["origin", "parent", "child", "axis", "limit", "dynamics"];
-/// Elements that do not affect the motion of bodies.
+/// URDF elements that do not affect the motion of bodies.
 const SAY_NOTHING: [&str; 6] = ["material", "gazebo", "transmission", "calibration", "safety_controller", "visual"];
 const SHAPES: [&str; 4] = ["box", "sphere", "cylinder", "capsule"];
 const KINDS: [&str; 5] = ["revolute", "continuous", "prismatic", "fixed", "floating"];
@@ -33,7 +33,7 @@ struct Link<'a, 'x> {
     name: &'a str,
     inertial: Option<Inertial>,
     parts: Vec<Part>,
-    /// Index of the joint that carries the link.
+    /// Index of the joint that carries the link; `None` for a root link.
     on: Option<usize>,
     carries: Vec<usize>,
 }
@@ -49,10 +49,10 @@ struct Connection<'a, 'x> {
     damping: f64,
 }
 
-/// The body that carries a link; `None` for the world.
+/// Index of the body that carries a link of a URDF robot; `None` for the world.
 type Carrier = Option<usize>;
 
-/// Reads a robot from the root element of a description.
+/// Reads a robot from the root element of a URDF description.
 pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader) -> Robot {
     let mut links: Vec<Link<'_, '_>> = Vec::new();
     let mut places: HashMap<&str, usize> = HashMap::new();
@@ -178,7 +178,7 @@ fn inertial(element: Element<'_, '_>, reader: &mut Reader) -> Option<Inertial> {
     Some(Inertial { mass, centre: Vector3::zeros(), inertia }.placed(&at))
 }
 
-/// Reads the pose of a frame in another: a translation, and rotations about the fixed axes x, y and z.
+/// Reads the pose of one frame in another: a translation, and rotations about the fixed axes x, y and z.
 fn origin(element: Element<'_, '_>, reader: &mut Reader) -> Isometry3<f64> {
     let Some(origin) = element.child("origin") else { return Isometry3::identity() };
     let shift = reader.numbers::<3>(origin, "xyz").unwrap_or_default();
@@ -310,7 +310,7 @@ struct Assembly<'r, 'l, 'a, 'x, 'j> {
 }
 
 impl Assembly<'_, '_, '_, '_, '_> {
-    /// Builds a root link and all links that it carries.
+    /// Builds a root link of a URDF robot and all links that it carries.
     fn assemble(&mut self, root: usize, is_reached: &mut [bool]) {
         let link = &self.links[root];
         let (frame, velocity, angular) = self.poses.of_body(link.name, Isometry3::identity());
@@ -336,7 +336,7 @@ impl Assembly<'_, '_, '_, '_, '_> {
         }
     }
 
-    /// Adds a body for a link; returns its index.
+    /// Adds a body for a link of a URDF robot; returns the index of the body.
     fn body(&mut self, link: usize, motion: Motion, inertial: Option<Inertial>) -> usize {
         let Link { element, name, parts, .. } = &self.links[link];
         let place = self.reader.place(element.start());
@@ -345,7 +345,7 @@ impl Assembly<'_, '_, '_, '_, '_> {
         self.robot.bodies.len() - 1
     }
 
-    /// Adds a fixed body for a link that does not move, if the link has a shape.
+    /// Adds a fixed body for a link of a URDF robot that does not move, if the link has a shape.
     fn standing(&mut self, link: usize, motion: Motion) -> Carrier {
         let has_shape = !self.links[link].parts.is_empty();
         has_shape.then(|| self.body(link, Motion::at_rest(motion.frame), None))
@@ -414,7 +414,8 @@ impl Assembly<'_, '_, '_, '_, '_> {
         at.behind(&Axis { at: Vector3::zeros(), along: *axis, is_slider }, start)
     }
 
-    /// Merges a link into the moving body that carries it; a link that does not move becomes a fixed body.
+    /// Merges a link of a URDF robot into the moving body that carries it; a link that does not move becomes a fixed
+    /// body.
     fn merge(&mut self, link: usize, motion: Motion, carrier: Carrier, moves: bool) -> Carrier {
         let Some(body) = carrier.filter(|_| moves) else { return self.standing(link, motion).or(carrier) };
         let Link { inertial, parts, .. } = &self.links[link];

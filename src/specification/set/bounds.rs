@@ -51,7 +51,8 @@ impl LoweredSet {
     }
 }
 
-/// Parses a bound, an expression in `t` and the states alone, to a graph node; a constant bound must be finite.
+/// Parses a bound of a variable, an expression in `t` and the states alone, to a graph node; a constant bound must be
+/// finite.
 pub(super) fn bound_node(
     bound: &Expression,
     states: usize,

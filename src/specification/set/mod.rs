@@ -80,7 +80,7 @@ pub(super) struct LoweredSet {
     pub set: ConvexSet,
     pub moving: Vec<(MovingBound, Node)>,
     pub moving_pointers: Vec<String>,
-    /// The constant bounds that depend on parameters, with their nodes.
+    /// The constant bounds of the set that depend on parameters, with their graph nodes.
     pub parametric: Vec<(MovingBound, Node)>,
 }
 
@@ -108,7 +108,7 @@ impl Block {
         }
     }
 
-    /// Returns the JSON pointer to the list of the names of the block's variables.
+    /// Returns the JSON pointer to the list of the names of the variables in the block.
     fn names<'a>(&self, place: &'a Pointer<'a>) -> Pointer<'a> {
         match self {
             Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),

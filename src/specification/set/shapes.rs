@@ -7,10 +7,10 @@ use crate::lowering::Lowering;
 use crate::pointer::Pointer;
 use problem::{MovingBound, Polyhedron, Shape, Side};
 
-/// Largest number of variables of one block: projections onto a block are dense.
+/// Largest number of variables of one block of the set `K`: projections onto a block are dense.
 const MOST_MEMBERS: usize = 1_000;
 
-/// Largest number of entries of the matrix of one polyhedron.
+/// Largest number of entries of the matrix of inequalities of one polyhedron.
 const MOST_ENTRIES: usize = 100_000;
 
 impl LoweredSet {
@@ -90,7 +90,8 @@ impl LoweredSet {
     }
 }
 
-/// Reports a block with too few or too many variables; returns whether the number of its variables is right.
+/// Reports a block of the set `K` with too few or too many variables; returns whether the number of its variables is
+/// right.
 fn is_size_right(members: usize, least: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> bool {
     let right = (least..=MOST_MEMBERS).contains(&members);
     if !right {

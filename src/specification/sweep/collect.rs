@@ -19,7 +19,7 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// Largest number of collected columns.
+/// Largest number of collected columns of the table of a sweep.
 const MOST: usize = 1000;
 
 /// A number or a text collected from one run, at the accuracy of the solve: output times have no influence.
@@ -66,14 +66,14 @@ pub struct AtTime {
     pub of: Expression,
 }
 
-/// A selection of events: by kind, and optionally by variable, contact or label.
+/// A selection of events of a run: by kind, and optionally by variable, contact or label.
 #[derive(Clone, Debug)]
 pub struct Selector {
     kind: EventKind,
     of: Option<String>,
 }
 
-/// An event selector written as a JSON object.
+/// A selection of events written as a JSON object.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct InFull {
@@ -124,18 +124,18 @@ impl PartialSchema for Selector {
 
 impl ToSchema for Selector {}
 
-/// The names available to the reducers of a sweep.
+/// The names that the reducers (collected values) of a sweep may refer to.
 #[derive(Clone, Copy, Debug)]
 pub struct Nameable<'a> {
     /// Names of the outputs of the problem, states first.
     pub outputs: &'a [&'a str],
-    /// Number of outputs that are states.
+    /// Number of outputs of the problem that are states.
     pub states: usize,
     /// Definitions, integrals, tables and parameters of the problem.
     pub named: Named<'a>,
     /// The names of the sensitivity columns.
     pub derivatives: &'a [String],
-    /// The variables or contacts that events can belong to, if known.
+    /// The variables or contacts of the problem that events can belong to, if known.
     pub of_events: Option<&'a [String]>,
     /// The labels of the events in `stop`.
     pub labels: &'a [String],
@@ -240,7 +240,7 @@ impl Lowered<'_, '_> {
             if let Some(at) = self.nameable.derivatives.iter().position(|name| name == text.trim()) {
                 return Some(Reduction::Derivative(at));
             }
-            // The final value of an integral is the integral of its integrand.
+            // The final value of an integral is the integral of its integrand over the time horizon.
             if let Some((_, integrand)) = self.nameable.named.integrals.iter().find(|(name, _)| *name == text.trim()) {
                 return self.value(integrand, Over::Integral, &place);
             }
@@ -271,7 +271,7 @@ impl Lowered<'_, '_> {
         let Nameable { outputs, states, labels, of_events, .. } = *self.nameable;
         let known: Option<Vec<&str>> = match kind {
             EventKind::Crossed => Some(labels.iter().map(String::as_str).collect()),
-            // Events of the kind `Jumped` belong to states.
+            // Events of the kind `Jumped` (jumps of a state) belong to states.
             EventKind::Jumped => Some(outputs[..states].to_vec()),
             _ => of_events.map(|names| names.iter().map(String::as_str).collect()),
         };

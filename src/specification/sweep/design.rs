@@ -33,7 +33,7 @@ pub struct Design {
 enum Kind {
     Grid,
     Zip,
-    /// Independent draws, with the seed of the random numbers.
+    /// Independent random draws for each member, with the seed of the random numbers.
     Random(u64),
     Sobol(Sobol),
     /// A Latin hypercube, with the seed of the random numbers and the stratum of each member in each dimension; the
@@ -41,7 +41,7 @@ enum Kind {
     LatinHypercube(u64, OnceLock<Vec<Vec<u32>>>),
 }
 
-/// Largest number of dimensions of a Sobol design.
+/// Largest number of dimensions (swept numbers) of a Sobol design.
 pub const MOST_SOBOL: usize = MOST_DIMENSIONS;
 
 impl Design {
@@ -58,22 +58,22 @@ impl Design {
         Self { kind, ranges, members }
     }
 
-    /// The number of members of the design.
+    /// The number of members of the sweep.
     pub fn members(&self) -> usize {
         self.members
     }
 
-    /// The range of each swept number.
+    /// The range of values of each swept number.
     pub fn ranges(&self) -> &[Range] {
         &self.ranges
     }
 
-    /// Whether the members form a full grid, the Cartesian product of the points of all ranges.
+    /// Whether the members of the sweep form a full grid, the Cartesian product of the points of all ranges.
     pub fn is_grid(&self) -> bool {
         matches!(self.kind, Kind::Grid)
     }
 
-    /// Writes the values of member `k` to `out`.
+    /// Writes the values of the swept numbers in member `k` to `out`.
     pub fn write(&self, k: usize, out: &mut [f64]) {
         match &self.kind {
             Kind::Grid => {
@@ -109,19 +109,20 @@ impl Design {
     }
 }
 
-/// Returns the random number stream of one member.
+/// Returns the random number stream of one member of the sweep.
 fn draws(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut draws = ChaCha8Rng::seed_from_u64(seed);
     draws.set_stream(stream);
     draws
 }
 
-/// Draws a number in `(0, 1)`: the midpoint of one of 2^52 cells.
+/// Draws a random number in `(0, 1)`: the midpoint of one of 2^52 cells.
 fn unit(draws: &mut ChaCha8Rng) -> f64 {
     ((draws.next_u64() >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// Draws a random permutation of `0..count` (Fisher and Yates), from a stream that no member uses.
+/// Draws a random permutation of `0..count` (Fisher and Yates), from a random number stream that no member of the sweep
+/// uses.
 fn permutation(count: usize, seed: u64, dimension: u64) -> Vec<u32> {
     let mut draws = draws(seed, u64::MAX - dimension);
     let mut slices: Vec<u32> = (0..count as u32).collect();

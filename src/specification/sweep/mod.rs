@@ -42,15 +42,15 @@ choices! {
     }
 }
 
-/// Largest number of members of a sweep.
+/// Largest number of members of a sweep (combinations of values of the swept numbers).
 const MOST_MEMBERS: usize = 10_000_000;
 /// Largest number of trajectory values that a sweep keeps: of all members (`MOST_KEPT`) and of one
 /// (`MOST_KEPT_OF_ONE`).
 const MOST_KEPT: usize = 10_000_000;
 const MOST_KEPT_OF_ONE: usize = 1_000_000;
-/// Largest number of strata of a Latin hypercube, members times names; each takes four bytes.
+/// Largest number of strata of a Latin hypercube, members times swept numbers; each stratum takes four bytes.
 const MOST_SLICES: u64 = 1 << 25;
-/// The largest number of names that a sweep may vary: each varied name is a column of its table.
+/// The largest number of numbers that a sweep may vary: each is a column of its table.
 const MOST_NAMES: usize = 256;
 
 /// The problem solved for many values of some of its numbers. The answer is `table`, with one row per member, and a
@@ -101,7 +101,7 @@ pub struct SweepPlan {
     pub targets: Vec<Target>,
     /// The values of the swept numbers for every member.
     pub design: Arc<Design>,
-    /// The values to collect from each run.
+    /// The values to collect from the run of each member.
     pub reducers: Reducers,
     /// SHA-256 of the document of the sweep, independent of its layout.
     pub digest: Arc<str>,
@@ -109,14 +109,14 @@ pub struct SweepPlan {
     source: Arc<Json>,
     /// Fields and times of the trajectories kept of each member; `None` to keep no trajectories.
     pub kept: Option<Arc<Kept>>,
-    /// The members to solve; `None` for all members.
+    /// The members of the sweep to solve; `None` for all members.
     chunk: Option<SweepChunk>,
 }
 
 /// Consecutive members of a sweep, solved as one unit of work.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepChunk {
-    /// Indices of the members.
+    /// Indices of the members in the sweep.
     pub members: ops::Range<usize>,
     /// Code and message of the reason why the members cannot be solved, which their rows report; `None` if they can
     /// be solved.
@@ -128,18 +128,18 @@ pub struct SweepChunk {
 /// Fields and times of the trajectories kept of each member of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kept {
-    /// Names of the kept fields.
+    /// Names of the fields whose trajectories are kept.
     pub names: Vec<String>,
-    /// Times at which the fields are kept.
+    /// Times at which the values of the fields are kept.
     pub times: Vec<f64>,
 }
 
 /// The inputs to the check of a sweep, prepared while the document was read.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Prepared {
-    /// The swept numbers, each with its name and its parameter.
+    /// The swept numbers, each with its name and the parameter that stands for it.
     pub targets: Vec<Target>,
-    /// The document before vectors are expanded; `None` without a sweep.
+    /// The document before its vectors are expanded; `None` for a document without a sweep.
     pub source: Option<Arc<Json>>,
 }
 
@@ -177,7 +177,7 @@ impl SweepRequest {
         })
     }
 
-    /// Reports names of collected values that another column of the table already has.
+    /// Reports names of collected values that another column of the table of the sweep already has.
     fn check_names(&self, reducers: &Reducers, place: &Pointer<'_>, errors: &mut Errors) {
         let own =
             ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
@@ -377,19 +377,19 @@ impl SweepPlan {
         self.kept = Some(Arc::new(Kept { names, times: times.to_vec() }));
     }
 
-    /// Number of values kept of the trajectory of one member.
+    /// Number of values kept of the trajectory of one member of the sweep.
     pub fn numbers_kept(&self) -> usize {
         self.kept.as_ref().map_or(0, |kept| kept.names.len() * kept.times.len())
     }
 }
 
-/// Returns the name of the table column that holds the trajectory of a field.
+/// Returns the name of the column of the table of a sweep that holds the trajectory of a field.
 fn column_of(field: &str) -> String {
     format!("trajectory.{field}")
 }
 
 impl Kept {
-    /// Returns the names of the table columns that hold the kept trajectories.
+    /// Returns the names of the columns of the table of a sweep that hold the kept trajectories.
     pub fn columns(&self) -> impl Iterator<Item = String> {
         self.names.iter().map(|name| column_of(name))
     }
@@ -419,12 +419,12 @@ impl TableOfMembers {
 }
 
 impl SweepPlan {
-    /// Number of members of the sweep.
+    /// Number of members of the sweep, each of which is one run.
     pub fn members(&self) -> usize {
         self.design.members()
     }
 
-    /// Returns the members to solve: all members, or a part of them.
+    /// Returns the members of the sweep to solve: all members, or a part of them.
     pub fn chunk(&self) -> SweepChunk {
         let all = || SweepChunk { members: 0..self.members(), lost: None, within: None };
         self.chunk.clone().unwrap_or_else(all)

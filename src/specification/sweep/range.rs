@@ -17,9 +17,9 @@ use utoipa::{PartialSchema, ToSchema};
 /// The values of one swept number.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Range {
-    /// A list of values.
+    /// A list of values of the swept number.
     List(Vec<f64>),
-    /// Points by a rule, or a distribution to draw from.
+    /// Points of the swept number by a rule, or a distribution to draw its values from.
     Rule(Rule),
 }
 
@@ -27,20 +27,20 @@ pub enum Range {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
-    /// First point, last point and number of points, equally spaced.
+    /// Equally spaced points: first point, last point and number of points.
     Linspace((f64, f64, u64)),
-    /// First point, last point and number of points, equally spaced in the logarithm.
+    /// Points equally spaced in the logarithm: first point, last point and number of points.
     Logspace((f64, f64, u64)),
-    /// Normal distribution: mean and standard deviation.
+    /// Normal distribution of the swept number: mean and standard deviation.
     Normal((f64, f64)),
-    /// Uniform distribution: lower and upper end.
+    /// Uniform distribution: lower and upper end of the interval.
     Uniform((f64, f64)),
-    /// Lognormal distribution: mean and standard deviation of the logarithm.
+    /// Lognormal distribution of the swept number: mean and standard deviation of the logarithm.
     Lognormal((f64, f64)),
 }
 
 impl Range {
-    /// The number of points; `None` for a distribution.
+    /// The number of points of the range; `None` for a distribution.
     pub fn points(&self) -> Option<usize> {
         match self {
             Self::List(values) => Some(values.len()),
@@ -49,7 +49,7 @@ impl Range {
         }
     }
 
-    /// Returns point number `k`, counted from zero.
+    /// Returns point number `k` of the range, counted from zero.
     pub fn point(&self, k: usize) -> f64 {
         match self {
             Self::List(values) => values.get(k).copied().unwrap_or(f64::NAN),
@@ -63,7 +63,7 @@ impl Range {
         }
     }
 
-    /// Returns the quantile at the probability `u` in `(0, 1)`.
+    /// Returns the quantile of the range at the probability `u` in `(0, 1)`.
     pub fn quantile(&self, u: f64) -> f64 {
         match (self, self.points()) {
             (Self::Rule(rule), None) => rule.quantile(u),
@@ -74,12 +74,12 @@ impl Range {
         }
     }
 
-    /// Returns a typical value of the range, its median.
+    /// Returns a typical value of the swept number, the median of its range.
     pub fn representative(&self) -> f64 {
         self.quantile(0.5)
     }
 
-    /// Reports errors in the range.
+    /// Reports errors in the range of a swept number.
     pub fn check(&self, place: &Pointer<'_>, errors: &mut Errors) {
         let mut refuse = |detail: String, expected: &str| {
             errors.push(SpecificationError::new(place.to_string(), "out_of_range", detail).expected(expected));
@@ -127,7 +127,7 @@ fn standard_normal(u: f64) -> f64 {
     Normal::standard().inverse_cdf(u)
 }
 
-/// Returns number `k` of `count` equally spaced numbers.
+/// Returns number `k` of `count` equally spaced numbers from `from` to the other end.
 fn between(from: f64, to: f64, k: usize, count: u64) -> f64 {
     match count {
         0 | 1 => from,
@@ -222,7 +222,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_tables() {
-        // Abramowitz and Stegun (1964), table 26.5.
+        // Quantiles of the normal distribution from Abramowitz and Stegun (1964), table 26.5.
         let normal = Range::Rule(Rule::Normal((10.0, 2.0)));
         for (p, x) in [(0.975, 1.959_963_984_540_054), (0.5, 0.0), (0.001, -3.090_232_306_167_814)] {
             assert!((normal.quantile(p) - (10.0 + 2.0 * x)).abs() < 1e-13, "{p}: {}", normal.quantile(p));

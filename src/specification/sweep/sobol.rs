@@ -15,16 +15,17 @@
 //! The sequence is implemented here in ten lines because, of the crates examined, one returns points in single
 //! precision and the other has no scrambling.
 
-/// Number of binary digits of a coordinate; the midpoint of a cell adds one digit, which makes the 53 of a double.
+/// Number of binary digits of a coordinate of a Sobol point; the midpoint of a cell adds one digit, which makes the 53
+/// of a double.
 const DIGITS: u32 = 52;
-/// Number of binary digits of the index of a point.
+/// Number of binary digits of the index of a Sobol point.
 const BITS: usize = 32;
 
-/// Largest number of dimensions of a sequence.
+/// Largest number of dimensions of a Sobol sequence.
 pub const MOST_DIMENSIONS: usize = INITIAL.len() + 1;
 
-/// Initial direction numbers `m`, one per degree of the polynomial, and its inner coefficients, from the second
-/// dimension on.
+/// Initial direction numbers `m` of the Sobol sequence, one per degree of the primitive polynomial, and the inner
+/// coefficients of the polynomial, from the second dimension on.
 #[rustfmt::skip]
 const INITIAL: [(&[u64], u64); 31] = [
     (&[1], 0),
@@ -60,7 +61,7 @@ const INITIAL: [(&[u64], u64); 31] = [
     (&[1, 3, 7, 3, 13, 59, 17], 42),
 ];
 
-/// Direction numbers of a Sobol sequence in some dimensions, and the seed of its scrambling.
+/// Direction numbers of a Sobol sequence in each of its dimensions, and the seed of its scrambling.
 #[derive(Clone, Debug)]
 pub struct Sobol {
     directions: Vec<[u64; BITS]>,
@@ -68,33 +69,34 @@ pub struct Sobol {
 }
 
 impl Sobol {
-    /// Creates a sequence in `dimensions` dimensions, at most [`MOST_DIMENSIONS`].
+    /// Creates a Sobol sequence in `dimensions` dimensions, at most [`MOST_DIMENSIONS`].
     pub fn new(dimensions: usize, seed: u64) -> Self {
         let first = std::array::from_fn(|j| 1 << (DIGITS as usize - 1 - j));
         let others = INITIAL.iter().map(|(initial, polynomial)| directions(initial, *polynomial));
         Self { directions: std::iter::once(first).chain(others).take(dimensions).collect(), seed }
     }
 
-    /// Returns coordinate `d` of point `k`, in `(0, 1)`.
+    /// Returns coordinate `d` of point `k` of the Sobol sequence, in `(0, 1)`.
     pub fn coordinate(&self, k: u32, d: usize) -> f64 {
         let directions = &self.directions[d];
         let plain = (0..BITS).filter(|j| k >> j & 1 == 1).fold(0, |digits, j| digits ^ directions[j]);
         let scrambled = self.scrambled(plain, d as u64);
-        // Midpoint of the cell, since the quantile at zero may be infinite.
+        // Midpoint of the cell of the coordinate, since the quantile at zero may be infinite.
         (scrambled as f64 + 0.5) / (1_u64 << DIGITS) as f64
     }
 
     fn scrambled(&self, digits: u64, dimension: u64) -> u64 {
         let key = mixed(self.seed ^ mixed(dimension.wrapping_add(1)));
         (0..DIGITS).fold(digits, |scrambled, i| {
-            // The digits before digit `i`, with a leading one, which makes all prefixes distinct.
+            // The binary digits before digit `i` of the coordinate, with a leading one, which makes all prefixes
+            // distinct.
             let prefix = 1 << i | digits.checked_shr(DIGITS - i).unwrap_or(0);
             scrambled ^ (mixed(key ^ mixed(prefix)) >> 63) << (DIGITS - 1 - i)
         })
     }
 }
 
-/// Returns the direction numbers of a primitive polynomial, as binary fractions.
+/// Returns the direction numbers of a primitive polynomial for a Sobol sequence, as binary fractions.
 fn directions(initial: &[u64], polynomial: u64) -> [u64; BITS] {
     let degree = initial.len();
     let mut m = [0_u64; BITS];
@@ -123,7 +125,8 @@ mod tests {
 
     #[test]
     fn points_are_those_of_the_published_generator() {
-        // The first points of new-joe-kuo-6 in three dimensions, in the order of k instead of the Gray code.
+        // The first points of the Sobol sequence of new-joe-kuo-6 in three dimensions, in the order of k instead of the
+        // Gray code.
         let sobol = Sobol::new(3, 0);
         let plain = |k: u32, d: usize| {
             let digits = (0..BITS).filter(|j| k >> j & 1 == 1).fold(0, |digits, j| digits ^ sobol.directions[d][j]);
@@ -149,7 +152,8 @@ mod tests {
         for (seed, dimensions) in [(1, 2), (7, MOST_DIMENSIONS)] {
             let sobol = Sobol::new(dimensions, seed);
             for d in 0..dimensions {
-                // Each of 256 intervals contains one of the first 256 points, and one of the next 256.
+                // Each of 256 intervals of a coordinate contains one of the first 256 Sobol points, and one of the next
+                // 256.
                 for block in 0..2 {
                     let mut met = [false; 256];
                     for k in 0..256 {
@@ -158,7 +162,8 @@ mod tests {
                     assert!(met.iter().all(|met| *met), "dimension {d}");
                 }
             }
-            // In the first two dimensions, each of the 16 x 16 boxes contains one point: a (0, m, 2)-net.
+            // In the first two dimensions, each of the 16 x 16 boxes contains one of the first 256 Sobol points: a (0,
+            // m, 2)-net.
             let mut met = [false; 256];
             for k in 0..256 {
                 let [x, y] = [0, 1].map(|d| (sobol.coordinate(k, d) * 16.0) as usize);

@@ -23,8 +23,8 @@ pub struct Target {
     pub parameter: String,
 }
 
-/// Keys of numbers in named objects, also if the numbers are given as expressions. The value of a component is at the
-/// first key of the list that the component has.
+/// Keys of numbers in named objects of a document, also if the numbers are given as expressions. The value of a
+/// component is at the first key of the list that the component has.
 const VALUES: [&str; 12] = [
     "ohms",
     "farads",
@@ -100,7 +100,8 @@ pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
     found
 }
 
-/// Adds the numbers of a list entry with a name, which may be externally tagged by its kind.
+/// Adds the numbers of a list entry with a name, such as a body or a component; the entry may be externally tagged by
+/// its kind.
 fn of_named(item: &Json, mut path: Vec<Step>, found: &mut Vec<(String, Vec<Step>)>) {
     let Json::Object(mut members) = item.clone() else { return };
     if let [(kind, Json::Object(inner))] = members.as_slice() {
@@ -196,7 +197,8 @@ pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     unknown
 }
 
-/// Converts a value to a JSON number; a whole number is written without a decimal point, as sizes require.
+/// Converts a value to a JSON number; a whole number is written without a decimal point, as the sizes of vectors
+/// require.
 fn number(value: f64) -> Option<Number> {
     let whole = value as i64;
     // Above 2^53 doubles do not represent every whole number; zero may be negative.
@@ -204,7 +206,7 @@ fn number(value: f64) -> Option<Number> {
     if is_whole { Some(whole.into()) } else { Number::from_f64(value) }
 }
 
-/// Returns the error for an unknown name of a number.
+/// Returns the error for an unknown name of a number to sweep or to set.
 pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> SpecificationError {
     let names = || known.iter().map(|(name, _)| name.as_str());
     let detail = format!(
@@ -218,7 +220,7 @@ pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> Sp
     SpecificationError::new(pointer, "unknown_name", detail).expected(expected).did_you_mean(nearest(name, names()))
 }
 
-/// Sets the value at a path; missing objects are created.
+/// Sets the value at a path of a JSON document; missing objects are created.
 pub fn put(json: &mut Json, path: &[Step], value: Json) {
     let Some((step, rest)) = path.split_first() else {
         *json = value;
@@ -241,7 +243,7 @@ pub fn put(json: &mut Json, path: &[Step], value: Json) {
     }
 }
 
-/// Derives from `of` a name that does not occur in the document.
+/// Derives from the name `of` a name that does not occur in the document.
 fn free_name(json: &Json, of: &str) -> String {
     let mut name: String = of.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if name.starts_with(|c: char| c.is_ascii_digit()) {
@@ -254,7 +256,7 @@ fn free_name(json: &Json, of: &str) -> String {
     name
 }
 
-/// Sets the value at a JSON pointer (RFC 6901); the last key may be new.
+/// Sets the value at a JSON pointer (RFC 6901) of a document; the last key may be new.
 pub fn put_at(json: &mut Json, pointer: &str, value: Json, errors: &mut Errors) {
     let mut at = json;
     let mut keys = pointer.split('/').skip(1).map(|key| key.replace("~1", "/").replace("~0", "~")).peekable();

@@ -3,11 +3,11 @@
 use super::{Fault, Slip};
 use crate::wording::{abridged, quoted};
 
-/// Pairs of opening and closing quotes of other languages.
+/// Pairs of opening and closing quotes that other languages have for strings.
 const QUOTES: [(char, char); 5] =
     [('\'', '\''), ('`', '`'), ('\u{201c}', '\u{201d}'), ('\u{2018}', '\u{2019}'), ('\u{ab}', '\u{bb}')];
 
-/// Words of other languages for JSON's literals.
+/// Words that other languages have for the literals of JSON.
 const WORDS: [(&str, &[&str]); 3] = [
     ("true", &["true", "yes", "on", ".true."]),
     ("false", &["false", "no", "off", ".false."]),
@@ -17,7 +17,8 @@ const WORDS: [(&str, &[&str]); 3] = [
 /// Words, such as `NaN`, that other languages have for numbers that are not finite.
 const NO_NUMBERS: [&str; 6] = ["nan", "inf", "infinity", "-inf", "-infinity", "+infinity"];
 
-/// Returns the text of an entry: up to a comma or closing bracket outside parentheses, or the end of the line.
+/// Returns the text of an entry of a list or object: up to a comma or closing bracket outside parentheses, or the end
+/// of the line.
 fn entry(rest: &str) -> &str {
     let mut depth = 0_usize;
     for (at, c) in rest.char_indices() {
@@ -33,7 +34,7 @@ fn entry(rest: &str) -> &str {
     rest.trim_end()
 }
 
-/// Returns the first word or character of a text, quoted for a message.
+/// Returns the first word or character of the faulty text, quoted for a message.
 pub(super) fn shown(rest: &str) -> String {
     let word: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
     if word.is_empty() {
@@ -52,7 +53,7 @@ fn in_quotes(rest: &str) -> Option<String> {
     Some(quoted(&rest[..end]))
 }
 
-/// Describes a faulty key of a member.
+/// Describes the fault at which the key of a JSON member is expected.
 pub(super) fn key(text: &str, fault: &Fault) -> Slip {
     let rest = &text[fault.at..];
     if let Some(key) = in_quotes(rest) {
@@ -74,7 +75,7 @@ pub(super) fn key(text: &str, fault: &Fault) -> Slip {
     Slip::new("a key without quotes", quoted(&word))
 }
 
-/// Describes the text after a value, where a comma or closing bracket belongs.
+/// Describes the fault in the text after a JSON value, where a comma or closing bracket belongs.
 pub(super) fn behind_a_value(text: &str, fault: &Fault) -> Slip {
     let (before, rest) = (&text[fault.before.clone()], &text[fault.at..]);
     let is_next = rest.starts_with(['"', '{', '[']);
@@ -97,7 +98,7 @@ pub(super) fn behind_a_value(text: &str, fault: &Fault) -> Slip {
     }
 }
 
-/// Describes a faulty value at the beginning of a text.
+/// Describes a faulty JSON value at the beginning of a text.
 pub(super) fn value(rest: &str) -> Slip {
     if let Some(text) = in_quotes(rest) {
         return Slip::new(format!("{} where a quote `\"` belongs", shown(rest)), text);
@@ -125,7 +126,7 @@ pub(super) fn value(rest: &str) -> Slip {
     Slip::new("an expression without quotes", quoted(entry))
 }
 
-/// Rewrites a number in another notation as JSON.
+/// Rewrites a number in the notation of another language as JSON.
 fn number(entry: &str) -> Option<String> {
     let (sign, digits) = match entry.strip_prefix('-') {
         Some(rest) => ("-", rest),

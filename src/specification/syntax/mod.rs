@@ -10,7 +10,7 @@ use crate::pointer::{Step, pointer};
 use crate::wording::abridged;
 use scanner::{Fault, Wanted};
 
-/// Description of a fault in a text, and what to write instead.
+/// Description of a fault in a text that is not JSON, and what to write instead.
 struct Slip {
     what: String,
     write: String,
@@ -34,7 +34,7 @@ pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> Sp
             .expected("a number between -1.8e308 and 1.8e308");
     }
     if message.starts_with("recursion limit exceeded") {
-        // The path of a deeply nested document carries no information.
+        // The path to a fault in a deeply nested document carries no information.
         return SpecificationError::new("", "too_deep", message).expected("at most 127 levels of lists and objects");
     }
     let otherwise = || SpecificationError::new(pointer(path), "syntax", message.clone()).expected("a JSON object");
@@ -50,7 +50,7 @@ pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> Sp
     SpecificationError::new(pointer(path), "syntax", detail).expected(write)
 }
 
-/// Formats the line and the column of a byte offset, counted from 1.
+/// Formats the line and the column, counted from 1, of a byte offset in the text.
 fn position(text: &str, at: usize) -> String {
     let before = &text[..at];
     let line = before.matches('\n').count() + 1;
@@ -120,7 +120,7 @@ fn slip(text: &str, fault: &Fault) -> Slip {
     }
 }
 
-/// Describes a text that ends too early.
+/// Describes a JSON text that ends too early.
 fn end_of_text(text: &str, fault: &Fault) -> Slip {
     if fault.wanted == Wanted::Text {
         let string = abridged(text[fault.before.clone()].trim_end());
@@ -143,7 +143,7 @@ fn closing(bracket: u8) -> char {
     if bracket == b'{' { '}' } else { ']' }
 }
 
-/// Describes an unterminated or invalid string.
+/// Describes an unterminated or invalid string in a JSON text.
 fn in_string(text: &str, fault: &Fault, next: char) -> Slip {
     let begins = position(text, fault.before.start);
     match next {

@@ -5,36 +5,36 @@ use std::ops::Range;
 /// The kind of token that JSON expects at a place in a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wanted {
-    /// A value is expected: in a list, after a colon, or as the document.
+    /// A JSON value is expected: in a list, after a colon, or as the document.
     Value,
-    /// The key of a member is expected.
+    /// The key of a JSON member is expected.
     Key,
-    /// The colon after a key is expected.
+    /// The colon after the key of a JSON member is expected.
     Colon,
-    /// A comma, or the end of the list or object, is expected.
+    /// A comma, or the closing bracket of the JSON list or object, is expected.
     Separator,
-    /// The end of the text is expected.
+    /// The end of the text is expected: the document is complete.
     End,
     /// The rest of a string that begins at `Fault::before` is expected.
     Text,
 }
 
-/// The first fault of a text.
+/// The first fault of a text that is not JSON.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Fault {
-    /// Byte offset of the unexpected token, or the length of a text that ends too early.
+    /// Byte offset of the unexpected token at the fault, or the length of a text that ends too early.
     pub at: usize,
-    /// The kind of token that is expected at the fault.
+    /// The kind of JSON token that is expected at the fault.
     pub wanted: Wanted,
-    /// Whether the previous token is an opening bracket.
+    /// Whether the token before the fault is an opening bracket.
     pub is_first: bool,
-    /// The open brackets with their byte offsets.
+    /// The brackets that are open at the fault, with their byte offsets.
     pub open: Vec<(u8, usize)>,
-    /// Byte range of the previous token.
+    /// Byte range of the token before the fault.
     pub before: Range<usize>,
 }
 
-/// Finds the first fault of a text; `None` if its tokens form JSON.
+/// Finds the first fault of a text; `None` if its tokens form a JSON document.
 pub(super) fn fault(text: &[u8]) -> Option<Fault> {
     let mut fault = Fault { at: 0, wanted: Wanted::Value, is_first: false, open: Vec::new(), before: 0..0 };
     loop {
@@ -83,7 +83,7 @@ impl Fault {
     }
 }
 
-/// Returns the end of the string that begins at `start`, or the offset of its first invalid byte.
+/// Returns the end of the JSON string that begins at `start`, or the offset of its first invalid byte.
 fn string(text: &[u8], start: usize) -> Result<usize, usize> {
     let mut at = start + 1;
     loop {

@@ -19,11 +19,11 @@ use std::collections::{HashMap, HashSet};
 /// The record of an expansion of vectors, which maps errors back to the user's document.
 #[derive(Debug, Default)]
 pub(super) struct Vectors {
-    /// Names of parameters that determine numbers of elements of vectors.
+    /// Names of parameters that determine the numbers of elements of vectors.
     pub sizes: Vec<String>,
-    /// Pointers in the user's document, by pointers in the expanded document.
+    /// Pointers in the user's document, by pointers in the document with expanded vectors.
     origins: HashMap<String, String>,
-    /// Pointers of names with a faulty range, which are not expanded.
+    /// JSON pointers of names with a faulty index range, which are not expanded.
     wrong: HashSet<String>,
     /// The origins of bodies and joints that have replaced the description of a robot.
     pub robot: robot::Origins,
@@ -49,7 +49,8 @@ impl Vectors {
         moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
     }
 
-    /// Redirects errors at the pointer `new` to the pointer `old`.
+    /// Redirects errors at the JSON pointer `new`, in the expanded document, to the pointer `old` in the user's
+    /// document.
     pub fn stands_for(&mut self, new: String, old: String) {
         self.origins.insert(new, old);
     }
@@ -107,7 +108,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     expansion.vectors
 }
 
-/// Returns the values of a list of rows of equal length as one list, row by row.
+/// Returns the values of a list of rows of equal length as one list, row by row; `None` for any other value.
 fn of_rows(value: &Json) -> Option<Json> {
     let Json::List(rows) = value else { return None };
     let values = |row: &Json| match row {
@@ -121,7 +122,7 @@ fn of_rows(value: &Json) -> Option<Json> {
     (is_even && !rows.is_empty()).then(|| Json::List(rows.concat()))
 }
 
-/// A path in the expanded document, and the corresponding path in the user's document.
+/// A path in the document with expanded vectors, and the corresponding path in the user's document.
 struct ExpandedPath {
     new: Vec<Step>,
     old: Vec<Step>,
@@ -130,7 +131,7 @@ struct ExpandedPath {
 struct Expansion<'e> {
     vectors: Vectors,
     parameters: HashMap<String, i64>,
-    /// Names that indices of vectors must not have.
+    /// Names that the indices of vectors must not have, since they are in use.
     taken: HashSet<String>,
     elements: usize,
     errors: &'e mut Errors,
@@ -251,7 +252,7 @@ impl Expansion<'_> {
         }
     }
 
-    /// Reads the range of a name, if it has a valid one.
+    /// Reads the index range of a name such as `x[1..n]`, if it has a valid one.
     fn range<'t>(&mut self, name: &'t str, place: &ExpandedPath, step: &Step) -> Option<Range<'t>> {
         let at = || pointer(&[place.old.as_slice(), std::slice::from_ref(step)].concat());
         let sizes = std::cell::RefCell::new(Vec::new());
@@ -317,7 +318,7 @@ fn named(item: &Json) -> Option<&str> {
     }
 }
 
-/// Replaces the name with a range in an element by the name of the element.
+/// Replaces the name with an index range in an element of a vector by the name of the element.
 fn rename(element: &mut Json, name: &str) {
     let Json::Object(members) = element else { return };
     for (key, value) in members {
@@ -334,7 +335,7 @@ fn rename(element: &mut Json, name: &str) {
 }
 
 impl Json {
-    /// Returns the value of an object with one member, apart from comments.
+    /// Returns the value of a JSON object with one member, apart from comments.
     fn only(&self) -> Option<&Json> {
         let Json::Object(members) = self else { return None };
         let mut members = members.iter().filter(|(name, _)| name != COMMENT);

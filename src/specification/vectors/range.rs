@@ -7,19 +7,19 @@ use crate::wording::abridged;
 /// `variables`, in `set` and in a definition or two.
 pub(super) const MOST_ELEMENTS: usize = 400_000;
 
-/// Default names of the indices, in order.
+/// Default names of the indices of a vector, in order.
 const INDICES: [&str; 3] = ["i", "j", "k"];
 
-/// A name with index ranges.
+/// A name with index ranges, such as `x[1..n]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Range<'t> {
-    /// The name of the vector.
+    /// The name of the vector, without its index ranges.
     pub name: &'t str,
-    /// The name, first value and last value of each index.
+    /// The name, first value and last value of each index of the vector.
     indices: Vec<(&'t str, i64, i64)>,
 }
 
-/// The names and values of the indices of one element.
+/// The names and values of the indices of one element of a vector.
 pub(super) type Values<'t> = Vec<(&'t str, i64)>;
 
 impl<'t> Range<'t> {
@@ -75,13 +75,13 @@ impl<'t> Range<'t> {
         }
     }
 
-    /// Returns the names of the indices of the range.
+    /// Returns the names of the indices of the vector.
     pub(super) fn indices(&self) -> impl Iterator<Item = &'t str> {
         self.indices.iter().map(|(name, ..)| *name)
     }
 
-    /// Returns the range of a single element, such as `x[n + 1]`; `None` if all indices are plain numbers or an index
-    /// cannot be evaluated.
+    /// Returns the range that consists of a single element, such as `x[n + 1]`; `None` if all indices are plain numbers
+    /// or an index cannot be evaluated.
     fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
         let parts: Vec<&str> = inside.split(',').collect();
         let values: Option<Vec<i64>> = parts.iter().map(|part| whole(part, &size).ok()).collect();
@@ -90,13 +90,13 @@ impl<'t> Range<'t> {
         (!is_plain).then_some(Self { name, indices })
     }
 
-    /// Returns the number of elements of the range; `None` if there are too many.
+    /// Returns the number of elements of the vector; `None` if there are too many.
     pub(super) fn len(&self) -> Option<usize> {
         let sizes = self.indices.iter().map(|(_, first, last)| (last - first) as usize + 1);
         sizes.into_iter().try_fold(1_usize, usize::checked_mul).filter(|&count| count <= MOST_ELEMENTS)
     }
 
-    /// Returns the name of each element with the values of its indices; the last index varies fastest.
+    /// Returns the name of each element of the vector with the values of its indices; the last index varies fastest.
     pub(super) fn elements(&self) -> impl Iterator<Item = (String, Values<'t>)> {
         let count = self.len().unwrap_or(0);
         (0..count).map(move |mut place| {
@@ -113,7 +113,7 @@ impl<'t> Range<'t> {
     }
 }
 
-/// Evaluates a sum of whole numbers and parameters.
+/// Evaluates the end of an index range, a sum of whole numbers and parameters.
 fn whole(text: &str, size: &impl Fn(&str) -> Option<i64>) -> Result<i64, String> {
     let mut sum = 0_i64;
     let mut rest = text.trim();
@@ -139,7 +139,8 @@ fn whole(text: &str, size: &impl Fn(&str) -> Option<i64>) -> Result<i64, String>
     }
 }
 
-/// Replaces indices in a text by their values, where they are separate words and not called as functions.
+/// Replaces the indices of a vector in a text by their values, where they are separate words and not called as
+/// functions.
 pub(super) fn replaced(text: &str, values: &Values<'_>) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! The chapters of a report: each system as a paper would state it, then the measurements.
+//! The chapters of a report: the statement of each example system, as a paper would give it, then the measurements.
 
 use super::{escaped, number, table, trusted};
 use crate::report::{
@@ -7,8 +7,8 @@ use crate::report::{
 use serde_json::Value;
 use std::fmt::Write as _;
 
-/// Returns a table with a row for each system: its reference, the least errors of its runs, and how many runs have an
-/// answer and are trusted.
+/// Returns a table with a row for each example system: its reference, the least errors of its runs, and how many runs
+/// have an answer and are trusted.
 pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let least = |error: fn(&Errors) -> Option<f64>| {
@@ -67,7 +67,7 @@ pub fn reported(chapters: &[Chapter]) -> String {
     include_str!("reported.html").to_owned() + &table(&head, rows.into_iter())
 }
 
-/// Appends the section of a system: statement, solution, reference, errors.
+/// Appends the section of an example system: statement, solution, reference, errors.
 pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
     // Writing to a string cannot fail.
     let _ = write!(page, "<section id=\"{}\"><h2>{}</h2>", escaped(&chapter.name), escaped(&chapter.title));
@@ -106,7 +106,7 @@ pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
     let _ = write!(page, "<details><summary>Numbers</summary>{}</details></section>", table(&head, rows));
 }
 
-/// The largest number of initial values that are listed beside the equations.
+/// The largest number of initial values that are listed beside the equations of a system.
 const MOST_STATES: usize = 12;
 
 /// Returns the equations, parameters and horizon of a system, and the specification with which its runs can be
@@ -236,7 +236,7 @@ fn meshes(chapter: &Chapter) -> String {
         + &table(&["elements", "error against the continuum", "order in the size of an element"], rows)
 }
 
-/// Returns the tolerance or the step size of a run, in words.
+/// Returns the tolerance or the step size of a run, as text.
 pub fn rung(run: &Run) -> String {
     match (run.rtol, run.step) {
         (Some(rtol), _) => format!("tolerance {rtol:.0e}"),

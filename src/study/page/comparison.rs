@@ -5,10 +5,10 @@ use super::chapters::rung;
 use super::{escaped, number, table};
 use crate::report::{Chapter, Errors, Ladder, Run, WRONG, chosen, first_order};
 
-/// Target errors of states, at the end and over time.
+/// Target errors of the states, at the end and over time, for which run times are compared.
 const TARGETS: [f64; 2] = [1e-3, 1e-6];
 
-/// Returns the table of run times, for systems whose errors distinguish methods.
+/// Returns the table of the shortest run times for the target errors, for all systems.
 pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let name = escaped(&chapter.name);
@@ -38,7 +38,7 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
         + &table(&head, rows)
 }
 
-/// Returns the shortest run time of runs with an error of at most `target` and no verdict against them, with the
+/// Returns the shortest run time of the runs with an error of at most `target` and no verdict against them, with the
 /// method if `named`.
 fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named: bool) -> String {
     let good = |run: &&Run| {
@@ -54,11 +54,11 @@ fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named
     }
 }
 
-/// Error of the states up to which an answer is right, whatever accuracy was asked for.
+/// Error of the states up to which an answer counts as right, whatever accuracy was asked for.
 const RIGHT: f64 = 1e-3;
 
-/// Returns a table of how many right and wrong answers are trusted, with the list of trusted runs whose answers are
-/// wrong.
+/// Returns a table of how many answers the verdicts trust, by the error of the answer, with the list of trusted runs
+/// whose answers are wrong.
 pub fn verdicts<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let (mut counts, mut silent) = ([[0_usize; 2]; 3], Vec::new());
     for chapter in chapters {

@@ -8,17 +8,17 @@ mod stability;
 use super::report::{Chapter, picture};
 use super::stability::Stability;
 
-/// Another program, as the report names it.
+/// Another program that solves the example systems, as the report names it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Peer {
     /// Name of the program, with its version if the program runs.
     pub name: String,
-    /// How to install the program, if it is not installed.
+    /// How to install the other program, if it is not installed.
     pub install: Option<String>,
 }
 
-/// Returns the page; `peers` are the other programs that were asked. A `fixed` page has no run times, machine or
-/// date.
+/// Returns the page of the report; `peers` are the other programs that were asked. A `fixed` page has no run times,
+/// machine or date.
 pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fixed: bool) -> String {
     let mut page = format!("{}<style>{}</style>", include_str!("head.html"), include_str!("page.css"));
     if chapters.is_empty() {
@@ -49,7 +49,7 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
     page + "</main></html>\n"
 }
 
-/// Returns a table of the other programs, with the systems that each program solved.
+/// Returns a table of the other programs, with the example systems that each program solved.
 fn programs(chapters: &[Chapter], peers: &[Peer]) -> String {
     if peers.is_empty() {
         return "<p>No other programs were asked.</p>".to_owned();
@@ -69,7 +69,7 @@ fn programs(chapters: &[Chapter], peers: &[Peer]) -> String {
     include_str!("peers.html").to_owned() + &table(&["other program", "systems"], rows)
 }
 
-/// Returns a table cell with a verdict; a dash if there is no verdict.
+/// Returns a table cell that shows whether a verdict trusts the answer; a dash if there is no verdict.
 fn trusted(verdict: Option<bool>) -> String {
     match verdict {
         Some(true) => "yes".to_owned(),
@@ -78,7 +78,7 @@ fn trusted(verdict: Option<bool>) -> String {
     }
 }
 
-/// Returns an HTML table whose cells are HTML already.
+/// Returns an HTML table; its cells are HTML that needs no escaping.
 fn table<const N: usize>(head: &[&str; N], rows: impl Iterator<Item = [String; N]>) -> String {
     let row = |cells: &[String], tag: &str| {
         let cells: Vec<String> = cells.iter().map(|cell| format!("<{tag}>{cell}</{tag}>")).collect();
@@ -89,12 +89,12 @@ fn table<const N: usize>(head: &[&str; N], rows: impl Iterator<Item = [String; N
     format!("<div class=\"wide\"><table><thead>{head}</thead><tbody>{body}</tbody></table></div>")
 }
 
-/// Returns a table cell with a number.
+/// Returns a table cell with a number, as HTML.
 fn number(text: &str) -> String {
     format!("<span class=\"number\">{text}</span>")
 }
 
-/// Escapes text for HTML.
+/// Escapes text for use in HTML.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -9,10 +9,10 @@ use crate::stability::{Outcome, Stability, parts};
 use solution::Status;
 use solution::pictures::{Curve, double_logarithmic};
 
-/// Smallest value that is drawn: smaller values are rounding.
+/// Smallest modulus of the stability function that is drawn: smaller values are rounding.
 const LEAST: f64 = 1e-17;
 
-/// Returns the stability chapter as HTML.
+/// Returns the stability chapter of the report as HTML.
 pub fn html(limits: &Stability) -> String {
     let Stability { outcomes, rays, contractions, balances } = limits;
     let mut page = include_str!("stability.html").to_owned();
@@ -34,7 +34,7 @@ pub fn html(limits: &Stability) -> String {
     page + &linear(rays) + &nonlinear(contractions) + &energy(balances)
 }
 
-/// Describes how often the verdict on an answer agrees with the expectations of its case.
+/// Describes how many of the right and of the wrong answers to the stability cases the verdicts trust.
 fn verdicts(limits: &Stability) -> String {
     let [right, wrong] = [true, false].map(|passed| limits.trusted(passed));
     format!(

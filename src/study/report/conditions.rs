@@ -9,20 +9,20 @@ use std::thread::available_parallelism;
 pub struct Conditions {
     /// Name and version of the program.
     pub program: String,
-    /// Optimisation that the program was built with.
+    /// Optimisation level that the program was built with.
     pub build: String,
     /// Name of the processor.
     pub processor: String,
-    /// Number of processors that the run may use.
+    /// Number of processors that the measured runs may use.
     pub cores: usize,
-    /// Name and version of the operating system.
+    /// Name and version of the operating system of the machine.
     pub system: String,
     /// Date of the measurement, such as `2026-11-23`.
     pub date: String,
 }
 
 impl Conditions {
-    /// Returns the conditions of a run of this process, on the day `date`.
+    /// Returns the conditions of a measurement by this process, on the day `date`.
     pub fn here(date: String) -> Self {
         let first = |file: &str, key: &str| {
             let text = fs::read_to_string(file).ok()?;

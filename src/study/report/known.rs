@@ -11,18 +11,18 @@ const KNOWN: &str = include_str!("known.json");
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Known {
-    /// Equations of the system, one line each.
+    /// Equations of the system as a paper states them, one line each.
     pub equations: Vec<String>,
-    /// Known values by the name of the output: a number is the value at the end, a text is an expression in `t` that
-    /// holds from the time `from` on.
+    /// Known values by the name of the output: a number is the value at the end time, a text is an expression in `t`
+    /// that holds from the time `from` on.
     pub exact: Map<String, Value>,
-    /// The time from which the expressions in `exact` hold; the start if it is absent.
+    /// The time from which the expressions in `exact` hold; absent if they hold from the start.
     pub from: Option<f64>,
     /// The end time, if it differs from that of the example because values are known at another time.
     pub end: Option<f64>,
-    /// The source of the known values.
+    /// The source of the known values of the system.
     pub source: Option<Source>,
-    /// The known switching times.
+    /// The known switching times of the system.
     pub switches: Vec<f64>,
     /// Whether the known values are those of the problem continuous in space, from which a finite element solution
     /// differs by its discretisation error.
@@ -37,9 +37,9 @@ pub struct Known {
 pub struct Reported {
     /// The reported failure, in a clause.
     pub what: String,
-    /// The program, and the number and the title of the thread.
+    /// The name of the other program, and the number and the title of the thread.
     pub title: String,
-    /// The address of the thread.
+    /// The web address of the thread.
     pub address: String,
 }
 
@@ -49,9 +49,9 @@ pub struct Reported {
 pub struct Source {
     /// The method, the program or the paper that the values are from.
     pub what: String,
-    /// The precision of the arithmetic, and the number of correct digits.
+    /// The precision of the arithmetic that computed the values, and their number of correct digits.
     pub digits: String,
-    /// A file of the repository that computes or contains the values.
+    /// A file of the repository that computes or contains the known values.
     pub file: Option<String>,
 }
 
@@ -60,7 +60,7 @@ pub fn known(name: &str) -> Known {
     all().remove(name).unwrap_or_default()
 }
 
-/// Returns the table of all systems; empty if it cannot be parsed, which a test excludes.
+/// Returns what is known of all systems, by name; empty if the table cannot be parsed, which a test excludes.
 pub fn all() -> HashMap<String, Known> {
     serde_json::from_str(KNOWN).unwrap_or_default()
 }

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 
 /// Number of timed solves of each run, after a first solve that warms caches and is not counted.
 pub const REPEATS: usize = 5;
-/// Runs longer than this are not repeated, in seconds: their times hardly vary.
+/// Run time in seconds above which a run is not repeated: such times hardly vary.
 pub const LONG: f64 = 0.5;
-/// Time limit of one run.
+/// Time limit of one run of the report.
 pub const LONGEST: Duration = Duration::from_secs(20);
 
 /// Measures one ladder: runs of one method at the tolerances or step sizes `rungs`, from coarse to fine. After a run
@@ -76,8 +76,8 @@ fn errors(solution: &Solution, reference: &Reference) -> Errors {
     reference.errors(&columns, Some(&switch_times(solution)))
 }
 
-/// Returns the observed order: exponent of the step size, or of the tolerance, with which the error at the end
-/// changed; `None` if an error is at the level of rounding.
+/// Returns the observed order of a method between two runs: exponent of the step size, or of the tolerance, with which
+/// the error at the end changed; `None` if an error is at the level of rounding.
 pub fn change(before: &Run, run: &Run) -> Option<f64> {
     let error = |run: &Run| Some(run.errors.as_ref()?.end.filter(|error| *error > ROUNDING)?.ln());
     let rung = |run: &Run| Some(run.rtol.or(run.step)?.ln());

@@ -38,7 +38,7 @@ pub const STEPS: [f64; 4] = [100.0, 400.0, 1600.0, 6400.0];
 pub const FINER_STEPS: [f64; 2] = [25_600.0, 102_400.0];
 /// The relative error of the states above which an answer counts as wrong, whatever its tolerance or step size.
 pub const WRONG: f64 = 1e-2;
-/// Largest number of steps of a run.
+/// Largest number of steps of a run of the report.
 const MOST_STEPS: u64 = 1_000_000;
 /// Relative error at the level of rounding. A system that implicit Euler solves to a smaller error at every step size
 /// does not distinguish methods.
@@ -51,21 +51,21 @@ const IMPLICIT_EULER: &str = "1 stage at fixed steps";
 pub struct Chapter {
     /// Name of the example.
     pub name: String,
-    /// Title of the example.
+    /// Title of the example system.
     pub title: String,
-    /// Equations of the system, one line each.
+    /// Equations of the example system, one line each.
     pub equations: Vec<String>,
-    /// Specification of the runs, except for the method.
+    /// Specification of the runs of the system, except for the method.
     pub specification: Value,
-    /// The initial value of each state, by name.
+    /// The initial value of each state of the system, by name.
     pub start: Vec<(String, f64)>,
     /// The smallest and the largest absolute tolerance of a state, as parts of the relative tolerance.
     pub atol: (f64, f64),
-    /// Plot of the solution over time, in SVG.
+    /// Plot of the solution of the system over time, in SVG.
     pub solution: String,
     /// Source of the reference values from outside this program, if there are any.
     pub source: Option<Source>,
-    /// Public thread that reports a failure of another program on the system.
+    /// Public thread that reports a failure of another program on the system, if there is one.
     pub reported: Option<Reported>,
     /// Reference solution that errors are measured against.
     pub reference: Reference,
@@ -78,7 +78,7 @@ pub struct Chapter {
     pub ladders: Vec<Ladder>,
     /// Runs of other programs: for each method one ladder, a series of runs from coarse to fine.
     pub peers: Vec<Ladder>,
-    /// Conditions (machine and date) of the measurement.
+    /// Conditions (machine, program and date) of the measurement.
     pub conditions: Conditions,
 }
 
@@ -87,19 +87,19 @@ pub struct Chapter {
 pub struct Ladder {
     /// Name of the method; for another program, with the name of the program.
     pub method: String,
-    /// The runs, in the order from the coarsest to the finest.
+    /// The runs of the method, from the coarsest tolerance or step size to the finest.
     pub runs: Vec<Run>,
 }
 
-/// How a run ended.
+/// How a run of the report ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The run reached the end.
+    /// The run reached its end time.
     Completed,
     /// The run was stopped at its time limit.
     Stopped,
-    /// The run failed before the end.
+    /// The run failed before its end time.
     Failed,
     /// The run was skipped because a coarser run of the ladder was stopped.
     NotTried,
@@ -108,49 +108,50 @@ pub enum Outcome {
 /// Settings and results of one run.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Run {
-    /// Relative tolerance of the run; `None` with fixed steps.
+    /// Relative tolerance of the run; `None` for a run with fixed steps.
     pub rtol: Option<f64>,
-    /// Fixed step size of the run; `None` with adaptive steps.
+    /// Fixed step size of the run; `None` for a run with adaptive steps.
     pub step: Option<f64>,
-    /// How the run ended.
+    /// How the run ended: at the end time, at its time limit, or with a failure.
     pub outcome: Outcome,
     /// Whether the verdict trusts the answer; absent for another program, which gives no verdict.
     pub trusted: Option<bool>,
-    /// Number of accepted steps.
+    /// Number of accepted steps of the run.
     pub steps: u64,
-    /// Median run time of the repeats, in seconds.
+    /// Median run time of the repeats of the run, in seconds.
     pub seconds: f64,
-    /// Smallest and largest run time of the repeats, in seconds.
+    /// Smallest and largest run time of the repeats of the run, in seconds.
     pub spread: (f64, f64),
-    /// Errors of the run; absent if it did not reach the end.
+    /// Errors of the run; absent if it did not reach the end time.
     pub errors: Option<Errors>,
     /// Observed order: exponent of the step size, or of the tolerance, with which the error at the end changed from
     /// the previous run.
     pub change: Option<f64>,
-    /// Why the run has no answer.
+    /// Why the run has no answer, as a message.
     pub message: Option<String>,
 }
 
-/// Errors of a run, relative to the largest value of each output; absent where there is nothing to compare.
+/// Errors of a run against the reference, relative to the largest value of each output; absent where there is nothing
+/// to compare.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Errors {
-    /// Largest error at the end: of the outputs whose values at the end are known from outside this program, else of
-    /// the states.
+    /// Largest error at the end time: of the outputs whose values at the end are known from outside this program, else
+    /// of the states.
     pub end: Option<f64>,
-    /// Largest error of the states over time.
+    /// Largest error of the states over the comparison times.
     pub states: Option<f64>,
-    /// Largest error over time of all other outputs: variables, forces, energies.
+    /// Largest error over the comparison times of all other outputs: variables, forces, energies.
     pub variables: Option<f64>,
     /// Hausdorff distance between the switching times of the run and of the reference, relative to the horizon: the
     /// largest distance of a switch of either from the nearest of the other, so that a lost switch counts, and one too
     /// many.
     pub switches: Option<f64>,
-    /// Number of switches of the run.
+    /// Number of switches (events) that the run found.
     pub switches_found: Option<usize>,
 }
 
 impl Errors {
-    /// The larger of the errors of states at the end and over time.
+    /// The larger of the errors of the states at the end and over time.
     pub fn of_states(&self) -> Option<f64> {
         self.end.into_iter().chain(self.states).reduce(f64::max)
     }
@@ -180,7 +181,7 @@ impl Run {
         Self { outcome: Outcome::NotTried, ..Self::at(rung) }
     }
 
-    /// Sets the median run time and the spread from the times of the repeats, in seconds.
+    /// Sets the median run time of the run and the spread from the times of its repeats, in seconds.
     fn timed(self, mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
         let (Some(&least), Some(&most)) = (times.first(), times.last()) else { return self };
@@ -254,7 +255,7 @@ fn shown(example: &Example, known: &Known) -> Option<Value> {
     Some(document)
 }
 
-/// Adds a study with the values known from outside this program, if there are any.
+/// Adds a study with the values of outputs known from outside this program, if there are any.
 fn with_exact_values(mut document: Value, known: &Known) -> Option<Value> {
     if !known.exact.is_empty() {
         let horizon = document["time"]["end"].as_f64()? - document["time"]["start"].as_f64().unwrap_or(0.0);
@@ -285,7 +286,7 @@ impl Chapter {
         self.ladders.iter().chain(&self.peers)
     }
 
-    /// Whether errors are measured against values from outside this program.
+    /// Whether errors of the system are measured against values from outside this program.
     pub fn outside(&self) -> bool {
         self.source.is_some()
     }
@@ -316,13 +317,13 @@ impl Chapter {
         ended.filter_map(|run| run.trusted).fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
     }
 
-    /// Returns the number of runs without an answer, and the number of all runs that were tried.
+    /// Returns the number of runs of the ladders without an answer, and the number of all runs that were tried.
     pub fn lost(ladders: &[Ladder]) -> (usize, usize) {
         let runs = || ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.outcome != Outcome::NotTried);
         (runs().filter(|run| run.outcome != Outcome::Completed).count(), runs().count())
     }
 
-    /// Returns the runs as rows of CSV, with a header.
+    /// Returns the runs of the system as rows of CSV, with a header.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "system,method,rtol,step,outcome,trusted,steps,seconds,least_seconds,most_seconds,error_at_end,error_of_states,\
@@ -359,7 +360,7 @@ impl Chapter {
         text
     }
 
-    /// Returns the parameters of the problem, as its author wrote them.
+    /// Returns the parameters of the problem, as the author of the specification wrote them.
     pub fn parameters(&self) -> Option<&Map<String, Value>> {
         let problem = self.specification.get("problem")?.as_object()?.values().next()?;
         problem.get("parameters")?.as_object()

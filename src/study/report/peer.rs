@@ -15,36 +15,36 @@ use std::collections::HashMap;
 pub struct Answer {
     /// Name of the program and its method.
     pub method: String,
-    /// Runs of the ladder, from the coarsest to the finest.
+    /// Runs of the ladder, from the coarsest tolerance or step size to the finest.
     pub runs: Vec<AnswerRun>,
 }
 
 /// A run of another program.
 #[derive(Debug, Deserialize)]
 pub struct AnswerRun {
-    /// Relative tolerance of the run.
+    /// Relative tolerance of the run; `None` for a run with fixed steps.
     #[serde(default)]
     pub rtol: Option<f64>,
-    /// Fixed step size of the run.
+    /// Fixed step size of the run; `None` for a run with adaptive steps.
     #[serde(default)]
     pub step: Option<f64>,
-    /// Number of steps, if the program counts its steps.
+    /// Number of steps of the run, if the program counts its steps.
     #[serde(default)]
     pub steps: u64,
-    /// The run times of the repeats, in seconds.
+    /// The run times of the repeats of the run, in seconds.
     pub seconds: Vec<f64>,
     /// Values at the comparison times, by the name of the output; no outputs if the run did not reach the end.
     #[serde(default)]
     pub fields: HashMap<String, Vec<Option<f64>>>,
-    /// Times of switches, if the program finds any.
+    /// Times of the switches of the run, if the program finds any.
     #[serde(default)]
     pub switches: Option<Vec<f64>>,
-    /// Why the run has no answer.
+    /// Why the run has no answer, as a message.
     #[serde(default)]
     pub message: Option<String>,
 }
 
-/// Returns the request that is sent to another program.
+/// Returns the request to solve the system of a chapter, which is sent to another program.
 pub fn request(chapter: &Chapter) -> Value {
     let reference = &chapter.reference;
     let steps = STEPS.map(|steps| reference.horizon / steps);

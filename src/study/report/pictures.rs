@@ -5,7 +5,7 @@ use solution::pictures::{Arrangement, Curve, LARGE, SMALL, Words, overview};
 
 /// Smallest error that is shown: smaller errors are rounding, and are drawn at this value.
 const LEAST_ERROR: f64 = 1e-17;
-/// Shortest run time that is shown, in seconds.
+/// Shortest run time that the pictures show, in seconds.
 const LEAST_TIME: f64 = 1e-9;
 
 /// Names of the methods in the picture of all systems: the first one that a system has been run with is shown.
@@ -18,7 +18,7 @@ pub fn chosen(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &CHOSEN)
 }
 
-/// Returns the runs of first-order time stepping of a system, from coarse to fine.
+/// Returns the runs of first-order time stepping (implicit Euler or Moreau) of a system, from coarse to fine.
 pub fn first_order(chapter: &Chapter) -> Option<&Ladder> {
     first_of(chapter, &FIRST_ORDER)
 }
@@ -27,7 +27,7 @@ fn first_of<'a>(chapter: &'a Chapter, methods: &[&str]) -> Option<&'a Ladder> {
     methods.iter().find_map(|method| chapter.ladders.iter().find(|ladder| ladder.method == *method))
 }
 
-/// A kind of error: its name, and the function that selects it.
+/// A kind of error of a run: its name, and the function that selects it.
 type Kind = (&'static str, fn(&Errors) -> Option<f64>);
 
 const KINDS: [Kind; 4] = [
@@ -37,8 +37,8 @@ const KINDS: [Kind; 4] = [
     ("times of switches", |errors| errors.switches),
 ];
 
-/// Returns the label of the abscissa: run time, or the number of steps in a report that must not depend on the
-/// machine.
+/// Returns the label of the abscissa of the pictures: run time, or the number of steps in a report that must not depend
+/// on the machine.
 fn abscissa(fixed: bool) -> &'static str {
     if fixed { "steps" } else { "run time in s" }
 }
@@ -49,7 +49,7 @@ fn cost(run: &Run, fixed: bool) -> f64 {
 
 fn curve(ladder: &Ladder, error: fn(&Errors) -> Option<f64>, fixed: bool) -> Curve {
     let point = |run: &Run| Some((cost(run, fixed), error(run.errors.as_ref()?)?.max(LEAST_ERROR)));
-    // Runs of programs that do not count their steps are not shown against steps.
+    // Runs of programs that do not count their steps are not shown if the abscissa is the number of steps.
     let shown = |run: &&Run| run.outcome != Outcome::NotTried && !(fixed && run.steps == 0);
     let runs = || ladder.runs.iter().filter(shown);
     let wide = |run: &Run| (run.spread.0.max(LEAST_TIME), run.spread.1.max(LEAST_TIME));

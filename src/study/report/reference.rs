@@ -34,35 +34,35 @@ const FINER: (f64, u64) = (16.0, 120);
 const REFUTED: f64 = 1e-3;
 /// Names of outputs that describe the discretisation and not the solution; they are not compared.
 const OF_DISCRETISATION: [&str; 3] = ["contacts", "penetration", "normal_impulse"];
-/// Size, relative to the largest column, below which a column counts as zero up to rounding (`ZERO`) or, with fixed
-/// steps, up to the tolerance of the contact solver (`ZERO_AT_STEPS`).
+/// Size of an output column, relative to the largest column, below which it counts as zero up to rounding (`ZERO`) or,
+/// with fixed steps, up to the tolerance of the contact solver (`ZERO_AT_STEPS`).
 const ZERO: f64 = 1e-12;
 const ZERO_AT_STEPS: f64 = 1e-8;
 
 /// Reference values that runs are compared with. They are needed while a chapter is made, and are not stored with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Reference {
-    /// Comparison times; the last is the end.
+    /// Times at which runs are compared with the reference; the last is the end.
     #[serde(skip)]
     pub times: Vec<f64>,
-    /// Names of the outputs, states first.
+    /// Names of the outputs that are compared, states first.
     #[serde(skip)]
     pub names: Vec<String>,
-    /// Number of outputs that are states.
+    /// Number of compared outputs that are states.
     pub states: usize,
-    /// Values of each output at the comparison times.
+    /// Reference values of each output at the comparison times.
     #[serde(skip)]
     pub columns: Vec<Vec<f64>>,
     /// Outputs with values known from outside this program at the end: index in `names`, and value.
     #[serde(skip)]
     pub outside: Vec<(usize, f64)>,
-    /// Switching times of the reference.
+    /// Switching times that the runs are compared with.
     pub switches: Vec<f64>,
     /// Switching times of the reference run. A switch of another run near one of them or of `switches` is not surplus:
     /// the switches that are known from outside this program need not be all.
     #[serde(skip)]
     pub located: Vec<f64>,
-    /// Whether the switching times are from outside this program.
+    /// Whether the switching times that runs are compared with are known from outside this program.
     pub switches_outside: bool,
     /// Accuracy setting of the reference run, in words; absent if no run reached the end, or if all runs contradict
     /// the values known from outside this program.
@@ -73,11 +73,11 @@ pub struct Reference {
     /// An estimate of the error of a reference run with fixed steps: the largest difference over time between its
     /// states and those of a run with steps twice as long. Absent for a reference run with a tolerance.
     pub coarser: Option<f64>,
-    /// Length of the time horizon.
+    /// Length of the time horizon of the system.
     pub horizon: f64,
-    /// Number of comparison times.
+    /// Number of times at which runs are compared with the reference.
     pub compared: usize,
-    /// Size, relative to the largest column, up to which a column counts as zero.
+    /// Size of an output column, relative to the largest column, up to which it counts as zero.
     #[serde(skip)]
     pub zero: f64,
 }
@@ -158,19 +158,19 @@ impl Reference {
         self.errors(&columns, None).of_states()
     }
 
-    /// Returns the indices of the outputs that are neither states nor properties of the discretisation.
+    /// Returns the indices of the outputs that are neither states nor describe the discretisation.
     fn of_solution(&self) -> Vec<usize> {
         let told = |k: &usize| !OF_DISCRETISATION.contains(&self.names[*k].as_str());
         (self.states..self.names.len()).filter(told).collect()
     }
 
-    /// Returns the errors of values at the comparison times, in the order of the names of the outputs; `None` stands
-    /// for a missing output.
+    /// Returns the errors of a run's values at the comparison times, in the order of the names of the outputs; `None`
+    /// stands for a missing output.
     pub fn errors(&self, columns: &[Option<&[f64]>], switches: Option<&[f64]>) -> Errors {
         let distance = |k: usize, at: usize| {
             let value = columns.get(k).copied().flatten()?.get(at)?;
             let exact = self.columns[k].get(at).filter(|exact| exact.is_finite())?;
-            // A value that is not finite counts as an infinite error.
+            // A value of the run that is not finite counts as an infinite error.
             Some(if value.is_finite() { relative(&self.columns, k, value - exact, self.zero) } else { f64::INFINITY })
         };
         let over_time = |fields: Vec<usize>| {
@@ -202,7 +202,8 @@ impl Reference {
     }
 }
 
-/// Returns a distance relative to the largest value of its column, or of all columns if its column is zero.
+/// Returns a difference from the reference relative to the largest value of its column, or of all columns if its column
+/// is zero.
 fn relative(columns: &[Vec<f64>], k: usize, distance: f64, zero: f64) -> f64 {
     let size_of =
         |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
@@ -306,7 +307,7 @@ impl OutsideValues {
         row
     }
 
-    /// Returns the largest distance of the columns of a run from the known values at the end; `None` if no values are
+    /// Returns the largest distance of the outputs of a run from the known values at the end; `None` if no values are
     /// known.
     fn distance(&self, end: f64, columns: &[Vec<f64>], zero: f64) -> Option<f64> {
         let last = |k: usize| columns.get(k).and_then(|column| column.last().copied()).unwrap_or(f64::NAN);

@@ -10,24 +10,24 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-/// Time limit of one case in a report.
+/// Time limit of one stability case in a report.
 const LONGEST: Duration = Duration::from_secs(20);
 
 /// All measurements of stability in a report.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Stability {
-    /// The outcomes of the cases in the table.
+    /// The outcomes of the stability cases in the table.
     pub outcomes: Vec<Outcome>,
-    /// The measured stability functions along rays.
+    /// The measured stability functions along rays of the left half plane.
     pub rays: Vec<Ray>,
-    /// The contraction of pairs of solutions.
+    /// The contraction of pairs of solutions of a dissipative problem.
     pub contractions: Vec<Contraction>,
     /// The energy balances of contact runs.
     pub balances: Vec<Balance>,
 }
 
 impl Stability {
-    /// Makes all measurements; `progress` is called with the name of each part before it begins.
+    /// Makes all measurements of stability; `progress` is called with the name of each part before it begins.
     pub fn measure(mut progress: impl FnMut(&str)) -> Self {
         let cases = cases();
         let mut outcomes = Vec::with_capacity(cases.len());
@@ -47,8 +47,8 @@ impl Stability {
         Self { outcomes, rays, contractions, balances: balances() }
     }
 
-    /// Returns the number of trusted answers and the number of all answers, of those cases that reached the end and
-    /// whose outcomes are as expected (`right`), or are not.
+    /// Returns the number of trusted answers and the number of all answers, of those stability cases that reached the
+    /// end and whose outcomes are as expected (`right`), or are not.
     pub fn trusted(&self, right: bool) -> (usize, usize) {
         let of = self.outcomes.iter().filter(|outcome| outcome.passed() == right).filter_map(|outcome| outcome.trusted);
         of.fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))

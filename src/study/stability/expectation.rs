@@ -1,5 +1,5 @@
-//! The expected outcome of a case: an answer to a number of digits, a bound, no growth of energy, events at their
-//! times, a warning, or a refusal with its code.
+//! The expected outcome of a stability case: an answer to a number of digits, a bound, no growth of energy, events at
+//! their times, a warning, or a refusal with its code.
 
 use super::Case;
 use serde::{Deserialize, Serialize};
@@ -7,15 +7,15 @@ use serde_json::{Map, Value, json};
 use solution::{EventKind, Solution, Status};
 use specification::{Specification, SpecificationError};
 
-/// An expected property of a solution.
+/// An expected property of the solution of a stability case.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Expectation {
     /// Known values of outputs, to a number of digits.
     Answer(ExpectedValues),
-    /// Outputs that stay bounded at all times.
+    /// Outputs that are expected to stay bounded at all times.
     Bounded {
-        /// The names of the bounded outputs.
+        /// The names of the outputs that stay bounded.
         of: Vec<String>,
         /// The bound on the absolute value of the outputs.
         by: f64,
@@ -24,35 +24,35 @@ pub enum Expectation {
     Energy(f64),
     /// The number and the times of switches and impacts.
     Event(Events),
-    /// Largest number of accepted steps.
+    /// Largest admissible number of accepted steps.
     Steps(u64),
-    /// Code of a warning that the solution must carry.
+    /// Code of a warning that the solution is expected to carry.
     Warning(String),
-    /// Code and time of an expected failure or refusal.
+    /// Code and time of an expected failure of a run, or refusal of a specification.
     Refusal(ExpectedError),
 }
 
-/// Known values of outputs, to a number of digits.
+/// Known values of outputs, which an answer must match to a number of digits.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedValues {
     /// Expressions in `t` and the parameters of the problem, by the name of the output.
     pub of: Map<String, Value>,
-    /// Smallest admissible `-log10` of the largest error, relative to the largest value.
+    /// Smallest admissible number of correct digits: `-log10` of the largest error, relative to the largest value.
     pub digits: f64,
-    /// Whether to compare at all output times or at the last one only.
+    /// Whether to compare outputs at all output times or at the last one only.
     #[serde(default)]
     pub at: At,
 }
 
-/// The times at which outputs are compared with known values.
+/// The times at which outputs are compared with their known values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum At {
-    /// Comparison at all output times.
+    /// Outputs are compared at all output times.
     #[default]
     Outputs,
-    /// Comparison at the last output time.
+    /// Outputs are compared at the last output time.
     End,
 }
 
@@ -60,7 +60,7 @@ pub enum At {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Events {
-    /// Kind of the events; `None` for all kinds.
+    /// Kind of the expected events; `None` for all kinds.
     pub kind: Option<EventKind>,
     /// Expected number of events.
     pub count: Option<usize>,
@@ -68,7 +68,7 @@ pub struct Events {
     pub first: Option<f64>,
     /// Expected time of the last event.
     pub last: Option<f64>,
-    /// Admissible deviation of the event times.
+    /// Admissible deviation of the event times from the expected times.
     #[serde(default)]
     pub within: f64,
 }
@@ -77,31 +77,31 @@ pub struct Events {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedError {
-    /// The code of the failure, in the specification or the run.
+    /// The code of the failure of the run or of the error in the specification.
     pub code: String,
-    /// The time at which the failed run ends.
+    /// The time at which the run is expected to fail.
     pub time: Option<f64>,
-    /// Admissible deviation of the time at which the run ends.
+    /// Admissible deviation of the time at which the run fails.
     #[serde(default)]
     pub within: f64,
 }
 
-/// An expectation with the actual outcome.
+/// An expectation of a stability case with the actual outcome.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Finding {
-    /// The expectation in words.
+    /// The expectation, as text.
     pub expected: String,
-    /// The outcome in words.
+    /// The actual outcome, as text.
     pub found: String,
     /// Whether the outcome meets the expectation.
     pub passed: bool,
 }
 
-/// Number of digits assigned to an error of zero.
+/// Number of correct digits assigned to an error of zero.
 const ALL_DIGITS: f64 = 17.0;
 
 impl Expectation {
-    /// Compares the expectation with the outcome of a case.
+    /// Compares the expectation with the outcome of a stability case.
     pub fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
         let expected = self.words();
         let judged = match (self, solution) {

@@ -26,32 +26,32 @@ const PARTS: [(&str, &str); 7] = [
     ("refusals", include_str!("cases/refusals.json")),
 ];
 
-/// A case as written in JSON: a single case, or one for each of the values in `with`.
+/// A stability case as written in JSON: a single case, or one for each of the values in `with`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
     name: String,
     title: String,
     specification: Value,
-    /// Values by JSON pointer of the specification. The lists are traversed in parallel, one case per position in the
-    /// lists.
+    /// Values by JSON pointer of the specification that they are set at. The lists are traversed in parallel, one case
+    /// per position in the lists.
     #[serde(default)]
     with: Map<String, Value>,
     expect: Vec<Expectation>,
 }
 
-/// A stability case of the table.
+/// A case of the table of stability cases.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Name of the part of the table that the case belongs to.
+    /// Name of the part of the table that the stability case belongs to.
     pub part: &'static str,
-    /// Name of the case, unique in the table.
+    /// Name of the stability case, unique in the table.
     pub name: String,
-    /// Description of what is extreme about the case.
+    /// Description of what is extreme about the stability case.
     pub title: String,
-    /// The specification of the case, as a user would write it.
+    /// The specification of the stability case, as a user would write it.
     pub specification: Value,
-    /// The expected properties of the outcome.
+    /// The expected properties of the outcome of the case.
     pub expect: Vec<Expectation>,
 }
 
@@ -60,11 +60,11 @@ pub struct Case {
 pub struct Outcome {
     /// Name of the part of the table that the case belongs to.
     pub part: String,
-    /// The name of the case.
+    /// The name of the stability case.
     pub name: String,
-    /// A description of what is extreme about the case.
+    /// A description of what is extreme about the stability case.
     pub title: String,
-    /// One finding per expectation of the case.
+    /// One finding per expectation of the stability case.
     pub findings: Vec<Finding>,
     /// Whether the answer of the case is trusted; absent if the run did not reach the end.
     #[serde(default)]
@@ -74,7 +74,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Whether all expectations are met.
+    /// Whether all expectations of the stability case are met.
     pub fn passed(&self) -> bool {
         self.findings.iter().all(|finding| finding.passed)
     }
@@ -116,7 +116,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// Solves a case, as long as `control` permits, and compares the outcome with the expectations of the case.
+/// Solves a stability case, as long as `control` permits, and compares the outcome with the expectations of the case.
 pub fn run(case: &Case, control: &Control) -> Outcome {
     let start = Instant::now();
     let specification = Specification::from_json(case.specification.to_string().as_bytes());
@@ -135,7 +135,7 @@ pub fn run(case: &Case, control: &Control) -> Outcome {
     }
 }
 
-/// Returns a finding if the answer contains values that are not finite.
+/// Returns a finding against the answer of a stability case if it contains values that are not finite.
 fn not_finite(solution: &Solution) -> Option<Finding> {
     let field = solution.trajectory.fields.iter().find(|field| field.values.iter().any(|value| !value.is_finite()))?;
     let found = format!("`{}` is not finite", field.name);
@@ -154,7 +154,7 @@ fn set(document: &mut Value, pointer: &str, value: Value) {
     *place = value;
 }
 
-/// Formats a value as part of a case name; an object is formatted by its members.
+/// Formats a value as part of the name of a stability case; an object is formatted by its members.
 fn short(value: &Value) -> String {
     match value {
         Value::Object(members) => {

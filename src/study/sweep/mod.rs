@@ -22,10 +22,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Instant;
 
-/// Largest number of members in a chunk, which one thread solves before it takes the next chunk.
+/// Largest number of members of a sweep in a chunk, which one thread solves before it takes the next chunk.
 const CHUNK: usize = 256;
-/// Smallest number of chunks per thread, if there are enough members, so that no thread waits long for the last
-/// chunk.
+/// Smallest number of chunks of members per thread, if there are enough members, so that no thread waits long for the
+/// last chunk.
 const CHUNKS: usize = 16;
 /// Stack size of a thread in bytes: room for the deepest expression that a specification may hold.
 const STACK_BYTES: usize = 8 << 20;
@@ -61,20 +61,20 @@ pub fn sweep(
         work.make();
     } else {
         thread::scope(|scope| {
-            // The calling thread is one of the threads.
+            // The calling thread is one of the threads that solve the members.
             for number in 1..threads.get().min(chunks) {
                 let make = || work.make();
                 let builder = thread::Builder::new().name(format!("dvi-sweep-{number}")).stack_size(STACK_BYTES);
-                // If the system cannot start a thread, the other threads do its part of the work.
+                // If the system cannot start a thread, the other threads solve its part of the members.
                 let _ = builder.spawn_scoped(scope, make);
             }
             work.make();
         });
     }
     let Done { mut table, waiting, .. } = work.done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Append the rows of chunks after one that was not solved, because the sweep was stopped.
+    // The sweep may have been stopped with a chunk of members unsolved: append the rows of the chunks that follow it.
     for part in waiting.into_values() {
-        // Tables made from one template have equal columns, so `append` cannot fail.
+        // The tables of the chunks are made from one template and have equal columns, so `append` cannot fail.
         let _ = table.append(part);
     }
     let incomplete = match control.poll() {
@@ -100,7 +100,7 @@ pub fn merge(parts: impl IntoIterator<Item = Table>) -> Result<Solution, Unmerge
 /// The data that the threads of a sweep share.
 struct Work<'w> {
     template: &'w Template<'w>,
-    /// The time after which no further member of the sweep is begun.
+    /// The time after which no further member of the sweep is started.
     until: Option<Instant>,
     control: &'w Control,
     members: Range<usize>,
@@ -116,7 +116,7 @@ struct Done {
     /// Rows of all chunks of members before the chunk `next`, in the order of the members.
     table: Table,
     next: usize,
-    /// Rows of chunks that were finished before an earlier chunk, by the number of the chunk.
+    /// Rows of chunks of members that were finished before an earlier chunk, by the number of the chunk.
     waiting: BTreeMap<usize, Table>,
 }
 
@@ -124,7 +124,7 @@ impl Done {
     fn take(&mut self, number: usize, rows: Table) {
         self.waiting.insert(number, rows);
         while let Some(rows) = self.waiting.remove(&self.next) {
-            // Tables made from one template have equal columns, so `append` cannot fail.
+            // The tables of the chunks are made from one template and have equal columns, so `append` cannot fail.
             let _ = self.table.append(rows);
             self.next += 1;
         }

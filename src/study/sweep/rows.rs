@@ -17,7 +17,7 @@ use std::sync::Arc;
 const STRUCTURES: usize = 4;
 /// Number of members whose equations are examined for a structure that differs from that of the specification.
 const PROBES: usize = 32;
-/// Largest number of characters of an error message in a row.
+/// Largest number of characters of an error message in a row of the table of a sweep.
 const ERROR: usize = 160;
 
 /// Data that all members of a sweep share: compiled problems, reducers and columns of the table.
@@ -34,7 +34,7 @@ pub struct Template<'s> {
     empty: Table,
 }
 
-/// Rows, under construction, of some members of a sweep.
+/// Rows of the table of a sweep, under construction, for some of its members.
 struct Rows {
     table: Table,
 }
@@ -164,11 +164,11 @@ impl<'s> Template<'s> {
     }
 }
 
-/// Reason why values cannot be bound to a compiled problem.
+/// Reason why the values of a member of a sweep cannot be bound to a compiled problem.
 enum Unbound {
-    /// The values change the structure of the problem.
+    /// The values change the structure of the equations of the compiled problem.
     Structure,
-    /// The values are invalid.
+    /// The values are invalid, with the errors found.
     Refused(Vec<SpecificationError>),
 }
 
@@ -241,7 +241,7 @@ impl Rows {
                 "switches" => values.push_number(Some(switches as f64)),
                 "residual" => values.push_number(residual),
                 "warnings" => values.push_word(warnings.as_deref()),
-                // All other columns hold trajectories, and have been filled above.
+                // All other columns of the table hold trajectories, and have been filled above.
                 _ => {}
             }
         }

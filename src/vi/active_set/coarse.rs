@@ -54,8 +54,8 @@ impl Coarse {
         self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0, control);
     }
 
-    /// Guesses the active set of the next finer problem from that of this one; overwrites `z` of the finer problem if
-    /// the transfer between the grids is an interpolation.
+    /// Guesses the active set of the problem on the next finer grid from that on this grid; overwrites `z` of the finer
+    /// problem if the transfer between the grids is an interpolation.
     fn guess(&self, fine: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
         match (&self.transfer, &fine.operator) {
             (Transfer::Elimination(transfer), Operator::Tridiagonal(matrix)) => {
@@ -88,7 +88,7 @@ pub(super) fn by_elimination(finest: &Operator) -> Vec<Coarse> {
     coarser
 }
 
-/// Prepares every grid of a hierarchy, each with the grids below it.
+/// Prepares the problems on all coarser grids of a hierarchy, each with the grids below it.
 pub(super) fn by_interpolation(grids: &[Coarser], control: &Control) -> Result<Vec<Coarse>, Unsuitable> {
     let mut coarser = Vec::with_capacity(grids.len());
     for (k, Coarser { transfer, matrix, .. }) in grids.iter().enumerate() {

@@ -20,7 +20,7 @@ pub(super) struct CyclicReduction {
 }
 
 impl CyclicReduction {
-    /// Returns the reduction of a tridiagonal matrix and the reduced matrix.
+    /// Returns the cyclic reduction of a tridiagonal matrix, and the reduced matrix of the even unknowns.
     pub fn new(fine: &Tridiagonal) -> (Self, Tridiagonal) {
         let n = fine.diagonal.len();
         let coarse = n.div_ceil(2);

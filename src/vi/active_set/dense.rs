@@ -8,7 +8,7 @@ use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// [`ActiveSet`] behind the interface of the other solvers. Allocates when the matrix changes.
+/// [`ActiveSet`] for dense matrices, behind the interface [`ViSolver`]. Allocates when the matrix changes.
 #[derive(Default)]
 pub struct DenseActiveSet {
     matrix: DMatrix<f64>,

@@ -14,7 +14,7 @@ use super::super::fischer_burmeister::{Psi, psi};
 use super::{Face, Level};
 use problem::{Control, ConvexSet};
 
-/// Iteration limit; practical problems take five to thirty steps.
+/// Largest number of steps of the line search method; practical problems take five to thirty steps.
 const ITERATIONS: usize = 100;
 
 /// A step of the active set method is accepted if it lowers the norm of the Fischer-Burmeister function `psi` to this
@@ -30,7 +30,7 @@ const NEGLIGIBLE: f64 = 1e-12;
 /// Psi`.
 const DESCENT: f64 = 0.01;
 
-/// Armijo's fraction of the slope, and the largest number of halvings of a step.
+/// Armijo's fraction of the slope in the line search, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
@@ -38,7 +38,7 @@ const HALVINGS: usize = 40;
 /// Fischer-Burmeister function `psi`; it regularises a singular `A`.
 const PROXIMAL: f64 = 1e-3;
 
-/// The line search with its workspace for `n` variables.
+/// The line search method, the fallback of the active set method, with its workspace for `n` variables.
 pub(super) struct LineSearch {
     psi: Vec<Psi>,
     shift: Vec<f64>,

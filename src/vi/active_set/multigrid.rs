@@ -20,7 +20,8 @@ const SMALL: usize = 500;
 /// accurate as a factorisation.
 const REACHED: f64 = 1e-14;
 
-/// Iteration limit, at which the current iterate is accepted; each iteration gains about one decimal digit.
+/// Largest number of conjugate gradient iterations, after which the current iterate is accepted; each iteration gains
+/// about one decimal digit.
 const MOST: usize = 60;
 
 /// The grids with their matrices, from fine to coarse, and the workspace of the conjugate gradients.
@@ -66,7 +67,7 @@ impl Grid {
         rows.iter().copied().zip(self.restricted.val_of_col(j).iter().copied())
     }
 
-    /// Makes one Gauss-Seidel sweep; the columns of the symmetric matrix serve as its rows.
+    /// Makes one Gauss-Seidel sweep over the nodes of the grid; the columns of the symmetric matrix serve as its rows.
     fn smooth(&mut self, forwards: bool) {
         let n = self.z.len();
         for k in 0..n {

@@ -43,7 +43,7 @@ impl Operator {
         self.inverse_diagonal().len()
     }
 
-    /// Returns the inverse of each diagonal entry.
+    /// Returns the reciprocal of each diagonal entry of the matrix.
     pub fn inverse_diagonal(&self) -> &[f64] {
         match self {
             Self::Tridiagonal(matrix) => &matrix.inverse_diagonal,
@@ -75,8 +75,9 @@ impl Operator {
         }
     }
 
-    /// Solves in place: `z` contains the right-hand side `r` for inactive variables and given values for the others;
-    /// `shift` is the diagonal `s`. Returns false if the system is singular, or if `control` asks to stop.
+    /// Solves the linear system of the active set in place: `z` contains the right-hand side `r` for inactive variables
+    /// and given values for the others; `shift` is the diagonal `s`. Returns false if the system is singular, or if
+    /// `control` asks to stop.
     pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         match self {
             Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),

@@ -129,8 +129,8 @@ impl Sparse {
     }
 }
 
-/// Adds `shift` to the diagonal, and replaces the rows and columns of variables that are not inside their intervals
-/// by those of the identity.
+/// Adds `shift` to the diagonal of the matrix, and replaces the rows and columns of variables that are not inside their
+/// intervals by those of the identity.
 pub(super) fn restrict(
     matrix: &SparseMatrix,
     inside: impl Fn(usize) -> bool,

@@ -13,7 +13,7 @@ pub(super) struct Tridiagonal {
     /// The superdiagonal `A_{i,i+1}`, zero at `n - 1`.
     pub above: Vec<f64>,
     pub inverse_diagonal: Vec<f64>,
-    /// The entries above the diagonal after elimination.
+    /// Workspace of a solve: the entries above the diagonal after elimination.
     eliminated: Vec<f64>,
 }
 

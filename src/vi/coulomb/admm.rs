@@ -18,10 +18,10 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
 
-/// Over-relaxation factor `x`; 1.5 to 1.8 is the customary range.
+/// Over-relaxation factor `x` of ADMM; 1.5 to 1.8 is the customary range.
 const RELAXATION: f64 = 1.6;
 
-/// Number of iterations between two evaluations of the residuals.
+/// Number of ADMM iterations between two evaluations of the residuals.
 const CHECK: usize = 25;
 
 /// The penalty `rho` is changed if the primal and dual residuals differ by more than the factor `UNBALANCED`, and by
@@ -83,18 +83,18 @@ impl Admm {
         })
     }
 
-    /// Returns the number of iterations so far.
+    /// Returns the number of ADMM iterations so far.
     pub fn iterations(&self) -> usize {
         self.iterations
     }
 
-    /// Returns the current impulses, which lie in their friction cones.
+    /// Returns the current contact impulses, which lie in their friction cones.
     pub fn impulses(&self) -> &[Vector3<f64>] {
         &self.z
     }
 
-    /// Makes a number of iterations, fewer if the residual falls below the tolerance; returns the residual, or `None`
-    /// if `W + rho I` is singular.
+    /// Makes a number of ADMM iterations, fewer if the residual falls below the tolerance; returns the residual, or
+    /// `None` if `W + rho I` is singular.
     pub fn run(&mut self, task: &Task<'_>, iterations: usize) -> Option<Residual> {
         let scaling = task.scaling;
         for _ in 0..iterations.div_ceil(CHECK) {

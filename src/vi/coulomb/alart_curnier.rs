@@ -54,7 +54,7 @@ pub(super) fn linearise(r: &Vector3<f64>, u: &Vector3<f64>, mu: f64) -> Linearis
     Linearised { value, by_u: by_y, by_r: Matrix3::identity() - by_y }
 }
 
-/// Returns the direction `y_t / |y_t|`, or zero if `y_t` is zero.
+/// Returns the direction `y_t / |y_t|` of a tangential vector, or zero if `y_t` is zero.
 fn direction(y_t: Vector2<f64>, size: f64) -> Vector2<f64> {
     if size == 0.0 { Vector2::zeros() } else { y_t / size }
 }

@@ -168,8 +168,8 @@ mod tests {
             let g = [x[0] + Vector3::repeat(step)];
             x = g;
             anderson.advance(&mut x);
-            // In the second step, the secant through two differences extrapolates to twice the distance. It is used,
-            // since the differences have become smaller.
+            // In the second step of Anderson's acceleration, the secant through two differences extrapolates to twice
+            // the distance. It is used, since the differences have become smaller.
             assert_eq!(x == g, step != 0.5);
         }
     }

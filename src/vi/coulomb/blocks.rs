@@ -61,7 +61,7 @@ impl BlockMatrix {
         }
     }
 
-    /// Returns the number of block rows.
+    /// Returns the number of block rows of the matrix.
     pub fn len(&self) -> usize {
         self.diagonal.len()
     }
@@ -71,7 +71,7 @@ impl BlockMatrix {
         self.diagonal.is_empty()
     }
 
-    /// Returns the number of stored blocks.
+    /// Returns the number of stored 3 x 3 blocks of the matrix.
     pub(super) fn stored(&self) -> usize {
         self.blocks.len()
     }
@@ -86,19 +86,19 @@ impl BlockMatrix {
         self.offsets[i]..self.offsets[i + 1]
     }
 
-    /// Returns the diagonal block of row `i`.
+    /// Returns the diagonal block of block row `i`.
     pub fn diagonal(&self, i: usize) -> &Matrix3<f64> {
         &self.blocks[self.diagonal[i]]
     }
 
-    /// Returns the block at `(i, j)`, if stored.
+    /// Returns the block of the matrix at `(i, j)`, if stored.
     pub fn block(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         let range = self.range(i);
         let place = self.columns[range.clone()].binary_search(&j).ok()?;
         Some(&self.blocks[range.start + place])
     }
 
-    /// Returns row `i` of the product with `r`.
+    /// Returns block row `i` of the product of the matrix and `r`.
     #[inline]
     pub fn row_product(&self, i: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
         self.row(i).fold(Vector3::zeros(), |sum, (j, block)| sum + block * r[j])

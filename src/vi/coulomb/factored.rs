@@ -25,7 +25,7 @@ pub type Twist = (Vector3<f64>, Vector3<f64>);
 /// The rows `J_k` of contact `k`, which give its relative velocity: `u = E (v_2 + w_2 x p_2 - v_1 - w_1 x p_1)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grip {
-    /// The indices of both bodies; `None` for a body that does not move.
+    /// The indices of both bodies of the contact; `None` for a body that does not move.
     pub bodies: [Option<u32>; 2],
     /// The contact frame `E`: the normal and two tangents as rows.
     pub frame: Matrix3<f64>,

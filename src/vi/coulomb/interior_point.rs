@@ -94,7 +94,8 @@ impl Pair {
         FrictionCone { mu: self.mu }.augment(*u) - widened(self.mu, &self.s)
     }
 
-    /// Returns the block `(i, j)` of the matrix `N W` of a step; without friction only its normal row is nonzero.
+    /// Returns a block of the matrix `N W` of an interior-point step, from the block of the Delassus operator `W` and
+    /// the velocity `u`, on which `N` depends; without friction only the normal row of the block is nonzero.
     fn turned(&self, u: &Vector3<f64>, block: &Matrix3<f64>) -> Matrix3<f64> {
         let mut turned = *block;
         if self.mu == 0.0 {
@@ -111,8 +112,8 @@ impl Pair {
         turned
     }
 
-    /// Returns the diagonal term `T V^2 T` of the matrix of a step; without friction the term makes the tangential
-    /// impulses zero.
+    /// Returns the diagonal term `T V^2 T` of the matrix of an interior-point step; without friction the term makes the
+    /// tangential impulses zero.
     fn stiffness(&self, scaling: &NtScaling) -> Matrix3<f64> {
         let square = scaling.square();
         if self.mu == 0.0 {
@@ -134,7 +135,7 @@ impl Pair {
     }
 }
 
-/// Returns `T x`, with the normal component multiplied by `mu`.
+/// Returns `T x` with `T = diag(mu, 1, 1)`, which multiplies the normal component by the friction coefficient.
 fn widened(mu: f64, x: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(mu * x.x, x.y, x.z)
 }
@@ -146,7 +147,7 @@ struct Change {
     s: Vector3<f64>,
 }
 
-/// The point at which a step aims.
+/// The target point of an interior-point step.
 #[derive(Clone, Copy, Debug)]
 enum Aim {
     /// The solution itself, where all products `z o s` vanish; products of changes are neglected (predictor).
@@ -165,11 +166,11 @@ pub(super) struct InteriorPoint {
     scalings: Vec<NtScaling>,
     impulses: Vec<Vector3<f64>>,
     velocities: Vec<Vector3<f64>>,
-    /// The right-hand sides `V d` and the changes of the contacts in the last step.
+    /// For each contact, the right-hand side `V d` and the change of `z` and `s` in the last interior-point step.
     targets: Vec<Vector3<f64>>,
     changes: Vec<Change>,
     right: Vec<f64>,
-    /// The length of the last step, as a fraction of the Newton step.
+    /// The length of the last interior-point step, as a fraction of the Newton step.
     last: f64,
 }
 
@@ -239,7 +240,7 @@ impl InteriorPoint {
         steps
     }
 
-    /// Computes the impulses and velocities of the current point.
+    /// Computes the contact impulses and relative velocities of the current iterate.
     fn evaluate(&mut self, scaling: &Scaling) {
         self.impulses.clear();
         self.impulses.extend(self.pairs.iter().map(Pair::impulse));
@@ -247,7 +248,8 @@ impl InteriorPoint {
         self.velocities.extend((0..self.pairs.len()).map(|k| scaling.problem.velocity(k, &self.impulses)));
     }
 
-    /// Makes one step; returns `None` if the linear system gives no finite direction.
+    /// Makes one interior-point step from the current point; returns `None` if the linear system gives no finite
+    /// direction.
     fn step(&mut self, scaling: &Scaling) -> Option<()> {
         self.scalings.clear();
         self.scalings.extend(self.pairs.iter().map(Pair::scaling));

@@ -46,13 +46,13 @@ const SINES: [f64; 12] = [
 /// normal halves in each iteration, and Newton's method takes three to six.
 const ITERATIONS: usize = 100;
 
-/// Relative accuracy of the direction of the normal.
+/// Relative accuracy of the direction of the normal of the nearest surface point.
 const ACCURACY: f64 = 1e-16;
 
-/// A point of the limit surface, with its normal.
+/// A point of the limit surface of friction force and torque, with its normal.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Point {
-    /// The normal `(cos p, sin p)`.
+    /// The normal `(cos p, sin p)` of the surface at the point.
     pub normal: [f64; 2],
     /// The force and the torque, the coordinates of the point.
     pub at: [f64; 2],
@@ -109,7 +109,8 @@ impl Point {
         Self { normal, at: [at[0], a * at[1]], across: across / s, radius: radius * (a / s) * (a / s) / s }
     }
 
-    /// Returns the point whose normal has the direction `(v, w)`, both at least zero and not both zero.
+    /// Returns the point of the limit surface whose normal has the direction `(v, w)`, both at least zero and not both
+    /// zero.
     pub fn of(v: f64, w: f64) -> Self {
         let size = v.hypot(w);
         let normal = [v / size, w / size];
@@ -129,7 +130,7 @@ impl Point {
         }
     }
 
-    /// Returns the support function `sigma` at the normal.
+    /// Returns the support function `sigma` of the limit surface at the normal of this point.
     pub fn support(&self) -> f64 {
         self.at[0] * self.normal[0] + self.at[1] * self.normal[1]
     }

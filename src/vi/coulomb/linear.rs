@@ -51,7 +51,7 @@ fn work_of_elimination(pattern: &BlockMatrix, enough: usize) -> usize {
 pub(super) struct BlockSystem {
     /// For each stored block, the position of its first entry among the values of the sparse matrix.
     places: Vec<usize>,
-    /// The stride between the columns within each block column.
+    /// For each block column, the distance between its successive columns among the values of the sparse matrix.
     strides: Vec<usize>,
     factors: Factors,
 }
@@ -142,7 +142,8 @@ impl BlockSystem {
         }
     }
 
-    /// Solves in place of `right`; returns false if the matrix is singular.
+    /// Solves the factorised linear system in place of its right-hand side `right`; returns false if the matrix is
+    /// singular.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         match &mut self.factors {
             Factors::Dense { lu, .. } => lu.solve(right),

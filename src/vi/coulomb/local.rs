@@ -17,7 +17,8 @@
 use super::cone::{join, tangent};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Iteration limit, far beyond the convergence of the bracket; Newton's method takes three to six.
+/// Largest number of iterations for one slipping contact, far beyond the convergence of the bracket; Newton's method
+/// takes three to six.
 const ITERATIONS: usize = 100;
 
 /// Relative accuracy to which the friction bound `|r_t| = mu r_n` is reached.
@@ -27,10 +28,11 @@ const ACCURACY: f64 = 1e-15;
 /// below this fraction of the trace counts as sticking.
 const SINGULAR: f64 = 1e-14;
 
-/// Number of doublings that reach a bracket of the root from any scale.
+/// Largest number of doublings that find a bracket of the root `s` from any scale.
 const DOUBLINGS: usize = 200;
 
-/// Returns the impulse of one contact; `None` if `W_nn <= 0` and the contact closes, as no impulse can stop it.
+/// Returns the impulse of one contact by Coulomb's law; `None` if `W_nn <= 0` and the contact closes, as no impulse can
+/// stop it.
 pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     Diagonal::new(matrix).solve(*q, mu)
 }
@@ -49,7 +51,7 @@ pub(super) enum Diagonal {
 const DECOUPLED: f64 = 1e-14;
 
 impl Diagonal {
-    /// Classifies a diagonal block.
+    /// Classifies the diagonal block of a contact.
     pub fn new(matrix: &Matrix3<f64>) -> Self {
         let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
         let rest = [
@@ -69,7 +71,7 @@ impl Diagonal {
         }
     }
 
-    /// Returns the product `W r` of the diagonal block.
+    /// Returns the product `W r` of the diagonal block and the impulse `r`.
     #[inline]
     pub fn times(&self, r: &Vector3<f64>) -> Vector3<f64> {
         match *self {
@@ -99,7 +101,7 @@ impl Diagonal {
     }
 }
 
-/// Solves a closing contact with a full matrix.
+/// Returns the impulse of a closing contact whose diagonal block is a full matrix.
 fn solve_full(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     let w_nn = matrix[(0, 0)];
     if w_nn <= 0.0 {
@@ -136,7 +138,7 @@ impl Slip {
         Self { schur, trace, p: tangent(q) - w_tn * (q.x / w_nn), q_n: q.x, w_nn, w_nt }
     }
 
-    /// Returns the impulse `r(s)`, and its derivative `d r / d s`.
+    /// Returns the impulse `r(s)` of a slipping contact, and its derivative `d r / d s`.
     fn impulse(&self, s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let inverse = (self.schur + Matrix2::identity() * s).try_inverse()?;
         let friction = -inverse * self.p;

@@ -55,7 +55,7 @@ pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Rea
     contact.solve(&r.map(|r| r / d)).map(|r| r * d)
 }
 
-/// One contact patch, in its own units.
+/// One contact patch, scaled to units in which impulses and velocities have the same unit.
 struct PatchContact {
     cone: PatchCone,
     matrix: Matrix6<f64>,
@@ -117,8 +117,8 @@ impl PatchContact {
         (r, size)
     }
 
-    /// Finds the root of `u_n(nu)` in a bracket, with Newton steps inside it; returns `None` if the root is beyond
-    /// all scales.
+    /// Finds the normal impulse `nu` at which the normal velocity `u_n(nu)` is zero, in a bracket with Newton steps
+    /// inside it; returns `None` if the root is beyond all scales.
     fn bracketed(&self, start: &Vector6<f64>) -> Option<Vector6<f64>> {
         let (w_nn, q_n) = (self.matrix[(0, 0)], self.q.x);
         let w_ns = self.matrix.fixed_view::<1, 5>(0, 1);
@@ -202,8 +202,8 @@ mod tests {
                         (0..4).map(|k| (k / 2, k % 2, w.fixed_view::<3, 3>(3 * (k / 2), 3 * (k % 2)).into_owned()));
                     let matrix = BlockMatrix::from_blocks(2, blocks).unwrap();
                     let r = both(&solve_patch(&matrix, 0, &pair(&q), mu, reach, &pair(&start)));
-                    // Bound the residual, in the unit of the matrix, by the tolerance plus the effect of rounding
-                    // errors of the velocities on the contact law.
+                    // Require that the residual of the contact law, in the unit in which the matrix `w` is of size one,
+                    // is at most the tolerance plus the effect of rounding errors of the velocities.
                     let cone = PatchCone { mu, reach };
                     let rounding = 16.0 * f64::EPSILON * (w.norm() * r.norm() + q.norm());
                     let (u, r) = (pair(&(w * r + q)), r * unit);

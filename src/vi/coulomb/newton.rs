@@ -18,8 +18,8 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
 
-/// Largest number of Newton steps for one inner problem, which either has the correct contact states after five steps
-/// or is chattering.
+/// Largest number of Newton steps for one inner problem of the proximal-point iteration; the method either has the
+/// correct contact states after five steps or is chattering.
 const INNER: usize = 10;
 
 /// An inner problem is easy if solved in `EASY` Newton steps: then the proximal weight `alpha` is multiplied by
@@ -76,8 +76,8 @@ impl ProximalNewton {
         })
     }
 
-    /// Improves the impulses `r`, whose residual is `residual`, within `budget` factorisations; returns the number
-    /// used and the new residual.
+    /// Improves the impulses `r`, whose residual is `residual`, within `budget` factorisations; returns the number of
+    /// factorisations used and the new residual.
     pub fn improve(
         &mut self,
         task: &Task<'_>,

@@ -16,7 +16,7 @@ use super::alart_curnier::Linearised;
 use super::limit_surface::{Point, mean_speed};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
-/// The role of a block row.
+/// The role of a block row of a contact problem with point contacts and contact patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Role {
     /// The force of a point contact.
@@ -40,7 +40,7 @@ pub struct Reach {
 /// A force-like and a torque-like vector of a contact patch: the values of its two block rows.
 pub(super) type Pair = [Vector3<f64>; 2];
 
-/// The admissible set of one contact patch.
+/// The admissible set of forces and torques of one contact patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PatchCone {
     pub mu: f64,
@@ -85,8 +85,8 @@ impl PatchCone {
         u
     }
 
-    /// Returns the projection onto the cone. Its normal impulse `nu` is the root of `nu - v_n = mu sigma(d_f) + b
-    /// |d_m|`, with the distances `d` of the other components from `nu S`.
+    /// Returns the projection onto the patch's cone. Its normal impulse `nu` is the root of `nu - v_n = mu sigma(d_f) +
+    /// b |d_m|`, with the distances `d` of the other components from `nu S`.
     pub fn project(self, v: Pair) -> Pair {
         let (slide, drill, roll) = (v[0].y.hypot(v[0].z), v[1].x.abs(), v[1].y.hypot(v[1].z));
         let (most, b) = (self.support(&v), self.reach.roll);

@@ -48,9 +48,9 @@ pub struct Limits {
     /// Largest total number of ADMM iterations, and of sweeps. Default 30,000; a problem without a solution uses all
     /// of them.
     pub iterations: usize,
-    /// Largest number of contacts for a factorisation. Default unlimited.
+    /// Largest number of contacts for which methods that factorise matrices are used. Default unlimited.
     pub factorised: usize,
-    /// Largest number of accelerated sweeps for more contacts than can be factorised. Default 300.
+    /// Largest number of accelerated sweeps for problems with more contacts than can be factorised. Default 300.
     pub accelerated: usize,
 }
 
@@ -105,7 +105,7 @@ impl Method {
 pub struct Attempt {
     /// The method of the attempt.
     pub method: Method,
-    /// The number of sweeps, Newton steps or ADMM iterations.
+    /// The number of sweeps, Newton steps or ADMM iterations of the attempt.
     pub iterations: usize,
     /// The residual before the attempt: the largest of the relative natural map in the user's units, that with each
     /// contact in its own unit, and the latter relative to velocities alone.
@@ -136,7 +136,7 @@ pub struct Report {
     pub outcome: Outcome,
     /// The residuals of Coulomb's law, in the user's units.
     pub evidence: Evidence,
-    /// The attempts in order; empty if the start was the solution.
+    /// The attempts of the methods, in order; empty if the start was the solution.
     pub attempts: Vec<Attempt>,
 }
 
@@ -156,7 +156,7 @@ pub struct Coulomb {
 }
 
 impl Coulomb {
-    /// Creates a portfolio with the given limits.
+    /// Creates a portfolio with the given limits on its work.
     pub fn new(limits: Limits) -> Self {
         Self { limits, ..Self::default() }
     }

@@ -59,7 +59,7 @@ impl CoulombProblem {
         problem.check().map(|()| problem)
     }
 
-    /// Replaces the data, reusing memory; after an error the problem must not be solved.
+    /// Replaces the data of the problem, reusing memory; after an error the problem must not be solved.
     pub fn replace(&mut self, matrix: &BlockMatrix, q: &[Vector3<f64>], mu: &[f64]) -> Result<(), CoulombProblemError> {
         self.matrix.clone_from(matrix);
         self.q.clear();
@@ -195,7 +195,7 @@ impl CoulombProblem {
         &self.q
     }
 
-    /// Returns the coefficients of friction.
+    /// Returns the coefficients of friction, one for each block row.
     pub fn mu(&self) -> &[f64] {
         &self.mu
     }

@@ -46,7 +46,7 @@ pub struct ProximalReport {
 /// The solver by proximal sweeps. Its workspace grows to the size of the largest problem and is reused.
 #[derive(Debug, Default)]
 pub struct ProximalSweeps {
-    /// The scales `D_k`, and the scaled data.
+    /// The scales `D_k` of the contacts, and the scaled data of the problem.
     d: Vec<f64>,
     factors: Factored,
     q: Vec<Vector3<f64>>,
@@ -150,7 +150,7 @@ impl ProximalSweeps {
         self.factors.row_product(k, twists) + self.q[k] + (r - self.centre[k]) * self.weight
     }
 
-    /// Returns the residual of the best impulses.
+    /// Returns the residual of the best impulses so far.
     fn residual(&mut self) -> Residual {
         let best = std::mem::take(&mut self.best);
         let found = self.residual_of(&best);
@@ -203,7 +203,7 @@ impl ProximalSweeps {
         found
     }
 
-    /// Makes one sweep over all contacts.
+    /// Makes one Gauss-Seidel sweep over all contacts.
     fn sweep_once(&mut self, r: &mut [Vector3<f64>]) {
         let mut twists = std::mem::take(&mut self.twists);
         self.factors.twists(r, &mut twists);

@@ -7,7 +7,8 @@ use crate::{AffineVi, is_interrupted};
 use problem::Control;
 
 impl Lemke {
-    /// Builds the tableau whose basis belongs to the guessed active set, and follows the path from that basis.
+    /// Builds the tableau whose basis belongs to the guessed active set, and follows the path of complementary pivoting
+    /// from that basis.
     pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>, control: &Control) -> Ending {
         self.load(vi);
         if !self.free_rows.is_empty() {

@@ -13,7 +13,8 @@ use std::cmp::Ordering;
 /// not block the entering variable.
 const SMALLEST_RATE: f64 = 1e-11;
 
-/// Lengths of a motion that differ by less than this fraction are a tie.
+/// Lengths of the entering variable's motion up to two blocking rows are a tie if they differ by less than this
+/// fraction.
 const TIE: f64 = 1e-12;
 
 /// Noise level of differences of perturbation coefficients, whose size is one in an equilibrated tableau.
@@ -25,7 +26,7 @@ pub(super) const NOISE: f64 = 1e-13;
 /// The event that ends the motion of the entering variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Block {
-    /// Nothing blocks the motion: the path ends on a ray.
+    /// Nothing blocks the motion of the entering variable: the path ends on a ray.
     None,
     /// The entering variable reaches its own opposite bound.
     Own,
@@ -52,7 +53,8 @@ pub(super) struct Motion {
     pub range: f64,
 }
 
-/// Finds the first event that blocks a motion, and the length of the motion up to that event.
+/// Finds the first event that blocks the motion of the entering variable, and the length of the motion up to that
+/// event.
 pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Perturbation) -> (Block, f64) {
     let column = tableau.column(motion.column);
     let largest = column.iter().fold(0.0_f64, |largest, t| largest.max(t.abs()));

@@ -21,7 +21,7 @@ use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use factorisation::DenseLu;
 use problem::{Control, Derivative, Workspace};
 
-/// Largest total number of Newton steps.
+/// Largest total number of Newton steps in one solve.
 const ITERATIONS: usize = 200;
 
 /// Convergence is fast if a Newton step lowers the residual to this fraction.
@@ -41,7 +41,7 @@ const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 12;
 const WORTHWHILE: f64 = 0.99;
 
-/// Number of iterations in one run of the Douglas-Rachford splitting, and the largest number of such runs.
+/// Number of iterations in one run of the Douglas-Rachford splitting, and the largest number of such runs in one solve.
 const SPLITTING: usize = 100;
 const SPLITTINGS: usize = 50;
 
@@ -66,7 +66,7 @@ pub(crate) struct BlockNewton {
 }
 
 impl BlockNewton {
-    /// Solves from `z`, and writes the result to `z`.
+    /// Solves the variational inequality from `z`, and writes the result to `z`.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;

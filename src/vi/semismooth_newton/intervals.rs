@@ -24,7 +24,7 @@ use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, is_interrupte
 use nalgebra::DMatrixViewMut;
 use problem::Control;
 
-/// Iteration limit; practical problems take five to thirty Newton steps.
+/// Largest number of Newton steps; practical problems take five to thirty.
 const ITERATIONS: usize = 100;
 
 /// Convergence is fast if a Newton step lowers the residual to this fraction.
@@ -81,7 +81,7 @@ pub struct IntervalNewton {
 }
 
 impl IntervalNewton {
-    /// Allocates for problems of up to `m` variables; grows for a larger one.
+    /// Allocates the workspace for problems of up to `m` variables; grows for a larger one.
     pub fn new(m: usize) -> Self {
         let vector = || vec![0.0; m];
         Self {
@@ -108,7 +108,7 @@ impl IntervalNewton {
 }
 
 impl IntervalNewton {
-    /// Solves from `z`, and writes the result to `z`.
+    /// Solves the variational inequality from `z`, and writes the result to `z`.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {

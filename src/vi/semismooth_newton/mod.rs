@@ -19,7 +19,7 @@ pub struct SemismoothNewton {
 }
 
 impl SemismoothNewton {
-    /// Prepares for problems of up to `m` variables; grows for a larger one. The variant for intervals and the
+    /// Creates a solver for problems of up to `m` variables; grows for a larger one. The variant for intervals and the
     /// variant for blocks are each built by the first problem that needs it.
     pub fn new(m: usize) -> Self {
         Self { size: m, intervals: None, blocks: None }

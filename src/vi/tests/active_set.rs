@@ -84,8 +84,8 @@ fn a_string_of_a_million_nodes_lies_flat_where_the_exact_one_does() {
     for (i, u) in u.iter().enumerate() {
         let x = ((i + 1) as f64 * h).min(1.0 - (i + 1) as f64 * h);
         let exact = if x < a { x * x / 2.0 - a * x } else { -1.0 / 16.0 };
-        // A rounding error of 1e-17 in each of a n equations moves the string by at most the fraction (a n)^2 / 8 of
-        // it: 2e-7.
+        // A rounding error of 1e-17 in each of a n equations moves the string by at most (a n)^2 / 8 times this error:
+        // 2e-7.
         assert!((u - exact).abs() < 1e-6, "{u} instead of {exact} at {x}");
     }
 }

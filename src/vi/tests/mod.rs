@@ -45,14 +45,14 @@ impl Problem {
         w.as_slice().to_vec()
     }
 
-    /// Returns the natural-map residual relative to `max(1, |q|, |A| |z|)`.
+    /// Returns the natural-map residual of the point `z`, relative to `max(1, |q|, |A| |z|)`.
     fn scaled_residual(&self, z: &[f64]) -> f64 {
         let size = self.matrix.abs() * DVector::from_column_slice(z).abs();
         let q = self.q.iter().fold(1.0_f64, |x, q| x.max(q.abs()));
         self.set.natural_residual(z, &self.w(z)) / size.amax().max(q)
     }
 
-    /// Solves from zero by each solver, asserts a small residual, and returns the solutions.
+    /// Solves the problem from zero by each solver, asserts a small residual, and returns the solutions.
     fn solve_by_all(&self) -> Vec<Vec<f64>> {
         solvers(self.q.len()).into_iter().map(|mut solver| self.solve_exactly(&mut *solver)).collect()
     }
@@ -66,7 +66,7 @@ impl Problem {
         z
     }
 
-    /// Returns the solutions determined by the `3^m` faces of `K`.
+    /// Returns all solutions over intervals, by enumeration of the `3^m` faces of `K`.
     fn solutions_by_enumeration(&self) -> Vec<Vec<f64>> {
         let m = self.q.len();
         (0..3_usize.pow(u32::try_from(m).expect("small"))).filter_map(|code| self.solution_on_face(code)).collect()

@@ -31,7 +31,8 @@ fn radius(shape: &[usize], mut i: usize) -> f64 {
     square.sum::<f64>().sqrt()
 }
 
-/// Returns `q` and its solution `z`, which grows from a ball of contact; the pressure grows towards the centre.
+/// Returns a load `q` and the solution `z` of its obstacle problem: `z` is zero in a ball of contact, where the
+/// pressure grows towards the centre.
 fn problem(shape: &[usize], matrix: &SparseMatrix) -> (Vec<f64>, Vec<f64>) {
     let nodes = matrix.nrows();
     let z: Vec<f64> = (0..nodes).map(|i| (radius(shape, i) - 0.6).max(0.0).powi(2)).collect();

@@ -74,8 +74,8 @@ impl Parametric {
         (0..self.values.len()).map(|k| format!("par{k}")).collect()
     }
 
-    /// Returns the problem with the given parameter values and, if given, the integral of an expression as an
-    /// additional field.
+    /// Returns the document of the problem with the given parameter values and, if given, the integral of an expression
+    /// as an additional field.
     fn with(&self, values: &[f64], integral: Option<&str>) -> Value {
         let mut document = self.document.clone();
         let parameters: Map<String, Value> =
@@ -250,7 +250,7 @@ fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)
     }
 }
 
-/// Final values of the fields, their largest magnitudes, and the events without their times.
+/// Final values of the fields of a run, their largest magnitudes, and the events without their times.
 struct End {
     values: Vec<f64>,
     sizes: Vec<f64>,
@@ -335,7 +335,8 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         let of = |field: usize| (slope(&found, field, by) * values[by]).abs() / size(field);
         (0..fields.len()).map(of).fold(1.0, f64::max)
     };
-    // Compare both modes at a tolerance so small that the difference between their step sequences hardly matters.
+    // Compare forward with adjoint derivatives at a tolerance so small that the difference between their step sequences
+    // hardly matters.
     if let [Ok(forward), Ok(adjoint)] = [forward(EXACT), adjoint(EXACT)].map(|document| solve(&document, time)) {
         let is_trusted = forward.verdict.trusted && adjoint.verdict.trusted;
         for (by, name) in names.iter().enumerate().filter(|_| is_trusted) {

@@ -53,7 +53,7 @@ pub struct Conditions {
     pub seed: u64,
     /// The time limit of each solve.
     pub time: Duration,
-    /// Whether to solve by an independent method as well.
+    /// Whether the problem is also solved by an independent method.
     pub reference: bool,
 }
 

@@ -20,7 +20,7 @@ impl Failures {
         Self { folder }
     }
 
-    /// Writes the worst wrong run of a problem, if there is one, with a preference for trusted (silent) ones.
+    /// Writes the worst wrong run of a problem to a file, if there is one, with a preference for trusted (silent) ones.
     pub fn keep(&self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) {
         let Some(folder) = &self.folder else { return };
         let of = |wanted: Finding| {

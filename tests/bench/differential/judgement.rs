@@ -23,7 +23,7 @@ const ESTIMATE: f64 = 4.0;
 /// Largest growth of small perturbations: problems with a larger one are not judged.
 pub const MOST_GROWTH: f64 = 1e4;
 
-/// Judgement of a single run.
+/// Judgement of a single run of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finding {
     /// The run is correct and trusted.

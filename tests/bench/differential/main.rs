@@ -48,8 +48,8 @@ fn main() {
     }
 }
 
-/// Compares derivatives with central differences of runs, and exits with an error if one is silently wrong or the two
-/// modes differ.
+/// Compares derivatives with central differences of runs, and exits with an error if one is silently wrong or forward
+/// and adjoint derivatives differ.
 fn compare_derivatives(number: &dyn Fn(&str, u64) -> u64) {
     let of = std::env::var("OF").ok();
     let is_chosen = |kind: &Kind| of.as_ref().is_none_or(|names| names.split(',').any(|name| name == kind.name()));

@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-/// A campaign of random problems.
+/// A campaign of random problems, each solved by several runs that are compared with each other.
 pub struct Campaign {
     pub count: u64,
     /// The seed of the first problem; each further problem has the next seed.
@@ -50,7 +50,7 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Solves all problems, cycling through the kinds.
+    /// Solves all problems of the campaign, cycling through the kinds of problems.
     pub fn run(&self) -> Tally {
         let (failures, next) = (Failures::new(self.failures.clone()), AtomicU64::new(0));
         let mut tally = Tally::default();
@@ -61,7 +61,7 @@ impl Campaign {
         tally
     }
 
-    /// Solves problems in a thread until none is left.
+    /// Solves problems of the campaign in one thread until none is left.
     fn work(&self, next: &AtomicU64, failures: &Failures) -> Tally {
         let mut tally = Tally::default();
         loop {

@@ -106,13 +106,13 @@ impl Field {
 /// The settings that control the accuracy of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Way {
-    /// A relative tolerance and the number of Radau IIA stages.
+    /// Accuracy set by a relative tolerance and the number of Radau IIA stages.
     Stages,
-    /// A relative tolerance alone.
+    /// Accuracy set by a relative tolerance alone.
     Tolerance,
-    /// A tolerance on the mean error over time, as for problems with memory.
+    /// Accuracy set by a tolerance on the mean error over time, as for problems with memory.
     Mean,
-    /// A fixed step size.
+    /// Accuracy set by a fixed step size, which is held.
     Step(f64),
 }
 
@@ -129,7 +129,7 @@ pub trait Problem {
         self.fields().len()
     }
 
-    /// Returns the end time, many times the shortest time scale.
+    /// Returns the end time of the run, many times the shortest time scale of the problem.
     fn end(&self) -> f64;
 
     fn way(&self) -> Way;

@@ -41,7 +41,7 @@ pub struct Answer {
     pub events: Vec<f64>,
     pub trusted: bool,
     pub because: Vec<CheckCode>,
-    /// Permitted relative error of a run with steps of a given size.
+    /// Permitted relative error according to the solver's check of local errors; `None` for a run without this check.
     pub permitted: Option<f64>,
     pub is_certified: bool,
     pub is_finite: bool,
@@ -56,7 +56,7 @@ pub fn solve(specification: &Value, fields: &[Field], view: &View, time: Duratio
             Err(errors) => Err(errors.iter().map(|error| error.code.to_string()).collect::<Vec<_>>().join(" ")),
             Ok(specification) => Ok(dvi::solve(&specification, &Control::with_deadline(Instant::now() + time))),
         };
-        // Sending fails if the receiver has given up waiting.
+        // Sending fails if the caller has stopped waiting for the outcome.
         let _ = send.send(solved);
     };
     thread::Builder::new().stack_size(STACK_BYTES).spawn(solving).expect("a thread");

@@ -28,7 +28,7 @@ const READING_A_BYTE: Duration = Duration::from_micros(20);
 /// Memory in bytes that parsing may take, as a constant plus an amount for each byte of the document.
 const MEMORY: u64 = 256 << 20;
 const MEMORY_A_BYTE: u64 = 4096;
-/// Time limit of a solve, and the time after the limit within which the solve must end.
+/// Time limit of each solve, and the time beyond the limit after which a solve counts as hung.
 const SOLVE: Duration = Duration::from_millis(20);
 const LATE: Duration = Duration::from_secs(5);
 /// Size of the largest document that is kept for further mutation, in bytes: larger ones slow the search down.
@@ -91,7 +91,7 @@ fn search(time: Duration, count: u64, seed: u64, current: &Path) {
         }
     }
     println!("{read} read, {correct} correct and solved; no panic");
-    // If the file cannot be removed, it stays in the temporary folder.
+    // If the file of the current document cannot be removed, it stays in the temporary folder.
     let _ = fs::remove_file(current);
 }
 

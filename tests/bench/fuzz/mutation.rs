@@ -16,7 +16,7 @@ const NUMBERS: &[f64] =
 /// A generator of mutations, reproducible from a seed.
 pub struct Mutation {
     state: u64,
-    /// Keys and values found in the examples.
+    /// JSON keys and values found in the example specifications.
     keys: Vec<String>,
     values: Vec<Value>,
 }

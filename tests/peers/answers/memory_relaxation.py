@@ -14,8 +14,8 @@ COUPLING, TOP, END = mpf(3) / 10, mpf(5) / 2, mpf(9) / 10
 STEP = mpf(1) / 64
 SMALL, MOMENT = mpf(10) ** -25, mpf(10) ** -8
 
-# States: the integrals over s from 0 to t of e^{-2(t - s)} z_1, e^{-(t - s)} z_2, e^{-(t - s)} z_1 and e^{-2(t - s)}
-# z_2, then sin 2t, cos 2t, sin 3t, cos 3t and 1.
+# States of the linear system that replaces the convolution: the integrals over s from 0 to t of e^{-2(t - s)} z_1,
+# e^{-(t - s)} z_2, e^{-(t - s)} z_1 and e^{-2(t - s)} z_2, then sin 2t, cos 2t, sin 3t, cos 3t and 1.
 FREE = matrix(9, 9)
 for row, column, value in [(0, 0, -2), (1, 1, -1), (2, 2, -1), (3, 3, -2), (4, 5, 2), (5, 4, -2), (6, 7, 3), (7, 6, -3)]:
     FREE[row, column] = value

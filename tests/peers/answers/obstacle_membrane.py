@@ -34,8 +34,9 @@ def beside(modes):
         r = waves @ rho
         on_free, slopes = harmonics(r, angles, modes)
         height = np.sqrt(1 - r**2)
-        # Radial derivatives of both conditions on the free boundary: that of u - psi = 0 is u_r - psi_r, and that
-        # of u_r - psi_r = 0 is u_rr - psi_rr, with u_rr by central differences.
+        # Radial derivatives of the two conditions on the free boundary between the membrane u and the obstacle psi:
+        # that of u - psi = 0 is u_r - psi_r, and that of u_r - psi_r = 0 is u_rr - psi_rr, with u_rr by central
+        # differences.
         _, ahead = harmonics(r + 1e-6, angles, modes)
         _, behind = harmonics(r - 1e-6, angles, modes)
         bend = ((ahead - behind) / 2e-6) @ coefficients + 1 / height**3

@@ -73,8 +73,7 @@ def run(steps):
     both = np.concatenate([across, along])
     forces = np.zeros((size, len(both)))
     forces[both, np.arange(len(both))] = h
-    # Velocities of the floor nodes after one step for unit contact forces on these
-    # nodes.
+    # Velocities of all nodes after one time step for unit contact forces on the floor nodes.
     response_all = lu_solve(factors, forces)
     response = response_all[both]
     count = len(floor)

@@ -5,17 +5,17 @@ use super::scenes::{MultibodySystem, SCENES, Tolerances};
 use super::{Answer, solve};
 use crate::known::{Failure, Known, assert_known};
 
-/// Factor between the ends of the longer and the shorter run.
+/// Factor between the end times of the longer and the shorter run of a scene.
 const BEYOND: f64 = 100.0;
 
-/// Scenes whose results are known to depend on the horizon.
+/// Scenes whose results are known to depend on the horizon, each with the keyword of the failure.
 const KNOWN: Known = &[("rigid bodies, default step: ball thrown with spin", "events")];
 
-/// Fraction of the end time up to which events are compared: an event at the end itself may occur in only one of the
-/// runs.
+/// Fraction of the scene's end time up to which events are compared: an event at the end itself may occur in only one
+/// of the two runs.
 const BEFORE: f64 = 1.0 - 1e-6;
 
-/// Returns the results up to the end of the scene, from a run to `beyond` times the end.
+/// Returns the results up to the end time of the scene, from a run to `beyond` times that time.
 fn answer(scene: &MultibodySystem, beyond: f64) -> Result<Answer, String> {
     let (specification, end) = scene.specification([1.0; 3], 21, beyond);
     let mut solution = solve(&specification)?;
@@ -37,7 +37,7 @@ fn difference(scene: &MultibodySystem, short: &Answer) -> Option<(&'static str, 
     if let Some(apart) = short.events_apart(&long, scene.within) {
         return Some(("events", format!("{apart}; states differ by {distance:.1e}")));
     }
-    // With fixed steps both runs make the same steps, so that results must agree to the last bit.
+    // With fixed steps the shorter and the longer run make the same steps, so that results must agree to the last bit.
     let allowed = if matches!(scene.tolerances, Tolerances::None) { 0.0 } else { scene.within };
     (distance > allowed || distance.is_nan())
         .then(|| ("states", format!("differ by {distance:.1e} where {allowed:.0e} is allowed")))

@@ -10,14 +10,14 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Computing time after which a run is stopped; each run needs at most a tenth of it.
+/// Computing time after which the solve of a scene is stopped; each solve needs at most a tenth of it.
 const ALLOWED: Duration = Duration::from_secs(if cfg!(debug_assertions) { 20 } else { 5 });
 
-/// The results of a run up to a time, converted to the reference units.
+/// The results of a scene up to a time, converted to the reference units.
 struct Answer {
-    /// For each field, its values at the output times.
+    /// The compared fields: for each of them, its values at the output times.
     columns: Vec<Vec<f64>>,
-    /// For each kind of event and the object of the event, the times of the events.
+    /// The times of the events, by their kind and the variable or contact concerned.
     events: BTreeMap<(String, String), Vec<f64>>,
     /// The reasons for which the verdict (whether the result is to be trusted) doubts the result.
     because: Vec<&'static str>,
@@ -34,8 +34,8 @@ fn solve(specification: &Value) -> Result<Box<Solution>, String> {
 }
 
 impl Answer {
-    /// Collects the results of a solution: values of fields divided by `units`, and times of events divided by
-    /// `time`.
+    /// Collects the results of a solution: values of fields divided by the units of the fields, and times of events
+    /// divided by the unit of time.
     fn new(solution: &Solution, units: &[f64], time: f64) -> Self {
         let columns = solution.trajectory.fields.iter().zip(units);
         let columns = columns.map(|(field, unit)| field.values.iter().map(|value| value / unit).collect()).collect();
@@ -74,12 +74,12 @@ impl Answer {
     }
 }
 
-/// The name of a kind of event.
+/// The name of a kind of event, as text.
 fn word(kind: EventKind) -> String {
     format!("{kind:?}")
 }
 
-/// Returns why a solution does not reach its end, if it does not.
+/// Returns why a solution does not reach the end of the run, if it does not.
 fn incomplete(solution: &Solution) -> Option<String> {
     let error = solution.error.as_ref().filter(|_| solution.status != Status::Completed)?;
     Some(format!("{} at t = {:e}", error.code, error.time))

@@ -13,27 +13,28 @@ pub type Dimension = [f64; 3];
 /// A specification that can be written in any units.
 pub struct MultibodySystem {
     pub name: &'static str,
-    /// The names of the three base units.
+    /// The names of the three base units of the scene, such as mass, length and time.
     pub axes: [&'static str; 3],
-    /// Returns the problem, its end time, and its method without the absolute tolerances.
+    /// Returns the problem in the given units, its end time, and its method without the absolute tolerances.
     pub write: fn(Units) -> (Value, f64, Value),
-    /// The compared fields, with their dimensions.
+    /// The output fields that are compared between runs, with their dimensions.
     pub fields: &'static [(&'static str, Dimension)],
-    /// How absolute tolerances are given; if each state has a tolerance of its own, all states are compared.
+    /// How absolute tolerances of the scene are given; if each state has a tolerance of its own, all states are
+    /// compared.
     pub tolerances: Tolerances,
     /// Permitted difference of a field relative to its largest value, and of an event time relative to the end: some
     /// hundred relative tolerances, or rounding errors if the steps are fixed.
     pub within: f64,
 }
 
-/// How the absolute tolerances of a scene are written.
+/// How the absolute tolerances of a scene's method are written.
 #[derive(Clone, Copy)]
 pub enum Tolerances {
-    /// One tolerance for each of the first fields of the scene, whose number is given.
+    /// One absolute tolerance for each of the first fields of the scene, whose number is given.
     Fields(usize),
-    /// One tolerance, with this dimension, for all states.
+    /// One absolute tolerance, with this dimension, for all states.
     All(Dimension),
-    /// No tolerances: the stepping method has fixed steps.
+    /// No absolute tolerances: the stepping method has fixed steps.
     None,
 }
 
@@ -48,7 +49,7 @@ const PER_TIME: Dimension = [0.0, 0.0, -1.0];
 const FORCE: Dimension = [1.0, 1.0, -2.0];
 const VALUE: Dimension = [1.0, 0.0, 0.0];
 
-/// All test scenes.
+/// All scenes of which the invariance under units and horizon is tested.
 pub const SCENES: [MultibodySystem; 20] = [
     MultibodySystem {
         name: "dvi: friction on a belt",
@@ -233,8 +234,8 @@ impl MultibodySystem {
                 states.map(|(name, of)| ((*name).to_owned(), json!(1e-3 * rtol * unit(*of, units)))).collect()
             }
         };
-        // No output time is a simple fraction of the end: variables jump at switches, where both one-sided values are
-        // right.
+        // No output time is a simple fraction of the end time: there variables may jump at switches, where both
+        // one-sided values are right.
         let times: Vec<f64> = (0..count).map(|k| end * (k as f64 + 0.618) / count as f64).collect();
         let fields: Vec<&str> = self.fields.iter().map(|(name, _)| *name).collect();
         let specification = json!({"problem": problem, "time": {"end": beyond * end}, "method": method,
@@ -243,22 +244,22 @@ impl MultibodySystem {
     }
 }
 
-/// Returns the size of the unit with this dimension.
+/// Returns the size of the derived unit with this dimension.
 pub fn unit(dimension: Dimension, units: Units) -> f64 {
     units.iter().zip(dimension).map(|(unit, exponent)| unit.powf(exponent)).product()
 }
 
-/// A mechanical problem and its end time, solved with each impact located.
+/// Returns a mechanical problem and its end time together with a method that locates each impact.
 fn located((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({"impacts": "locate", "rtol": 1e-8}))
 }
 
-/// A problem and its end time, solved with a thousand fixed steps.
+/// Returns a problem and its end time together with a method of a thousand fixed steps.
 fn stepped((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({"step": end / 1000.0}))
 }
 
-/// A problem and its end time, solved with the default method.
+/// Returns a problem and its end time together with the default method.
 fn by_default((problem, end): (Value, f64)) -> (Value, f64, Value) {
     (problem, end, json!({}))
 }

@@ -6,16 +6,16 @@ use super::scenes::{MultibodySystem, SCENES, Units, unit};
 use super::{Answer, incomplete, solve};
 use crate::known::{Failure, Known, assert_known};
 
-/// The factors by which one base unit is scaled while the other two are unchanged.
+/// The factors by which one base unit of a scene is scaled while the other two are unchanged.
 const SCALES: [f64; 4] = [1e-9, 1e-3, 1e4, 1e9];
 
-/// Scalings of all three base units at once.
+/// Scalings of all three base units of a scene at once.
 const MIXED: [Units; 3] = [[1e9, 1e-6, 1e3], [1e-6, 1e6, 1e-6], [1e-3, 1e-3, 1e9]];
 
-/// Scenes whose results are known to depend on the units.
+/// Scenes whose results are known to depend on the units, each with the keyword of the failure.
 const KNOWN: Known = &[];
 
-/// Returns the scaled units to test, each with a name.
+/// Returns the scaled base units in which a scene is tested, each with a name.
 fn units(scene: &MultibodySystem) -> Vec<(String, Units)> {
     let single = (0..3).flat_map(|axis| {
         SCALES.map(|scale| {

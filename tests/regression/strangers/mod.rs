@@ -20,33 +20,33 @@ const FOLDER: &str = "tests/reference/strangers";
 /// otherwise idle machine.
 const PATIENCE: u32 = if cfg!(debug_assertions) { 4 } else { 2 };
 
-/// Known failures, except wrong results that the verdict trusts.
+/// Known failures of problems from outside the project, except wrong results that the verdict trusts.
 const KNOWN: Known =
     &[("a9_steep_saturation", "failed"), ("block_by_long_steps", "wrong"), ("elastic_2d_hertz_slow", "stopped")];
 
-/// Wrong results that the verdict trusts.
+/// Problems whose wrong results the verdict is known to trust.
 const SILENT: Known = &[];
 
-/// Right results that the verdict does not trust.
+/// Problems whose right results the verdict is known not to trust.
 const DOUBTED: Known = &[
-    // The energies of this chain are right, but the positions of its light links are not accurate to two digits, and
-    // a run with half the step size differs by more.
+    // Chain of 20 links on ball joints: its energies are right, but the positions of its light links are not accurate
+    // to two digits, and a run with half the step size differs by more.
     ("chain20_ball_joints_explodes", "doubted"),
 ];
 
-/// The outcome of the solve of a problem.
+/// The outcome of the solve of a problem from outside the project.
 struct Outcome {
     name: String,
     class: char,
-    /// `right`, or how the result is wrong, as a keyword.
+    /// `right`, or a keyword for how the result is wrong.
     how: &'static str,
     detail: String,
-    /// Whether the run has reached its end and the verdict trusts it.
+    /// Whether the run has reached its end and its verdict trusts the result.
     trusted: bool,
 }
 
 impl Outcome {
-    /// Whether the result is wrong and the verdict trusts it.
+    /// Whether the result of the problem is wrong although the verdict trusts it.
     fn is_silent(&self) -> bool {
         self.how == "wrong" && self.trusted
     }
@@ -58,7 +58,7 @@ impl Outcome {
 
 static OUTCOMES: LazyLock<Vec<Outcome>> = LazyLock::new(solve_all);
 
-/// Solves all problems, two at a time.
+/// Solves all problems from outside the project, two at a time.
 fn solve_all() -> Vec<Outcome> {
     let folder = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(FOLDER)).expect("the folder");
     let mut names: Vec<String> = folder

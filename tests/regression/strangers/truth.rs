@@ -8,46 +8,46 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 
-/// The contents of a file in `tests/reference/strangers`.
+/// A problem from outside the project with its known solution: the contents of a file in `tests/reference/strangers`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Problem {
-    /// The kind of failure when the problem was added: A a wrong result, B no end, C an error, D a wrong verdict or
-    /// message, E slowness.
+    /// The kind of failure of the solver when the problem was added: A a wrong result, B no end, C an error, D a wrong
+    /// verdict or message, E slowness.
     pub class: char,
     /// A description of what makes the problem hard.
     #[serde(rename = "about")]
     _about: String,
-    /// The source of the known solution.
+    /// The publication or computation from which the known solution is taken.
     #[serde(rename = "source")]
     _source: String,
-    /// Limit of the computing time in seconds, for an optimised build.
+    /// Limit of the solve's computing time in seconds, for an optimised build.
     pub seconds: u32,
     pub truth: Truth,
     /// The specification as text, since the order of JSON members is part of the problem.
     pub specification: Box<RawValue>,
 }
 
-/// The properties of a right result.
+/// The properties by which a result of the problem is recognised as right.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Truth {
-    /// Output times, and the values of fields at these times.
+    /// Output times, and the exact values of fields at these times.
     t: Vec<f64>,
     fields: BTreeMap<String, Values>,
-    /// The times of all events of one kind of a variable or a contact.
+    /// For each listed kind of event of a variable or a contact, the exact times of all such events.
     events: Vec<Times>,
-    /// The number of events of a kind, exactly or at least.
+    /// The number of events of a kind, exactly or as a lower bound.
     counts: Vec<Count>,
     /// The smallest and the largest permitted value of a field at any time.
     bounds: BTreeMap<String, [f64; 2]>,
-    /// Values that the diagnostics must contain.
+    /// Values that the diagnostics of the solution must contain.
     evidence: Vec<Evidence>,
-    /// The time after which no solution exists.
+    /// The time after which no solution of the problem exists.
     no_solution_after: Option<Time>,
-    /// Whether a refusal, or an early end with a stated cause, is right as well.
+    /// Whether a refusal of the problem, or an early end of the run with a stated cause, is right as well.
     pub may_be_refused: bool,
-    /// Whether the only requirement is that the run stops when it is asked to.
+    /// Whether the only requirement is that the run stops when it is cancelled.
     pub stops: bool,
 }
 
@@ -78,7 +78,7 @@ struct Count {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Evidence {
-    /// A JSON pointer into the diagnostics.
+    /// A JSON pointer to a value in the diagnostics of the solution.
     at: String,
     is: Option<Value>,
     at_most: Option<f64>,
@@ -92,7 +92,7 @@ struct Time {
 }
 
 impl Truth {
-    /// Returns the first error of a completed result.
+    /// Returns a message on the first error of a completed result, compared with the known solution.
     pub fn fault(&self, solution: &Solution) -> Option<String> {
         if let Some(Time { t, .. }) = &self.no_solution_after {
             return Some(format!("reached the end, and there is no solution after t = {}", digits(t)));
@@ -110,7 +110,7 @@ impl Truth {
         fields.chain(bounds).chain(events).chain(counts).next()
     }
 
-    /// Returns the first wrong value in the diagnostics.
+    /// Returns a message on the first value in the diagnostics that differs from the required one.
     pub fn misleading(&self, solution: &Solution) -> Option<String> {
         let diagnostics = serde_json::to_value(&solution.diagnostics).expect("diagnostics");
         self.evidence.iter().find_map(|Evidence { at, is, at_most }| {
@@ -121,7 +121,8 @@ impl Truth {
         })
     }
 
-    /// Whether a failed run was right to fail: the problem may be refused, or has no solution after about that time.
+    /// Whether a failed run was right to fail: the problem may be refused, or it has no solution after about the time
+    /// of the failure.
     pub fn ends_early(&self, solution: &Solution) -> bool {
         if solution.status != Status::Failed {
             return false;
@@ -131,7 +132,7 @@ impl Truth {
         self.may_be_refused || self.no_solution_after.as_ref().is_some_and(there)
     }
 
-    /// Returns the largest error of a field, if it exceeds the permitted one.
+    /// Returns a message on the largest error of a field at the output times, if it exceeds the permitted one.
     fn off(&self, solution: &Solution, name: &str, Values { within, values }: &Values) -> Option<String> {
         let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
         assert_eq!(values.len(), self.t.len(), "`{name}` has a value at each time");

@@ -1,11 +1,11 @@
-//! Events within long steps and after very many impacts, at the default tolerances.
+//! Events of mechanical systems within long steps and after very many impacts, at the default tolerances.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 use std::f64::consts::{PI, SQRT_2};
 
-/// First time in seconds at which `1.1 sin(3 t)` reaches one.
+/// First time in seconds at which the force `1.1 sin(3 t)` reaches the friction bound one, so that the block slips.
 const BREAKS: f64 = 0.380_365_553_547_824;
 
 fn solved(problem: &Value, end: f64, output: &Value) -> Solution {
@@ -118,7 +118,7 @@ fn a_heavy_ball_on_a_light_one_comes_to_rest_with_both_their_weights_on_the_floo
         let solution = solve(&json!({"problem": {"mechanical": problem}, "time": {"end": 6},
             "method": {"impact_law": law}, "output": {"times": [0, 6]}}));
         assert!(last(&solution, "a").abs() < 1e-9 && (last(&solution, "b") - 0.1).abs() < 1e-9, "{mass} {law}");
-        // Between two states of rest, the impulse of the floor balances that of gravity.
+        // Over a run between two states of rest, the impulse of the floor on the body balances that of gravity.
         let carried = last(&solution, "floor_impulse") / ((1.0 + mass) * 9.81 * 6.0);
         assert!((carried - 1.0).abs() < 1e-6, "{mass} {law}: {carried}");
     }
@@ -175,7 +175,7 @@ fn a_slip_in_space_begins_once_and_follows_the_force_that_turns() {
 
 #[test]
 fn a_burst_of_force_between_the_points_of_a_step_is_seen() {
-    // The impulse of the force exp(-((t - 5)/w)^2) is w sqrt(pi), for any end time.
+    // The exact impulse of the force exp(-((t - 5)/w)^2) on the wall is w sqrt(pi), for any end time.
     for (width, end) in [(0.02, 10.0), (1e-3, 10.0), (0.02, 1000.0)] {
         let problem = json!({"coordinates": {"x": {"initial": 0}}, "mass": [[1]],
             "forces": {"x": format!("exp(-((t - 5)/{width})^2)")}, "contacts": [{"name": "wall", "gap": "x + 1"}]});

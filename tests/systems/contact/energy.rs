@@ -5,8 +5,8 @@ use crate::systems::harness::{column, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// Returns energies at the end: kinetic plus potential energy, work of drives, energy dissipated by friction, and
-/// energy lost in impacts.
+/// Returns energies of a mechanical system at the end: kinetic plus potential energy, work of drives, energy dissipated
+/// by friction, and energy lost in impacts.
 fn balance(solution: &Solution) -> [f64; 4] {
     let energy = last(solution, "kinetic_energy") + last(solution, "potential_energy");
     let [drives, friction, impacts] =
@@ -16,8 +16,8 @@ fn balance(solution: &Solution) -> [f64; 4] {
     [energy, drives, friction, impacts]
 }
 
-/// Asserts the energy balance at the end of a problem: up to rounding with located impacts, and convergent with time
-/// stepping.
+/// Asserts the energy balance of a mechanical problem at the end: up to rounding with located impacts, and convergent
+/// with time stepping.
 fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
     let size = expected.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
     let off = |solution: &Solution| {
@@ -37,7 +37,7 @@ fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
 #[test]
 fn a_belt_gives_a_block_as_much_as_friction_takes() {
     // The friction force mu m g accelerates the block to the velocity of the belt: half of the belt's work is
-    // dissipated.
+    // dissipated by friction.
     let belt = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 1"]}}]});

@@ -17,7 +17,7 @@ fn a_block_slides_to_rest_and_stays_exactly() {
     // speed v0 and the step size h.
     assert!((last(&solution, "x") - way).abs() < 0.51 * v * h);
     assert_eq!(last(&solution, "x_dot"), 0.0);
-    // All kinetic energy is dissipated by friction.
+    // Friction has dissipated all the kinetic energy of the block.
     assert!((last(&solution, "dissipated_by_friction") - 9.0).abs() < 1e-12);
 }
 
@@ -33,7 +33,8 @@ fn a_block_sticks_just_below_the_angle_of_friction_and_slides_just_above() {
     let acceleration = G * (theta.sin() - mu * theta.cos());
     let error = distance(&solution, "x_dot", |t| acceleration * t);
     assert!(error < 1e-12, "the velocity is off by {error:e}");
-    // Friction force, relative to the weight, of a block at rest on a slope one degree below the angle of friction.
+    // Friction force, relative to the weight, of a block at rest on a slope whose angle is one degree below the angle
+    // of friction.
     let theta = mu.atan() - 1.0_f64.to_radians();
     let solution = stepped(block(theta, mu, 0.0), 1.0, h);
     let force = -last(&solution, "slope_friction") / (2.0 * G);
@@ -48,7 +49,8 @@ fn a_spring_with_friction_stops_after_eight_half_swings() {
             "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});
         stepped(problem, 3.0, h)
     };
-    // Time stepping with implicit forces damps the oscillation, so that the error is of first order.
+    // Time stepping with implicit forces damps the oscillation of the block, so that the error is of first order in the
+    // step size.
     let errors = [4e-5, 2e-5].map(|h| (last(&solve_with(h), "x") - 0.02912).abs());
     assert!(errors[1] < 1e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
     let solution = solve_with(2e-5);
@@ -147,8 +149,8 @@ fn disks_and_spheres_roll_down_a_slope_where_friction_suffices() {
     let acceleration = |k: f64, mu: f64| last(&stepped(round(k, mu, theta, 0.0), 1.0, 0.01), "x_dot");
     assert!((acceleration(0.5, 0.2) - 3.27).abs() < 1e-12);
     assert!((acceleration(0.4, 0.2) - 3.503_571_428_571_428_6).abs() < 1e-12);
-    // The acceleration of the disc or sphere for friction coefficients just above and just below the critical one,
-    // from which on it rolls without slip.
+    // The acceleration of the disc (k = 1/2) or sphere (k = 2/5) for friction coefficients just above and just below
+    // the critical one, from which on it rolls without slip.
     for (k, critical, rolling) in
         [(0.5, 0.192_450_089_729_875_26, 3.27), (0.4, 0.164_957_219_768_464_5, 3.503_571_428_571_428_6)]
     {
@@ -192,7 +194,8 @@ fn a_ladder_stands_a_hundredth_of_a_degree_above_its_limit_and_slips_below() {
     }
 }
 
-/// A rod that slides on its lower end, with its friction directed so that it can lift the rod (Painleve 1895).
+/// A rod that slides on its lower end with its friction so directed that the Painleve paradox is possible (Painleve
+/// 1895).
 fn rod(degrees: f64, mu: f64) -> Value {
     let mut problem = ladder(degrees, mu, 0.0);
     problem["contacts"].as_array_mut().unwrap().truncate(1);

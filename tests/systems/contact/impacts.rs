@@ -1,4 +1,4 @@
-//! Impacts by time stepping, which converges with first order through any number of impacts.
+//! Impacts by time stepping, whose results converge with first order through any number of impacts.
 
 use super::{ball, stepped};
 use crate::systems::harness::{column, last, solve};
@@ -13,8 +13,8 @@ fn a_ball_comes_to_rest_after_infinitely_many_bounces() {
     let solution = stepped(ball(0.5), 2.0, 1e-3);
     let (t, y, v) = (&solution.trajectory.t, column(&solution, "y"), column(&solution, "y_dot"));
     let rested = (0..t.len()).find(|&i| y[i..].iter().chain(&v[i..]).all(|x| x.abs() < 1e-10)).expect("it rests");
-    // The tolerance covers an error of first order in the step size, and the steps in which the remaining motion
-    // halves until it is below rounding.
+    // The tolerance of the time of rest covers an error of first order in the step size, and the steps in which the
+    // remaining motion halves until it is below rounding.
     assert!((t[rested] - zeno).abs() < 0.1, "{}", t[rested]);
     assert!(y.iter().all(|y| *y > -1e-12), "the floor is passed");
     let energy = solution.diagnostics.energy.unwrap();
@@ -89,7 +89,7 @@ fn a_gap_without_a_gradient_where_it_closes_is_refused_where_impacts_are_located
         failure.message.contains("`floor`") && (failure.time - (2.0_f64 / 9.81).sqrt()).abs() < 1e-3,
         "{failure:?}"
     );
-    // Time stepping needs only the sign of the gap, and not its gradient.
+    // Time stepping needs only the sign of the gap function, and not its gradient, which vanishes here at contact.
     let (rested, plain) = (stepped(cubed, 2.0, 1e-3), stepped(ball(0.5), 2.0, 1e-3));
     assert!((last(&rested, "y") - last(&plain, "y")).abs() < 1e-3, "{}", last(&rested, "y"));
 }

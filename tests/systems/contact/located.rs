@@ -1,4 +1,4 @@
-//! Event-driven integration with located impacts: as accurate as smooth motion.
+//! Event-driven integration of mechanical systems with located impacts: as accurate as for smooth motion.
 
 use super::{ball, block, located};
 use crate::systems::harness::{column, events, last, solve};
@@ -71,8 +71,8 @@ fn an_elastic_ball_keeps_its_energy_over_a_thousand_bounces() {
 
 #[test]
 fn a_ball_on_a_shaking_table_locks_its_phase() {
-    // Orbit with one impact per table period, for Gamma = A w^2/g = 1.2 and e = 1/2: cos(w t) = pi (1 - e)/((1 + e)
-    // Gamma) at each impact.
+    // Orbit of a ball with one impact per period of the oscillating table, for Gamma = A w^2/g = 1.2 and e = 1/2: cos(w
+    // t) = pi (1 - e)/((1 + e) Gamma) at each impact.
     let (omega, gamma, e) = (50.0, 1.2, 0.5);
     let amplitude = gamma * G / (omega * omega);
     let phase = (std::f64::consts::PI * (1.0 - e) / ((1.0 + e) * gamma)).acos();
@@ -80,7 +80,7 @@ fn a_ball_on_a_shaking_table_locks_its_phase() {
     let problem = json!({"parameters": {"A": amplitude, "w": omega, "f": phase},
         "coordinates": {"y": {"initial": "A*sin(f)", "velocity": speed}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "table", "gap": "y - A*sin(w*t + f)", "restitution": e}]});
-    // The ball starts with its velocity after an impact: the velocity of the table plus that of the flight.
+    // The ball starts with its velocity after an impact, after which its flight lasts one period of the table.
     let table = amplitude * omega * phase.cos();
     let mut problem = problem;
     problem["coordinates"]["y"]["velocity"] = json!(speed);
@@ -113,7 +113,7 @@ fn a_particle_leaves_a_sphere_at_the_time_of_the_theory() {
         "potential": "9.81*y", "contacts": [{"name": "sphere", "gap": "sqrt(x^2 + y^2) - 1"}]});
     let solution = located(problem, 1.0);
     let leaves = times(&solution, EventKind::LiftOff);
-    // Within the tolerance, the particle may touch the sphere once more after it has detached.
+    // Within the tolerance, the particle may touch the sphere once more after its detachment.
     assert!(!leaves.is_empty() && leaves.iter().all(|t| (t - 0.754_238_838_002_552).abs() < 1e-9), "{leaves:?}");
     assert!(solution.diagnostics.energy.unwrap().largest_defect < 1e-8);
 }
@@ -181,7 +181,7 @@ fn a_rocking_block_loses_what_housner_says() {
     assert!((impacts[1] - 0.820_592_229_082_600_9).abs() < 1e-8, "{impacts:?}");
     let lowest = solution.trajectory.t.iter().zip(column(&solution, "angle")).filter(|(t, _)| **t < impacts[1]);
     let least = lowest.map(|(_, angle)| *angle).fold(0.0, f64::min);
-    // Output times need not include the time of the extreme angle.
+    // The output times need not include the time at which the angle of the block is extreme.
     assert!(least > -0.094_736_793_120_816_74 - 1e-9 && least < -0.08, "{least}");
     let spins: Vec<f64> = column(&solution, "kinetic_energy").to_vec();
     let at = solution.trajectory.t.iter().position(|t| *t == impacts[0]).unwrap();
@@ -260,15 +260,15 @@ fn stages_beside_a_step_are_those_of_radau() {
     };
     for (stages, step, least) in [(1, 0.01, 1.9), (2, 0.1, 7.5), (3, 0.2, 30.0), (5, 1.0, 400.0)] {
         let (coarse, fine) = (error(stages, step), error(stages, step / 2.0));
-        // Radau IIA with one, two, three and five stages converges with the orders one, three, five and nine.
+        // With one, two, three and five stages, Radau IIA converges with the orders one, three, five and nine.
         assert!(coarse > least * fine && coarse < 0.3, "{stages}: {coarse} {fine}");
     }
 }
 
 #[test]
 fn a_body_whose_impact_leaves_no_force_lets_go_at_every_tolerance() {
-    // The sleeve strikes at t = 0.0779 and detaches at once. The reference was found from matrix exponentials in
-    // thirty digits, with all contact modes tried at each event (tests/peers/answers/woodpecker.py).
+    // The sleeve of the woodpecker toy strikes at t = 0.0779 and detaches at once. The reference was found from matrix
+    // exponentials in thirty digits, with all contact modes tried at each event (tests/peers/answers/woodpecker.py).
     let exact = [("height", -0.007380055945847309), ("sleeve", 0.1015509159402271), ("woodpecker", 0.1156130217801562)];
     for rtol in [1e-6_f64, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13] {
         let mut toy = example("woodpecker");
@@ -309,8 +309,8 @@ fn a_force_that_jumps_lets_go_with_the_velocities_of_its_time() {
 
 #[test]
 fn short_flights_are_located_beside_long_steps() {
-    // Flights under y'' = -10 - 10 y that start with the speed v last 2/w atan(v w/10), w = sqrt 10, and each impact
-    // halves the speed.
+    // Flights of a ball under y'' = -10 - 10 y that start with the speed v last 2/w atan(v w/10), w = sqrt 10, and each
+    // impact halves the speed.
     let w = 10.0_f64.sqrt();
     let speed = |n: i32| 30.0_f64.sqrt() * 0.5_f64.powi(n);
     let limit = std::f64::consts::FRAC_PI_3 / w + (1..60).map(|n| 2.0 / w * (speed(n) * w / 10.0).atan()).sum::<f64>();

@@ -1,4 +1,4 @@
-//! Bodies that come to rest on redundant contacts, and stay at rest.
+//! Bodies that come to rest on redundant contacts (more than determine the contact forces), and stay at rest.
 
 use super::located;
 use crate::systems::harness::{column, last};
@@ -38,8 +38,8 @@ fn a_block_that_rocks_comes_to_rest_at_the_limit_of_its_blows_and_stays() {
     }
     let blows = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact);
     let last_blow = blows.map(|event| event.t).fold(0.0, f64::max);
-    // At an angular velocity of 1e-7 per second, 5e-7 s before the impacts accumulate, the corners rise by less than
-    // the rounding errors of their gaps.
+    // When the block's angular velocity is 1e-7 per second, 5e-7 s before the impacts accumulate, the corners rise by
+    // less than the rounding errors of their gaps.
     assert!((last_blow - rest).abs() < 1e-6, "{last_blow}");
 }
 
@@ -89,7 +89,8 @@ fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
     let limit = 0.4 * 98.1 / 13.0;
     assert!(!starts.is_empty() && starts.iter().all(|t| (t - limit).abs() < 1e-8), "{:?}, not {limit}", starts.first());
     assert!(solution.diagnostics.steps.accepted < 200, "{:?}", solution.diagnostics.steps);
-    // After slip begins at t = limit, the acceleration is x'' = 13 (t - limit)/m in the direction of the force.
+    // After slip begins at t = limit, the acceleration of the table is x'' = 13 (t - limit)/m in the direction of the
+    // force.
     let moved = 13.0 * (4.0 - limit).powi(3) / 60.0;
     let (x, y) = (last(&solution, "x"), last(&solution, "y"));
     assert!((x - moved * 12.0 / 13.0).abs() < 1e-7 && (y - moved * 5.0 / 13.0).abs() < 1e-7, "{x} {y} {moved}");
@@ -102,8 +103,8 @@ fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
             "forces": {"y": format!("(t/T - 1)^{power}/T^2")}, "contacts": [{"name": "floor", "gap": "y"}]});
         let solution = located(problem, 3.0 * unit);
         let rises = f64::from(power + 1) * f64::from(power + 2);
-        // With the exponent p of the force, the exact height of the body is y = (t - 1)^(p + 2)/((p + 1) (p + 2)) for
-        // t >= 1, where t is in the unit of time.
+        // With the exponent p of the lifting force, the exact height of the body is y = (t - 1)^(p + 2)/((p + 1) (p +
+        // 2)) for t >= 1, where t is in the unit of time.
         let exact = 2.0_f64.powi(power + 2) / rises;
         let error = last(&solution, "y") / exact - 1.0;
         assert!(error.abs() < 1e-8, "power {power}, unit {unit:e}: {error:e}");
@@ -139,7 +140,8 @@ fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
     for bodies in ["on two feet", "stacked", "beside another"] {
         for excess in [1e-3, 1e-6, 1e-8, 1e-10, -1e-10, -1e-8, -1e-3] {
             let solution = pulled(bodies, 1.0 + excess);
-            // Over 20 units of time, the acceleration is half of the force in excess of friction.
+            // Over 20 units of time, the acceleration of the pulled body, of mass 2, is half of the force in excess of
+            // friction.
             let (moved, exact) = (last(&solution, "x"), 100.0 * f64::max(excess, 0.0));
             assert!((moved - exact).abs() <= 1e-5 * exact + 1e-13, "{bodies}, {excess:e}: {moved:e}, not {exact:e}");
         }
@@ -154,7 +156,7 @@ fn a_table_slides_when_a_steady_push_exceeds_the_friction_of_all_feet() {
         let force = 0.4 * 98.1 * (1.0 + excess);
         let problem = table_on_four_feet(&json!(force * 12.0 / 13.0), &json!(force * 5.0 / 13.0));
         let solution = located(problem, 4.0);
-        // The acceleration is the force in excess of friction divided by the mass.
+        // The acceleration of the table is the force in excess of friction divided by the mass.
         let (x, y) = (last(&solution, "x"), last(&solution, "y"));
         let exact = 8.0 * 0.4 * 9.81 * f64::max(excess, 0.0);
         assert!((x.hypot(y) - exact).abs() <= 1e-4 * exact + 1e-13, "{excess:e}: {:e}, not {exact:e}", x.hypot(y));

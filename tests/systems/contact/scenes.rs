@@ -5,7 +5,7 @@ use crate::systems::harness::{column, events, last, solve};
 use crate::systems::reference::example;
 use serde_json::{Value, json};
 
-/// A particle on a frictionless sphere of radius one.
+/// A mechanical problem: a particle on a frictionless sphere of radius one.
 fn on_sphere() -> Value {
     json!({"coordinates": {"x": {"initial": 0, "velocity": 0.5}, "y": {"initial": 1}}, "mass": [[1, 0], [0, 1]],
            "potential": "9.81*y", "contacts": [{"name": "sphere", "gap": "sqrt(x^2 + y^2) - 1"}]})
@@ -35,7 +35,8 @@ fn a_double_pendulum_on_rods_keeps_their_lengths_and_moves_as_one_in_angles() {
         let angles = stepped(angles.clone(), end, h);
         ([last(&rods, "x1"), last(&rods, "y1")], last(&angles, "a"))
     };
-    // The formulations in rod coordinates and in angles converge to the same motion, at first order.
+    // The formulations of the double pendulum in rod coordinates and in angles converge to the same motion, at first
+    // order.
     let distance = |h: f64| {
         let ([x, y], a) = place(h);
         (x - a.sin()).hypot(y + a.cos())
@@ -52,7 +53,7 @@ fn the_woodpecker_pecks_its_way_down() {
     problem["output"] = json!({"times": "steps", "fields": ["height", "woodpecker"]});
     let solution = solve(&problem);
     let (t, bird, y) = (&solution.trajectory.t, column(&solution, "woodpecker"), column(&solution, "height"));
-    // Maxima of the bird's angle after the transient, whose distances are the periods.
+    // Indices of the maxima of the woodpecker's angle after the transient, whose distances in time are the periods.
     let swings: Vec<usize> = (1..t.len() - 1)
         .filter(|&i| t[i] > 0.5 && bird[i] > 0.1 && bird[i] >= bird[i - 1] && bird[i] > bird[i + 1])
         .collect();

@@ -18,7 +18,7 @@ fn derived(problem: Value, end: f64, asked: Value) -> Solution {
         "output": {"times": {"count": 41}}, "sensitivities": asked}))
 }
 
-/// Returns the derivatives of `f` by each of its parameters, from complex steps.
+/// Returns the derivatives of the closed form `f` by each of its parameters, by complex steps.
 fn slopes<const N: usize>(values: [f64; N], f: impl Fn([C; N]) -> C) -> [f64; N] {
     std::array::from_fn(|k| {
         let mut moved = values.map(C::from);
@@ -81,7 +81,7 @@ impl Ball {
         }
         let mut area = flight(self.first, self.thrown, self.height)[2];
         let (mut begin, mut speed) = (self.first, self.speed);
-        // After 4000 flights the height and the duration of the next one are below rounding.
+        // After 4000 flights the height and the duration of the ball's next flight are below rounding.
         for _ in 0..4000 {
             speed *= self.e;
             let end = begin + speed * 2.0 / self.g;
@@ -134,7 +134,7 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
     let checked = solution.sensitivities.as_ref().expect("a check");
     assert!((checked.derivative - checked.finite_difference).abs() <= checked.uncertainty, "{checked:?}");
 
-    // Derivatives of the times of all impacts, and of their limit.
+    // Compares the derivatives of the times of all impacts, and of the accumulation point of the impacts.
     let impacts: Vec<_> = solution.event_slopes.iter().filter(|event| event.kind == SlopedEvent::Impact).collect();
     assert!(impacts.len() > 20, "{} impacts", impacts.len());
     for (k, impact) in impacts.iter().enumerate() {
@@ -142,7 +142,7 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
             let found = impact.slopes[*name];
             assert!((found - expected).abs() <= 1e-8 * expected.abs(), "impact {k} by {name}: {found} for {expected}");
         }
-        // The transversality of an impact is the rate at which the gap closes, the speed of the impact.
+        // The transversality of an impact is the rate at which the gap closes, which is the speed of the impact.
         let speed = (0.25 + 2.0 * 9.81_f64).sqrt() * 0.6_f64.powi(k as i32);
         assert!((impact.transversality / speed - 1.0).abs() < 1e-4);
     }
@@ -203,7 +203,8 @@ fn a_body_that_a_growing_load_lifts_off_at_a_time_without_rounding() {
 
 #[test]
 fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
-    // The forces of gravity and of the rod are proportional to the mass.
+    // A pendulum at a wall: the forces of gravity and of the rod are proportional to the mass, so that the motion does
+    // not depend on it.
     let problem = json!({"parameters": {"l": 1.0086, "g": 9.81, "e": 0.43, "th": 1.086, "xw": 0.286, "m": 1.36},
         "coordinates": {"x": {"initial": "l*sin(th)"}, "y": {"initial": "-l*cos(th)"}}, "mass": [["m", 0], [0, "m"]],
         "potential": "m*g*y", "forces": {}, "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
@@ -219,7 +220,8 @@ fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
 
 #[test]
 fn the_limit_of_a_ball_that_loses_little_at_each_impact() {
-    // The run has some two hundred impacts; the flights after the last add up to more than 1e-9 of the end time.
+    // The run of a bouncing ball has some two hundred impacts; the flights after the last located one add up to more
+    // than 1e-9 of the end time.
     let mut slow = ball();
     slow["parameters"]["e"] = json!(0.9);
     let solution = derived(slow, 12.0, json!({"to": ["e", "g"], "of": ["y"]}));
@@ -246,7 +248,8 @@ fn a_ball_whose_run_does_not_begin_at_zero_has_the_same_derivatives() {
     }
 }
 
-/// Two balls on a line with the masses `left` and `right`, of which the left one catches up with the right one.
+/// Two balls on a line with the masses `left` and `right` and the restitution coefficient `e`, of which the left one
+/// catches up with the right one.
 fn two_balls(left: f64, right: f64, e: f64) -> Value {
     json!({"parameters": {"a": left, "b": right, "e": e}, "coordinates": {"x": {"initial": 0, "velocity": 2},
         "y": {"initial": 1, "velocity": -1}}, "mass": [["a", 0], [0, "b"]],
@@ -277,8 +280,8 @@ fn two_colliding_balls() {
 
 #[test]
 fn a_heavy_ball_and_a_light_one_that_it_pushes_go_on_with_the_velocity_of_the_heavy_one() {
-    // The velocities after the impact have the derivatives d(v1', v2')/d(v1, v2) = (1, 0; 1, 0) if the first ball is
-    // far heavier and the impact is inelastic.
+    // The velocities v1', v2' after the impact of two balls have the derivatives d(v1', v2')/d(v1, v2) = (1, 0; 1, 0)
+    // if the first ball is far heavier and the impact is inelastic.
     let solution = derived(two_balls(1e12, 1.0, 0.0), 1.0, json!({"to": ["x_dot.initial", "y_dot.initial"]}));
     let slope = |of: &str, by: &str| last(&solution, &format!("d{of}_dot/d{by}_dot.initial"));
     let found = [slope("x", "x"), slope("x", "y"), slope("y", "x"), slope("y", "y")];
@@ -303,7 +306,7 @@ fn a_block_slides_to_rest_and_is_pushed_off_again() {
     let values = [2.0, 9.81, 0.3, 2.0, 2.0];
     let solution = derived(block(), 4.0, json!({"to": to}));
     let stop: fn([C; 5]) -> C = |[m, g, mu, w, k]| {
-        // The time of the stop is the smaller root of k s^2/2m - mu g s + w = 0.
+        // The time s of the block's stop is the smaller root of k s^2/2m - mu g s + w = 0.
         let (a, b) = (k / m * 0.5, -mu * g);
         (-b - (b * b - a * w * 4.0).sqrt()) / (a * 2.0)
     };
@@ -404,7 +407,8 @@ fn impacts_with_stick_turn_a_ball_that_spins() {
         if t < hit.re {
             return [v, s, v * t, C::from(1.0) - 9.81 * 0.5 * t * t];
         }
-        // The impulse p stops the slip v + r s: the velocity becomes v + p and the spin s + r p/j.
+        // The impulse p of friction stops the slip v + r s of the disc: the velocity becomes v + p and the spin s + r
+        // p/j.
         let p = -(v + r * s) / (r * r / j + 1.0);
         let since = C::from(t) - hit;
         [v + p, s + r * p / j, v * hit + (v + p) * since, r + speed * 0.5 * since - since * since * (9.81 * 0.5)]
@@ -502,13 +506,13 @@ fn what_has_no_derivative_says_so() {
         "contacts": [{"name": "left", "gap": "y - x", "restitution": 0.5}, {"name": "right", "gap": "z - y", "restitution": 0.5}]});
     let message = ask(three, 2.0, json!(["x.initial"]));
     assert!(message.contains("several contacts"), "{message}");
-    // A ball at rest on the floor: a positive perturbation of its height lets it fall, a negative one violates the
-    // gap.
+    // A ball at rest on the floor: a positive perturbation of its height lets it fall, a negative one violates the gap
+    // constraint.
     let resting = json!({"coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "floor", "gap": "y"}]});
     let message = ask(resting, 1.0, json!(["y.initial"]));
     assert!(message.contains("leads off it"), "{message}");
-    // Sensitivities of time stepping are refused when the specification is read.
+    // Sensitivities of a time-stepped problem are refused when the specification is read.
     let stepped = json!({"problem": {"mechanical": ball()}, "time": {"end": 1}, "method": {"impacts": "time_stepping", "step": 1e-3},
         "sensitivities": {"to": ["e"]}});
     let errors = Specification::from_json(stepped.to_string().as_bytes()).expect_err("errors");

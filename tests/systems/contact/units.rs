@@ -3,7 +3,7 @@
 use crate::systems::harness::{last, solve};
 use serde_json::{Value, json};
 
-/// Scale factors of the units of mass, length and time.
+/// Scale factors of the units of mass, length and time in which each scene is written.
 const UNITS: [[f64; 3]; 11] = [
     [1e13, 1.0, 1.0],
     [1e30, 1.0, 1.0],
@@ -18,7 +18,8 @@ const UNITS: [[f64; 3]; 11] = [
     [1e12, 1e-3, 1e6],
 ];
 
-/// Returns a ball with spin that falls on a rough floor, the end time, and the values to compare with their units.
+/// Returns a ball with spin that falls on a rough floor, written in the given units; the end time; and the fields to
+/// compare with their units.
 fn ball([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     let problem = json!({"parameters": {"m": m, "g": 9.81 * l / (t * t), "R": 0.1 * l},
         "coordinates": {"a": {"initial": 0}, "x": {"initial": 0, "velocity": 2.0 * l / t}, "y": {"initial": l}},
@@ -28,7 +29,8 @@ fn ball([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     (problem, 0.6 * t, vec![("a", 1.0), ("x", l), ("y", l)])
 }
 
-/// Returns a block that falls on another, sliding one, the end time, and the values to compare with their units.
+/// Returns a block that falls on another, sliding block, written in the given units; the end time; and the fields to
+/// compare with their units.
 fn stack([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     let problem = json!({"parameters": {"m": m, "g": 9.81 * l / (t * t), "h": 0.1 * l},
         "coordinates": {"a": {"initial": 0.5 * l}, "b": {"initial": l}, "x": {"initial": 0, "velocity": l / t}, "z": {"initial": 0}},
@@ -39,8 +41,8 @@ fn stack([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     (problem, 1.5 * t, vec![("a", l), ("b", l), ("x", l), ("z", l)])
 }
 
-/// Returns a plate that slides and spins on four feet with isotropic friction, the end time, and the values to
-/// compare with their units. The loads of four feet are not unique.
+/// Returns a plate that slides and spins on four feet with isotropic friction, written in the given units; the end
+/// time; and the fields to compare with their units. The loads of four feet are not unique.
 fn plate([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     let foot = |(k, (a, b)): (usize, (f64, f64))| {
         json!({"name": format!("foot_{k}"), "gap": format!("z + ({b}*p - ({a})*r)*l"),
@@ -57,7 +59,8 @@ fn plate([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     (problem, t, vec![("w", 1.0), ("x", l), ("y", l)])
 }
 
-/// Returns a pendulum on a rod that strikes a wall, the end time, and the values to compare with their units.
+/// Returns a pendulum on a rod that strikes a wall, written in the given units; the end time; and the fields to compare
+/// with their units.
 fn pendulum([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     let problem = json!({"parameters": {"m": m, "g": 9.81 * l / (t * t), "l": l},
         "coordinates": {"x": {"initial": "l"}, "y": {"initial": 0}}, "mass": [["m", 0], [0, "m"]], "potential": "m*g*y",

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// A unit mass on a floor, with the given friction coefficient and initial velocity.
+/// A mechanical problem: a unit mass on a floor, with the given friction coefficient and initial velocity.
 fn on_floor(coefficient: Value, velocity: f64) -> Value {
     json!({"coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
            "potential": "9.81*y",
@@ -19,8 +19,8 @@ fn assert_trusted(solution: &Solution) {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// Asserts that the verdict estimates at least half of an error of time stepping and finds no other fault; returns
-/// the error.
+/// Asserts that the verdict of a time-stepped run estimates at least half of its `error` and finds no other fault;
+/// returns the error.
 fn assert_error_is_told(solution: &Solution, error: f64) -> f64 {
     let largest = column(solution, "x").iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let (told, _) = solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error");
@@ -30,8 +30,8 @@ fn assert_error_is_told(solution: &Solution, error: f64) -> f64 {
     error
 }
 
-/// With `mu = mu_0 (1 + x)` the sliding block obeys `x'' = -g mu_0 (1 + x)`, an oscillation about -1, until its first
-/// stop.
+/// With the friction coefficient `mu = mu_0 (1 + x)` the sliding block obeys `x'' = -g mu_0 (1 + x)`, an oscillation
+/// about -1, until its first stop.
 #[test]
 fn a_floor_that_grows_rougher_stops_a_block_as_a_spring_would() {
     let (mu, v) = (0.2_f64, 3.0);
@@ -66,7 +66,7 @@ fn a_block_slides_over_the_edge_of_a_patch() {
         let solution = stepped(on_floor(json!(coefficient), v), 2.0, 1e-3);
         assert!((last(&solution, "x") - way).abs() < 5e-3, "{} for {way}", last(&solution, "x"));
     }
-    // A long step must not skip a patch of ice that is narrow compared with it.
+    // A long step must not skip a patch of ice on the floor that is narrow compared with it.
     let solution = located(on_floor(json!("0.3 - 0.3*exp(-((x - 0.7)/0.001)^2)"), 3.0), 2.0);
     let ice = 0.001 * std::f64::consts::PI.sqrt();
     let way = 9.0 / (2.0 * G * 0.3) + ice;
@@ -86,7 +86,7 @@ fn friction_that_fades_lets_a_block_go_at_its_time() {
     assert!(distance(&solution, "x", exact) < 1e-9);
     let solution = stepped(slope, 4.0, 1e-3);
     assert!(distance(&solution, "x", exact) < 5e-3);
-    // Friction vanishes for an instant, between all stage points of a step at rest.
+    // Friction vanishes for an instant, between all stage points of a step during which the block is at rest.
     let pulse = on_floor(json!("0.5 - 0.5*exp(-((t - 5)/0.01)^2)"), 0.0);
     let mut pushed = pulse;
     pushed["forces"] = json!({"x": 0.981});
@@ -113,7 +113,7 @@ fn stribecks_law_stops_a_block_when_its_integral_says() {
     let errors = [4e-4, 2e-4].map(|h| {
         let solution = stepped(on_floor(json!("0.2 + 0.15*exp(-slip_speed/0.1)"), v), 1.0, h);
         assert_trusted(&solution);
-        // The distance until the stop, by a quadrature of v^2/(g (m v + d v exp(-v/w))).
+        // The distance that the block slides until its stop, by a quadrature of v^2/(g (m v + d v exp(-v/w))).
         let n = 200_000;
         let way: f64 =
             (0..n).map(|i| (i as f64 + 0.5) / n as f64 * v).map(|v| v / (G * (m + d * (-v / w).exp()))).sum::<f64>()
@@ -177,8 +177,8 @@ fn on_belt(end: f64, step: f64) -> (Vec<f64>, [f64; 2]) {
     (times, [x, v])
 }
 
-/// Solves a problem with located impacts, and with an absolute tolerance of velocities above the rounding error of
-/// the belt's velocity.
+/// Solves a mechanical problem with located impacts, and with an absolute tolerance of velocities above the rounding
+/// error of the belt's velocity.
 fn on_belt_located(problem: Value, end: f64) -> Solution {
     solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end},
                   "method": {"impacts": "locate", "rtol": 1e-10, "atol": 1e-12}}))
@@ -231,13 +231,14 @@ fn an_impact_takes_the_friction_of_the_slip_that_it_leaves() {
             assert!((last(&solution, "y_dot") - 1.0).abs() < 1e-12);
         }
     }
-    // At a low tangential velocity the ball sticks in the impact.
+    // At a low tangential velocity the ball sticks to the floor in the impact.
     for solution in [located(ball(0.5), 0.5), stepped(ball(0.5), 0.5, 1e-2)] {
         assert!(last(&solution, "x_dot").abs() < 1e-12);
     }
 }
 
-/// A unit mass on a floor with elliptic friction, whose semi-axis along `y` is `ratio` times that along `x`.
+/// A mechanical problem: a unit mass on a floor with elliptic friction, whose semi-axis along `y` is `ratio` times that
+/// along `x`.
 fn on_ellipse(velocity: [f64; 2], force: [f64; 2], ratio: f64) -> Value {
     json!({"coordinates": {"x": {"initial": 0, "velocity": velocity[0]}, "y": {"initial": 0, "velocity": velocity[1]},
                            "z": {"initial": 0}},
@@ -260,7 +261,7 @@ fn friction_in_an_ellipse_turns_a_slip_by_a_power_law() {
         assert!((y / v - (x / u).powf(ratio * ratio)).abs() < 1e-7, "{x} {y}");
     }
     assert!(seen > 10);
-    // Friction dissipates all the kinetic energy, and its impulses are the changes of the momenta.
+    // Friction dissipates all the kinetic energy of the mass, and its impulses are the changes of the momenta.
     assert!((last(&solution, "dissipated_by_friction") - 0.5 * (u * u + v * v)).abs() < 1e-8);
     assert!((last(&solution, "floor_friction_1") + u).abs() < 1e-8);
     assert!((last(&solution, "floor_friction_2") + v).abs() < 1e-8);
@@ -372,7 +373,7 @@ fn a_belt_whose_speed_jumps_does_not_take_a_block_along_at_once() {
 #[test]
 fn a_belt_that_begins_to_run_faster_than_friction_moves_a_block_from_its_corner_on() {
     let solution = solve(&on_a_belt("ramp(t)", 6.0, 61));
-    // The block reaches the speed of the belt at t = 3.
+    // The block, accelerated by friction, reaches the speed of the belt at t = 3.
     let exact = |t: f64| if t < 3.0 { (t - 1.0).max(0.0).powi(2) } else { 4.0 + 4.0 * (t - 3.0) };
     let error = distance(&solution, "x", exact);
     assert!(error < 1e-8, "off by {error:e}");

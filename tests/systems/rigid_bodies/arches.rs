@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 const STONES: usize = 11;
 
-/// The `k`-th stone of a semicircular arch of mean radius 1, thickness `t` and depth 0.5.
+/// The `k`-th stone of a semicircular arch of mean radius 1, thickness `t` and depth 0.5, as a convex hull.
 fn stone(k: usize, t: f64) -> Value {
     let mut points = Vec::new();
     for side in [k, k + 1] {

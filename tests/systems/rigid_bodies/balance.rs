@@ -99,7 +99,7 @@ fn mechanism(seed: u64) -> Value {
     json!({"problem": {"rigid_bodies": members}, "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 2}}})
 }
 
-/// Number of mechanisms that the environment variable `DVI_MECHANISMS` sets in place of 30.
+/// Number of mechanisms to test, which the environment variable `DVI_MECHANISMS` sets in place of 30.
 #[test]
 fn the_energy_of_random_mechanisms_is_accounted_for() {
     let count = std::env::var("DVI_MECHANISMS").map_or(30, |count| count.parse().expect("a number"));
@@ -108,7 +108,7 @@ fn the_energy_of_random_mechanisms_is_accounted_for() {
         let solution = solve(&mechanism(seed));
         let energy = solution.diagnostics.energy.unwrap();
         let part = energy.lacking() / energy.size();
-        // A solution whose steps are too coarse is not trusted.
+        // A solution whose steps are too coarse for its energy balance is not trusted by the verdict.
         assert!(part < 1e-3 || !solution.verdict.trusted, "{seed}: {part:e}");
         defects.push(part);
     }

@@ -34,8 +34,8 @@ fn chain(links: usize, ball: f64, end: f64, step: f64) -> Value {
     })
 }
 
-/// Returns the largest energy above the initial one and the defect of the energy balance, relative to the largest
-/// kinetic energy, and the drift of joints, relative to a link.
+/// Returns three faults of a chain: the largest energy above the initial one and the defect of the energy balance,
+/// relative to the largest kinetic energy, and the drift of joints, relative to a link.
 fn faults(solution: &Solution) -> [f64; 3] {
     let (kinetic, potential) = (column(solution, "kinetic_energy"), column(solution, "potential_energy"));
     let largest = kinetic.iter().copied().fold(0.0, f64::max);
@@ -60,7 +60,7 @@ fn a_chain_of_light_links_with_a_heavy_end_keeps_its_energy_and_its_joints() {
 /// and Radau IIA.
 #[test]
 fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
-    // Derivatives of the positions of the centres by each angle, in multiples of the length of a link, and the
+    // Derivatives of the positions of the centres by each link's angle, in multiples of the length of a link, and the
     // masses.
     let bodies = [([0.5, 0.0, 0.0], 0.1), ([1.0, 0.5, 0.0], 0.1), ([1.0, 1.0, 0.5], 0.1), ([1.0, 1.0, 1.0], 100.0)];
     let sum = |of: &dyn Fn(&[f64; 3]) -> f64| bodies.iter().map(|(at, mass)| mass * of(at)).sum::<f64>();
@@ -89,8 +89,8 @@ fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
         let solution = solve(&chain(3, 100.0, 0.5, step));
         (last(&solution, "ball.x") - x).hypot(last(&solution, "ball.z") - z)
     };
-    // Under tension the links oscillate at some 600 rad/s: long steps do not resolve their motion, but that of the
-    // ball is accurate.
+    // Under tension the light links oscillate at some 600 rad/s: long steps do not resolve their motion, but that of
+    // the ball is accurate.
     let long = error(2e-3);
     assert!(long < 3e-5, "{long:e}");
     let (coarse, fine) = (error(6.25e-5), error(3.125e-5));
@@ -111,8 +111,8 @@ fn a_straight_chain_without_weight_turns_as_one_body_in_long_steps() {
     let solution = solve(&specification);
     let [gain, lacking, drift] = faults(&solution);
     assert!(gain < 1e-12 && lacking < 1e-12 && drift < 1e-12, "{gain:e} {lacking:e} {drift:e}");
-    // The scheme moves along chords instead of arcs: an angle of 2 atan(h w / 2) per step of size h at the angular
-    // velocity w.
+    // The time-stepping scheme moves bodies along chords instead of arcs: the chain rotates by 2 atan(h w / 2) per step
+    // of size h at the angular velocity w.
     let angle = 2.0 * (0.05_f64 * 3.0 / 2.0).atan() * 400.0;
     let [x, z] =
         ["x", "z"].map(|axis| last(&solution, &format!("l19.{axis}")) - last(&solution, &format!("l0.{axis}")));

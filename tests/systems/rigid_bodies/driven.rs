@@ -18,7 +18,8 @@ fn ball(at: [f64; 3], velocity: [f64; 3]) -> Value {
     json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": at, "velocity": velocity})
 }
 
-/// A rod of 3 kg and 1 m along x on a hinge at its end, with the moment of inertia `I` about the hinge.
+/// A rod of 3 kg and 1 m along x on a hinge at its end, with the moment of inertia `I` about the hinge; `joint` has
+/// further members of the hinge.
 fn rod(joint: &Value, step: f64, end: f64) -> Value {
     let mut hinge = json!({"name": "hinge", "bodies": ["rod"], "at": [0, 0, 0], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(joint.as_object().unwrap().clone());
@@ -28,7 +29,7 @@ fn rod(joint: &Value, step: f64, end: f64) -> Value {
 
 const I: f64 = 3.0 * 0.25 + 3.0 * 1.01 / 12.0;
 
-/// Returns the largest defect of the energy balance, relative to all energy and work.
+/// Returns the largest defect of the energy balance of a run, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -72,8 +73,8 @@ fn a_spring_between_two_free_bodies_keeps_energy_and_momentum_in_long_steps() {
     }
 }
 
-/// A force `-k x - c x'` as an expression in the motion of its body, and the force on a charge in a magnetic field,
-/// which does no work.
+/// An applied force `-k x - c x'` as an expression in the motion of its body, and the force on a charge in a magnetic
+/// field, which does no work.
 #[test]
 fn forces_as_expressions_in_the_motion_of_their_body_act_at_second_order() {
     let run = |force: Value, step: f64| {
@@ -109,7 +110,8 @@ fn a_force_may_follow_another_body_and_act_off_the_centre_along_the_axes_of_its_
     let spun = solve(&scene(&thruster, 2.0, 1e-3));
     let rate = 0.05 / (0.4 * 0.01);
     assert!(distance(&spun, "ball.wz", |t| rate * t) < 1e-10);
-    // Velocity of a point on Cornu's spiral: the integral of (-sin, cos) of rate t^2 / 2, by Simpson's rule.
+    // Velocity of the ball with a thruster, as of a point on Cornu's spiral: the integral of (-sin, cos) of rate t^2 /
+    // 2, by Simpson's rule.
     let [vx, vy] = [f64::sin as fn(f64) -> f64, f64::cos].map(|of| {
         let f = |t: f64| of(0.5 * rate * t * t);
         let n = 10_000;
@@ -144,7 +146,7 @@ fn motors_move_hinges_and_sliders_as_they_say_and_their_work_is_in_the_balance()
     let turned = solve(&rod(&json!({"motor": {"position": "2*t^2"}}), 1e-3, 2.0));
     assert!(distance(&turned, "rod.y", |t| 0.5 * (2.0 * t * t).sin()) < 1e-12);
     assert!(distance(&turned, "rod.wz", |t| 4.0 * t) < 1e-10);
-    // The angle of a hinge counts full turns, and the torque of the motor is 4 I.
+    // The angle of a hinge counts full turns, and the torque of its motor is 4 I.
     assert!((last(&turned, "hinge.coordinate") - 8.0).abs() < 1e-10);
     assert!((last(&turned, "hinge.effort") - 4.0 * I).abs() < 1e-3, "{}", last(&turned, "hinge.effort"));
     let energy = turned.diagnostics.energy.unwrap();
@@ -195,8 +197,8 @@ fn a_spring_on_a_hinge_is_wound_up_by_whole_turns() {
     assert!(fine < 1e-2 && (coarse / fine).log2() > 1.9, "{coarse:e} {fine:e}");
 }
 
-/// A stop at half a radian: the rod hits it with the angular velocity of `w^2 = 2 g m l sin a / I`, and rebounds with
-/// half of it.
+/// A stop of the hinge at half a radian: the rod hits it with the angular velocity of `w^2 = 2 g m l sin a / I`, and
+/// rebounds with half of it.
 #[test]
 fn stops_of_joints_obey_the_law_of_impact_and_hold_what_rests_on_them() {
     let run = |restitution: f64, end: f64| {
@@ -247,7 +249,7 @@ fn a_table_that_shakes_throws_a_block_up_where_it_falls_faster_than_gravity_take
     };
     let slow = run(9.0);
     assert!(distance(&slow, "block.z", |t| 0.2 - 0.1 * (9.0 * t).cos()) < 1e-3, "0.1 w^2 < g");
-    // The body detaches when the table decelerates with g: cos(w t) = -g / (0.1 w^2).
+    // The body detaches from the table when the table decelerates with g: cos(w t) = -g / (0.1 w^2).
     let w = 12.0_f64;
     let (fast, leaves) = (run(w), (-G / (0.1 * w * w)).acos() / w);
     let (z, v) = (0.1 * (1.0 - (w * leaves).cos()), 0.1 * w * (w * leaves).sin());

@@ -1,4 +1,4 @@
-//! Events between bodies, and their times.
+//! Events between rigid bodies, such as impacts and transitions between stick and slip, and their times.
 
 use super::{falling_on_each_other, on_the_ground, stepped};
 use crate::systems::harness::{column, solve};
@@ -32,8 +32,8 @@ fn a_bouncing_ball_tells_every_impact_and_then_rests_in_silence() {
         t += 2.0 * e.powi(k as i32 + 1) * first;
     }
     assert!(found[0].2 >= first && found[0].2 < first + h);
-    // All impacts are over by t_1 (1 + e) / (1 - e); impacts no faster than the velocity that gravity adds in one
-    // step are not reported.
+    // All impacts of the ball are over by t_1 (1 + e) / (1 - e); impacts no faster than the velocity that gravity adds
+    // in one step are not reported.
     let last = first * (1.0 + e) / (1.0 - e);
     assert!(found.len() > 25 && found.len() < 60 && found.iter().all(|event| event.2 < last + 0.01), "{}", found.len());
 }
@@ -76,8 +76,8 @@ fn a_stack_at_rest_has_nothing_to_tell() {
     assert_eq!(told(&solution), []);
 }
 
-/// A block on a slope of 3:4 sticks for `mu > 3/4`; pushed down the slope at the speed `v` it stops after `v / (mu g
-/// cos - g sin)`.
+/// A block on a slope of 3:4 sticks for a friction coefficient `mu > 3/4`; pushed down the slope at the speed `v` it
+/// stops after `v / (mu g cos - g sin)`.
 #[test]
 fn a_block_that_is_pushed_down_a_slope_tells_when_it_sticks() {
     let block = json!({"name": "block", "shape": {"box": {"size": [0.4, 0.4, 0.2]}}, "mass": 3,

@@ -13,7 +13,7 @@ fn a_racket_thrown_about_its_middle_axis_turns_over_and_keeps_energy_and_angular
     let solution = solve(&specification);
     let energy = column(&solution, "kinetic_energy");
     assert!(energy.iter().all(|e| (e / energy[0] - 1.0).abs() < 1e-9));
-    // The z axis of the body, initially along the spin, flips repeatedly.
+    // The z axis of the freely rotating body, initially along the spin, flips repeatedly.
     let (x, y) = (column(&solution, "racket.qx"), column(&solution, "racket.qy"));
     let upright: Vec<f64> = x.iter().zip(y).map(|(x, y)| 1.0 - 2.0 * (x * x + y * y)).collect();
     assert!(upright.iter().any(|c| *c < -0.9));
@@ -39,7 +39,7 @@ fn a_hull_turns_about_its_centre_of_mass_and_not_about_the_origin_of_its_frame()
     let rod = json!({"name": "rod", "shape": {"convex_hull": {"points": points}}, "mass": 1, "position": [0, 0, 2],
         "angular_velocity": [0, 0, 1]});
     let solution = solve(&weightless(on_the_ground(&[rod], &json!({}), 3.0, 1e-3)));
-    // The origin of the frame is initially at rest, so that the centre of mass moves with w x r = 0.5 along y.
+    // The origin of the rod's frame is initially at rest, so that the centre of mass moves with w x r = 0.5 along y.
     for (k, t) in solution.trajectory.t.iter().enumerate() {
         let expected = (0.5 - 0.5 * t.cos(), 0.5 * t - 0.5 * t.sin());
         let found = (column(&solution, "rod.x")[k], column(&solution, "rod.y")[k]);

@@ -21,7 +21,7 @@ fn a_sliding_ball_rolls_from_the_time_and_with_the_speed_that_momentum_tells() {
         let solution = solve(&on_the_ground(&[ball([2.0, 0.0, 0.0])], &json!({"friction": 0.3}), 1.0, step));
         assert!((last(&solution, "ball.vx") - 10.0 / 7.0).abs() < 1e-10);
         assert!((last(&solution, "ball.wy") - 100.0 / 7.0).abs() < 1e-9);
-        // The position x is of first order: its error is at most v_0 h / 2 with the step size h.
+        // The position x of the ball is of first order: its error is at most v_0 h / 2 with the step size h.
         assert!((last(&solution, "ball.x") - 1.4840472376514315).abs() < step);
         let speed = |t: f64| (2.0 - 0.3 * 9.81 * t).max(10.0 / 7.0);
         assert!(distance(&solution, "ball.vx", speed) < 3.0 * step);

@@ -7,13 +7,13 @@ use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, MultibodySystem, Shap
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::collections::HashSet;
 
-/// Radius of every sphere, in metres.
+/// Radius of every sphere of the heap, in metres.
 pub const RADIUS: f64 = 0.1;
 
-/// Time step of every run, in seconds.
+/// Time step of every run of the heap, in seconds.
 pub const H: f64 = 2e-3;
 
-/// Settings of the time stepping in every run.
+/// Settings of the time stepping in every run of the heap.
 pub const SETTINGS: Settings =
     Settings { step: H, default_step: false, impact_law: ImpactLaw::Simultaneous, tolerance: 1e-6 };
 
@@ -35,7 +35,7 @@ fn body(shape: Shape, at: Vector3<f64>, mass: f64) -> Body {
     }
 }
 
-/// A heap with `side` spheres in each direction.
+/// A heap with `side` spheres in each of the three directions, between its ground and walls.
 pub fn scene(side: usize) -> MultibodySystem {
     let mut random = 1_u64;
     let mut jitter = || {

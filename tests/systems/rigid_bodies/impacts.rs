@@ -1,4 +1,4 @@
-//! Impacts of spheres.
+//! Impacts of spheres and of other rigid bodies.
 
 use super::{falling_on_each_other, on_the_ground, weightless};
 use crate::systems::harness::{column, last, solve};

@@ -1,4 +1,4 @@
-//! Joints between rigid bodies.
+//! Joints between rigid bodies, such as hinges and fixed joints.
 
 use super::{on_the_ground, weightless};
 use crate::systems::harness::{column, distance, last, solve};
@@ -84,8 +84,8 @@ fn bodies_on_a_fixed_joint_fly_as_one() {
         let t = solution.trajectory.t[k];
         assert!((0.5 * (of("a.y") + of("b.y")) - t).abs() < 1e-3 * (1.0 + t), "{t}");
     }
-    // Angular velocity from the angular momentum about the centre, m v r with m = 1: w = 1 / (2 (1/4) + 2 (2/5)
-    // 0.01).
+    // Angular velocity of the joined balls from the angular momentum about their centre, m v r with m = 1: w = 1 / (2
+    // (1/4) + 2 (2/5) 0.01).
     assert!((last(&solution, "a.wz") + 1.0 / 0.508).abs() < 1e-3, "{}", last(&solution, "a.wz"));
 }
 
@@ -113,7 +113,7 @@ fn a_closed_chain_that_says_things_twice_hangs_together_and_lies_on_the_ground()
     for name in ["south", "north", "west", "east"] {
         assert!(distance(&solution, &format!("{name}.z"), |_| 0.05) < 1e-9);
     }
-    // Friction has brought the frame to rest after (v/2)^2 / (2 mu g), which is 1 cm.
+    // Friction has brought the frame of four bars to rest after (v/2)^2 / (2 mu g), which is 1 cm.
     assert!(last(&solution, "kinetic_energy") < 1e-18);
     assert!((last(&solution, "west.x") + 0.5).abs() > 1e-4);
 }

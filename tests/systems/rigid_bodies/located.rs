@@ -22,7 +22,7 @@ fn times(solution: &Solution, kind: EventKind) -> Vec<f64> {
     solution.trajectory.events.iter().filter(|event| event.kind == kind).map(|event| event.t).collect()
 }
 
-/// Returns the position, velocity and angular velocity of a body at the end of the run.
+/// Returns the position, velocity and angular velocity of the body `name` at the end of the run.
 fn end(solution: &Solution, name: &str) -> [Vector3<f64>; 3] {
     [["x", "y", "z"], ["vx", "vy", "vz"], ["wx", "wy", "wz"]]
         .map(|keys| Vector3::from(keys.map(|key| last(solution, &format!("{name}.{key}")))))
@@ -104,7 +104,8 @@ fn a_bouncing_ball_comes_to_rest_at_the_right_time() {
             let solution = solve(&specification);
             let found = times(&solution, EventKind::Impact);
             // After a rebound with the velocity (g h)^2 / sqrt(g d), where h is the step size and d the radius, the
-            // ball comes to rest within 2 / (1 - e) / g times that velocity.
+            // ball comes to rest within 2 / (1 - e) / g times that velocity, which bounds the error of the time of
+            // rest.
             let due = 2.0 / (1.0 - e) * step * step * (G / 0.1).sqrt();
             assert!(found.last().is_some_and(|last| (last - rests).abs() < due), "{e}, {step}: {found:?} {rests}");
             assert!((last(&solution, "ball.z") - 0.1).abs() < step.powi(4) * G * G / 0.1);
@@ -137,7 +138,7 @@ fn balls_thrown_at_each_other_meet_where_their_relative_motion_says() {
         json!({"name": "b", "shape": {"sphere": {"radius": 0.2}}, "mass": 2, "position": [2, 0.1, 5], "velocity": [-1, 0, 2]}),
     ];
     let solution = solve(&locate(on_the_ground(&balls, &json!({"restitution": 0.7}), 0.9, 0.07)));
-    // The balls meet when the distance of their centres is |(2 - 4 t, 0.1)| = 0.3.
+    // The two balls meet when the distance of their centres is |(2 - 4 t, 0.1)| = 0.3.
     let normal = Vector3::new(0.08_f64.sqrt(), 0.1, 0.0) / 0.3;
     let t = (2.0 - 0.08_f64.sqrt()) / 4.0;
     assert!((times(&solution, EventKind::Impact)[0] - t).abs() < 1e-12);
@@ -262,7 +263,7 @@ fn billiards_unfold() {
     bodies.push(ball([0.1, 0.2, 0.9], [3.0, 2.3, 1.7], [0.0; 3]));
     let solution = solve(&locate(weightless(on_the_ground(&bodies, &json!({"restitution": 1}), 30.0, 0.1))));
     let fold = |x: f64, v: f64, t: f64| {
-        // Folds the straight line into a motion between -0.9 and 0.9.
+        // Folds the straight line of the unfolded motion into one between the walls at -0.9 and 0.9.
         let y = (x + v * t + 0.9).rem_euclid(3.6);
         if y > 1.8 { 2.7 - y } else { y - 0.9 }
     };
@@ -281,7 +282,7 @@ struct Tumbling {
     x: Vector3<f64>,
     q: UnitQuaternion<f64>,
     v: Vector3<f64>,
-    /// Angular velocity in the frame of the body.
+    /// Angular velocity in the frame of the tumbling body.
     w: Vector3<f64>,
 }
 
@@ -422,8 +423,8 @@ fn arcs_that_longer_steps_do_not_make_longer_show_no_error() {
     assert!(fine.verdict.trusted && error_of_turning(&fine) < told(&fine), "{:?}", fine.verdict);
 }
 
-/// Integrates `a'' = bend(a)` by the classical Runge-Kutta method while `goes_on(t, a, a')` holds; returns the time,
-/// `a` and `a'` at the end.
+/// Integrates the angle `a` of the equation `a'' = bend(a)` by the classical Runge-Kutta method while `goes_on(t, a,
+/// a')` is true; returns the time, `a` and `a'` at the end.
 fn swing([mut a, mut rate]: [f64; 2], bend: impl Fn(f64) -> f64, goes_on: impl Fn(f64, f64, f64) -> bool) -> [f64; 3] {
     let (h, mut k) = (1e-4, 0);
     while goes_on(f64::from(k) * h, a, rate) {
@@ -497,7 +498,7 @@ fn impacts_that_are_located_are_not_misplaced() {
     assert!(told(&located) < 1e-9 && located.verdict.trusted, "{:?}", located.verdict);
 }
 
-/// An octahedron that spins on one of its corners nutates and precesses.
+/// A top, an octahedron that spins on one of its corners, nutates and precesses.
 #[test]
 fn a_top_on_a_smooth_floor_nods_at_second_order() {
     let top = SlidingTop { l: 0.1, a: 1e-3, c: 5e-4, m: 0.5, w: 150.0, tilt: 0.4 };
@@ -530,7 +531,7 @@ fn a_top_on_a_smooth_floor_nods_at_second_order() {
     let error = |step: f64| errors(&solved(step)).into_iter().fold(0.0, f64::max);
     assert!(error(2.5e-4) < 1e-3, "{:e}", error(2.5e-4));
     assert_second_order(1e-3, error);
-    // The estimated error is above the true one, and decreases with second order as well.
+    // The estimated error of the top is above the true one, and decreases with second order as well.
     let [coarse, fine] = [1e-3, 2.5e-4].map(|step| {
         let solution = solved(step);
         let fastest = column(&solution, "top.vz").iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -581,8 +582,8 @@ fn a_ball_slides_off_a_ball_at_second_order() {
         assert!(found.len() == 1 && (found[0] - t).abs() < step, "{found:?} {t}");
         (end(&solution, "ball")[0] - x).norm()
     };
-    // The contact force goes to zero continuously; the time of the detachment within a step changes the error, but
-    // not its order.
+    // The contact force of the sliding ball goes to zero continuously; the time of the detachment within a step changes
+    // the error, but not its order.
     for step in [0.02, 0.01, 0.005, 0.0025] {
         assert!(error(step) < 1.5 * step * step, "{step}: {:e}", error(step));
     }

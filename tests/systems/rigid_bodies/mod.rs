@@ -1,4 +1,5 @@
-//! Rigid bodies in space, from specification to trajectory, each compared with a closed form.
+//! Rigid bodies in space, from specification to trajectory, each system compared with a closed form or an independent
+//! integration.
 
 mod arches;
 mod balance;
@@ -32,25 +33,25 @@ fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Val
     })
 }
 
-/// Returns the specification with located impacts.
+/// Returns the specification with the option that impacts are located in time.
 fn locate(mut specification: Value) -> Value {
     specification["method"]["impacts"] = json!("locate");
     specification
 }
 
-/// Returns the specification with time stepping through impacts.
+/// Returns the specification with the option of time stepping through impacts.
 fn stepped(mut specification: Value) -> Value {
     specification["method"]["impacts"] = json!("time_stepping");
     specification
 }
 
-/// Returns the specification without gravity.
+/// Returns the rigid-body specification without gravity.
 fn weightless(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     specification
 }
 
-/// A box, a capsule, a convex hull and a sphere that fall onto each other.
+/// Specification of a box, a capsule, a convex hull and a sphere that fall onto each other.
 fn falling_on_each_other() -> Value {
     let shapes = [
         json!({"box": {"size": [1, 1, 1]}}),

@@ -13,7 +13,7 @@ fn scene(members: &Value, end: f64, step: f64) -> Value {
         "output": {"times": {"count": 101}}})
 }
 
-/// Returns the largest defect of the energy balance, relative to all energy and work.
+/// Returns the largest defect of the energy balance of a run, relative to all energy and work.
 fn lacking(solution: &Solution) -> f64 {
     let energy = solution.diagnostics.energy.unwrap();
     energy.largest_defect / energy.size()
@@ -24,7 +24,7 @@ fn assert_sound(solution: &Solution) {
     assert!(lacking(solution) < 1e-5, "{:e}", lacking(solution));
 }
 
-/// A support with prescribed motion, which touches no other body.
+/// A body with prescribed motion that supports others by joints, and touches no other body.
 fn support(motion: Value) -> Value {
     json!({"name": "support", "shape": {"sphere": {"radius": 0.01}}, "motion": motion})
 }
@@ -60,7 +60,7 @@ fn pendulum_exactly(x: &str, z: &str, spin: f64, end: f64) -> f64 {
 
 #[test]
 fn a_pendulum_on_a_shaken_pivot_swings_as_in_its_angle_at_second_order() {
-    // The pivot starts at rest, so that the pendulum starts at rest, too.
+    // The pivot starts at rest, so that the pendulum on it starts at rest, too.
     let moves = json!({"position": ["0.2*(1 - cos(3*t))", 0, "0.1*(1 - cos(5*t))"]});
     let (x, z) = ("1.8*cos(3*t)", "2.5*cos(5*t)");
     let angle = pendulum_exactly(x, z, 0.0, 3.0);
@@ -74,7 +74,7 @@ fn a_pendulum_on_a_shaken_pivot_swings_as_in_its_angle_at_second_order() {
         });
         assert!(errors[1] < 1e-4 && (errors[0] / errors[1]).log2() > 1.9, "{joint}: {errors:?}");
     }
-    // The motion of the pivot is the same when given as a velocity.
+    // The motion of the pivot is the same when its specification gives a velocity in place of a position.
     let by_velocity = json!({"velocity": ["0.6*sin(3*t)", 0, "0.5*sin(5*t)"]});
     let [a, b] = [moves, by_velocity].map(|motion| last(&solve(&pendulum_on(motion, "ball", 2e-3, 3.0)), "bob.x"));
     assert!((a - b).abs() < 1e-9, "{a} {b}");
@@ -150,7 +150,7 @@ fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
         let pull =
             ["arm.fx", "arm.fy", "arm.fz"].map(|name| last(&solution, name)).map(|f| f * f).iter().sum::<f64>().sqrt();
         assert!((pull - 2.0 * 9.0 * radius).abs() < 1e-3 * pull, "{pull} for {}", 2.0 * 9.0 * radius);
-        // A steady rotation needs no work other than that which gives the ball its initial speed.
+        // A steady rotation of the arm needs no work other than that which gives the ball its initial speed.
         let energy = solution.diagnostics.energy.unwrap();
         assert!(energy.work_of_drives.abs() < 1e-6 * energy.kinetic_at_end, "{energy:?}");
     }
@@ -185,7 +185,8 @@ fn a_rotation_about_a_moving_line_has_the_angular_velocity_of_its_derivative() {
             .map(|(i, name)| (last(&solution, name) - omega[i]).abs())
             .fold(0.0, f64::max)
     });
-    // Joint constraints on velocities are satisfied at the end of each step.
+    // Joint constraints on velocities are satisfied at the end of each step, so that the fixed body has the angular
+    // velocity of the support.
     assert!(errors.iter().all(|error| *error < 1e-6), "{errors:?}");
 }
 
@@ -252,7 +253,7 @@ fn a_block_turns_on_a_bushing_as_a_pendulum_of_twice_its_angle() {
     for _ in 0..8 {
         (a, b) = (0.5 * (a + b), (a * b).sqrt());
     }
-    // A quarter of the period is K(sin(phi/2))/w, with phi = 2 most and w^2 = k/I.
+    // A quarter of the period of the block on the bushing is K(sin(phi/2))/w, with phi = 2 most and w^2 = k/I.
     let period = 4.0 * 0.5 * PI / a / (k / inertia).sqrt();
     let errors = [200.0, 400.0].map(|steps| {
         let bushing = json!({"rotational_stiffness": [5, 7, k], "stiffness": [10, 10, 10]});
@@ -272,7 +273,7 @@ fn a_bushing_bears_a_weight_and_its_damping_brings_it_to_rest() {
         "damping": [200, 200, 200], "rotational_stiffness": [100, 100, 100], "rotational_damping": [4, 4, 4]});
     let solution = solve(&scene(&json!({"gravity": [0, 0, -G], "bodies": [block], "bushings": [bushing]}), 6.0, 2e-3));
     assert!(lacking(&solution) < 1e-9 && solution.verdict.trusted, "{:?}", solution.verdict);
-    // The weight acts at 0.1 m from the bushing: 2 g 0.1 cos a = 100 sin a cos a.
+    // The weight of the block acts at 0.1 m from the bushing: at rest 2 g 0.1 cos a = 100 sin a cos a.
     let angle = (2.0 * G * 0.1 / 100.0_f64).asin();
     assert!((last(&solution, "mount.fz") - 2.0 * G).abs() < 1e-6, "{}", last(&solution, "mount.fz"));
     assert!((last(&solution, "mount.ry") - angle.sin()).abs() < 1e-6, "{}", last(&solution, "mount.ry"));
@@ -280,7 +281,7 @@ fn a_bushing_bears_a_weight_and_its_damping_brings_it_to_rest() {
     assert!((last(&solution, "block.x") - 0.1 * angle.cos()).abs() < 1e-6);
 }
 
-/// Stiff bushings in long steps: energy does not grow, whatever the step size.
+/// A train of cars on stiff bushings in long steps: its energy does not grow, whatever the step size.
 #[test]
 fn a_train_on_stiff_bushings_gains_no_energy_in_long_steps() {
     let car = |k: usize| {

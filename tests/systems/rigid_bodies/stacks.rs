@@ -1,4 +1,4 @@
-//! Stacks of boxes.
+//! Stacks of boxes at rest under their weight.
 
 use super::on_the_ground;
 use crate::systems::harness::{column, solve};
@@ -34,7 +34,7 @@ fn a_box_that_lands_askew_on_another_comes_to_lie_flat() {
     let at_end = |name: &str| column(&solution, name)[100];
     assert!((at_end("upper.z") - 1.5).abs() < 1e-6, "{}", at_end("upper.z"));
     assert!(at_end("kinetic_energy") < 1e-12);
-    // The box lies flat: the quaternion of its orientation is a rotation about z.
+    // The upper box lies flat: the quaternion of its orientation is a rotation about z.
     assert!(at_end("upper.qx").hypot(at_end("upper.qy")) < 1e-6);
 }
 

@@ -32,8 +32,8 @@ fn assert_sound(solution: &Solution, lost: f64) {
     assert!((booked - lost).abs() < 1e-9 * lost.max(1.0), "{booked} for {lost}");
 }
 
-/// Stribeck's law gives `v' = -g (a + b exp(-v/c))`, with the solution `exp(v/c) = ((a exp(v_0/c) + b) exp(-a g
-/// t/c) - b)/a`.
+/// A block that slides under Stribeck's law of friction has `v' = -g (a + b exp(-v/c))`, with the solution `exp(v/c) =
+/// ((a exp(v_0/c) + b) exp(-a g t/c) - b)/a`.
 #[test]
 fn a_block_under_stribecks_law_follows_its_closed_form() {
     let (a, b, c, start) = (0.2, 0.15, 0.5, 2.0_f64);
@@ -45,12 +45,12 @@ fn a_block_under_stribecks_law_follows_its_closed_form() {
         assert!(last(&solution, "puck.vx").abs() < 1e-10);
         distance(&solution, "puck.vx", exact)
     });
-    // A solver that used a constant friction coefficient of 0.2 would have an error of 0.3 m/s.
+    // A solver that used a constant friction coefficient of 0.2 would have an error of 0.3 m/s in the block's velocity.
     assert!(errors[1] < 2e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
 }
 
-/// With `mu = mu_0 (1 + x)` the sliding body obeys `x'' = -g mu_0 (1 + x)`, an oscillation about -1, until its first
-/// stop.
+/// With the friction coefficient `mu = mu_0 (1 + x)` the sliding body obeys `x'' = -g mu_0 (1 + x)`, an oscillation
+/// about -1, until its first stop.
 #[test]
 fn a_floor_that_grows_rougher_stops_a_body_as_a_spring_would() {
     let (mu, v) = (0.2_f64, 3.0);
@@ -94,8 +94,8 @@ fn friction_that_fades_lets_a_body_go_at_its_time() {
     assert!(t.iter().zip(x).all(|(&t, &x)| t > 1.99 || x.abs() < 1e-12), "it creeps");
 }
 
-/// The friction coefficient of two materials is the geometric mean of theirs, for varying coefficients as for
-/// constant ones.
+/// The friction coefficient between two materials is the geometric mean of their coefficients, for varying coefficients
+/// as for constant ones.
 #[test]
 fn two_materials_that_vary_have_the_geometric_mean_of_their_coefficients() {
     let mut bodies = [cube(2.0)];
@@ -134,7 +134,8 @@ fn a_body_slides_on_the_path_of_an_elliptic_law() {
 
 #[test]
 fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
-    // Distances until the stop along and across the direction of the ellipse's axis: v^2/(2 mu g), and half of that.
+    // Distances that the body slides until it stops along and across the direction of the ellipse's axis: v^2/(2 mu g),
+    // and half of that.
     let turned = json!([0.5_f64.sqrt(), 0, 0, 0.5_f64.sqrt()]);
     let way = |scene: &Value| last(&solve(scene), "puck.x");
     let scene = |contacts: Value, velocity: [f64; 2]| stepped(on_the_ground(&[puck(velocity)], &contacts, 1.0, 1e-3));

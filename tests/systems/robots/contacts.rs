@@ -56,7 +56,7 @@ fn excluded_pairs_and_neighbours_go_through_each_other() {
             json!({"problem": {"rigid_bodies": {"robot": robot}}, "time": {"end": 1.5}, "method": {"step": 1e-3}});
         last(&solve(&document), "a.x")
     };
-    // After the impact both balls move on together at half of the speed.
+    // After the inelastic impact both balls move on together at half of the speed.
     assert!((balls("") - 1.4).abs() < 5e-3);
     assert!((balls(r#"<contact><exclude body1="a" body2="b"/></contact>"#) - 2.0).abs() < 1e-9);
     assert!((balls(r#"<option><flag contact="disable"/></option>"#) - 2.0).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! Every robot model loads as it is, and the remarks name the elements that were left out.
+//! Every robot model of the tests loads as it is, and the remarks name the elements that were left out.
 
 use super::{MODELS, specification};
 use crate::systems::harness::{column, last, solve};
@@ -42,8 +42,8 @@ fn what_is_left_out_is_told_with_its_lines() {
 
 #[test]
 fn masses_are_those_of_the_shapes() {
-    // Masses of a robot whose description gives only shapes: capsules with the density of water, and a torso whose
-    // mass a sweep overrides.
+    // Masses of the hopper, a robot whose description gives only shapes: capsules with the density of water, and a
+    // torso whose mass a sweep overrides.
     let text = specification("hopper", json!({}), 1e-3, 1e-3).to_string();
     let edited =
         dvi::specification::edited(text.as_bytes(), &[("torso.mass".to_owned(), "7".to_owned())]).expect("a mass");
@@ -69,7 +69,7 @@ fn masses_are_those_of_the_shapes() {
 fn joints_begin_where_the_pose_says() {
     let pose = json!({"shoulder_lift": -1.2, "elbow": {"position": 0.7, "velocity": 2}, "wrist_1": 0.3});
     let solution = solve(&specification("arm", pose, 1e-3, 1e-4));
-    // Forward kinematics by hand: the arm moves in the x-z plane.
+    // Initial positions of the arm's links from forward kinematics by hand: the arm moves in the x-z plane.
     let (l1, l2) = (0.425, 0.3922);
     let (a, b): (f64, f64) = (-1.2, -1.2 + 0.7);
     let elbow = [-l1 * a.cos(), 0.163 - l1 * a.sin()];
@@ -77,7 +77,7 @@ fn joints_begin_where_the_pose_says() {
     assert!((first("forearm_link.x") - elbow[0]).abs() < 1e-12 && (first("forearm_link.z") - elbow[1]).abs() < 1e-12);
     assert!((first("wrist_1_link.x") - (elbow[0] - l2 * b.cos())).abs() < 1e-12);
     assert!((first("wrist_1_link.z") - (elbow[1] - l2 * b.sin())).abs() < 1e-12);
-    // A positive rotation of the elbow is one about the -y axis of the world.
+    // A positive rotation of the elbow joint is one about the -y axis of the world.
     assert!((first("forearm_link.wy") + 2.0).abs() < 1e-12 && first("upper_arm_link.wy").abs() < 1e-12);
     assert!((first("wrist_1_link.vx") - 2.0 * l2 * b.sin()).abs() < 1e-12);
     assert!(last(&solution, "elbow.coordinate") > 1e-3);

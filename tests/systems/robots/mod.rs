@@ -8,7 +8,7 @@ mod refusals;
 
 use serde_json::{Value, json};
 
-/// Robot descriptions: name, format and text.
+/// Robot descriptions for the tests: name, format and text.
 pub const MODELS: [(&str, &str, &str); 11] = [
     ("pendulum", "urdf", include_str!("models/pendulum.urdf")),
     ("double_pendulum", "urdf", include_str!("models/double_pendulum.urdf")),
@@ -23,13 +23,13 @@ pub const MODELS: [(&str, &str, &str); 11] = [
     ("four_bar", "mjcf", include_str!("models/four_bar.xml")),
 ];
 
-/// Returns the format and the text of a robot description.
+/// Returns the format and the text of the robot description with this name.
 pub fn model(name: &str) -> (&'static str, &'static str) {
     let found = MODELS.iter().find(|(known, ..)| *known == name).unwrap_or_else(|| panic!("no model `{name}`"));
     (found.1, found.2)
 }
 
-/// A specification of a robot that starts in `pose`.
+/// A specification of the robot with this name that starts in `pose`.
 pub fn specification(name: &str, pose: Value, end: f64, step: f64) -> Value {
     let (format, text) = model(name);
     json!({

@@ -5,8 +5,8 @@ use crate::systems::harness::{column, last, solve};
 use serde_json::json;
 use std::f64::consts::PI;
 
-/// Returns the complete elliptic integral of the first kind, by the arithmetic-geometric mean (Abramowitz and Stegun
-/// 1964, 17.6.3).
+/// Returns the complete elliptic integral of the first kind at the modulus `k`, by the arithmetic-geometric mean
+/// (Abramowitz and Stegun 1964, 17.6.3).
 fn elliptic_k(k: f64) -> f64 {
     let (mut a, mut g) = (1.0, (1.0 - k * k).sqrt());
     for _ in 0..8 {
@@ -34,7 +34,8 @@ fn a_pendulum_has_the_period_of_the_elliptic_integral() {
     assert!(fine < 2e-5 && coarse / fine > 12.0, "{coarse:e}, {fine:e}");
 }
 
-/// Returns the angles of two hinged rods after a second, by Lagrange's equations in relative angles.
+/// Returns the angles of a double pendulum of two hinged rods after a second, by Lagrange's equations in relative
+/// angles.
 fn two_rods([first, second]: [f64; 2]) -> [f64; 2] {
     // The angle q1 is that of the first rod from the vertical, and q2 = q1 + elbow; the centres of mass are at the
     // distances c1, c2 from the pivots, and the moments of inertia refer to the centres.
@@ -83,7 +84,7 @@ fn several_joints_of_one_body_are_one_after_the_other() {
     let bodies = [("torso", 0.05, 0.4), ("thigh", 0.05, 0.45), ("leg", 0.04, 0.5), ("foot", 0.06, 0.26)];
     let mass = |r: f64, l: f64| 1000.0 * PI * r * r * (l + 4.0 / 3.0 * r);
     let total: f64 = bodies.iter().map(|(_, r, l)| mass(*r, *l)).sum();
-    // Centres of mass of the shapes in the frames of their bodies.
+    // Centres of mass of the hopper's links in the frames of the links, as x and z.
     let centre = [[0.0, 0.0], [0.0, -0.225], [0.0, 0.0], [-0.065, 0.0]];
     let at = |row: usize, axis: usize| -> f64 {
         let of = |k: usize| {
@@ -98,8 +99,8 @@ fn several_joints_of_one_body_are_one_after_the_other() {
     };
     let rows = solution.trajectory.t.len() - 1;
     let t = solution.trajectory.t[rows];
-    // Initial velocity of the centre of mass from the bodies' velocities: differences of the first rows would be of
-    // first order only.
+    // Initial velocity of the hopper's centre of mass from the velocities of its links: differences of the first output
+    // rows would be of first order only.
     let speed = |axis: usize| {
         let of = |k: usize| {
             let (name, r, l) = bodies[k];
@@ -133,7 +134,7 @@ fn a_parallelogram_stays_one() {
 
 #[test]
 fn a_motor_drives_a_joint_of_a_robot() {
-    // A cart of 1 kg with a pole that a motor keeps upright: 11 kg that move along a line.
+    // A cart with a pole that a motor keeps upright: together 11 kg that move along a line.
     let mut document = specification("cartpole", json!({}), 0.5, 1e-4);
     document["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     document["problem"]["rigid_bodies"]["robot"]["motors"] =

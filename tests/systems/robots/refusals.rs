@@ -9,7 +9,7 @@ fn errors_of(robot: Value) -> Vec<SpecificationError> {
     Specification::from_json(document.to_string().as_bytes()).err().unwrap_or_default()
 }
 
-/// Asserts that a robot description is refused with an error of this code at this line, which contains these words.
+/// Asserts that a robot description is refused with an error of this code at this line, whose message contains `words`.
 #[track_caller]
 fn assert_refused(format: &str, text: &str, line: usize, code: &str, words: &str) {
     let errors = errors_of(json!({format: text}));
@@ -37,7 +37,7 @@ const ARM: &str = "<link name=\"base\"/>\n\
 #[test]
 fn shapes_in_other_files_are_refused_where_they_would_touch() {
     let (_, text) = model("pendulum");
-    // In `<visual>` a mesh is ignored; in `<collision>` it is an error.
+    // In the URDF element `<visual>` a mesh is ignored; in `<collision>` it is an error.
     let text = text.replace("<cylinder radius=\"0.02\" length=\"0.9\"/>", "<mesh filename=\"package://arm.stl\"/>");
     assert_refused("urdf", &text, 32, "unsupported_element", "arm.stl");
     assert_refused(
@@ -226,7 +226,7 @@ fn what_stands_beside_a_description_is_told_at_its_key() {
     assert_eq!(errors[0].pointer, "/problem/rigid_bodies/bodies/0/shape/sphere/radius");
 }
 
-/// Returns a text with random edits, to test that any input is read or refused.
+/// Returns a robot description with random edits, to test that any input is read or refused.
 fn changed(text: &str, random: &mut fastrand::Rng) -> String {
     const PIECES: [&str; 24] = [
         "<",
@@ -266,7 +266,7 @@ fn changed(text: &str, random: &mut fastrand::Rng) -> String {
                 drop(letters.splice(at..at, copy));
             }
             3 => {
-                // Replaces a digit of the text by an extreme number.
+                // Replaces a digit of the description by an extreme number.
                 if let Some(digit) = letters[at..].iter().position(char::is_ascii_digit) {
                     let extreme = *random.choice(&["0", "-5", "1e308", "1e-320", "7", "nan"]).unwrap_or(&"0");
                     drop(letters.splice(at + digit..=at + digit, extreme.chars()));

@@ -1,9 +1,9 @@
-//! Verdicts on rigid bodies: joints that fail, energy errors, bodies at rest.
+//! Verdicts on rigid bodies (whether the result is to be trusted): joints that fail, energy errors, bodies at rest.
 
 use super::*;
 use crate::systems::harness::column;
 
-/// Links on ball joints, released horizontally, with a ball at the end.
+/// A chain of links on ball joints, released horizontally, with a ball of the given mass at the end.
 fn chain(links: usize, mass: f64, step: f64, unit: f64) -> Value {
     let (length, turn) = (0.1 * unit, [0.5_f64.sqrt(), 0.0, 0.5_f64.sqrt(), 0.0]);
     let mut bodies = Vec::new();
@@ -68,13 +68,13 @@ fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
 #[test]
 fn a_chain_of_light_links_with_a_heavy_end_is_trusted_in_any_units() {
     for unit in [1.0, 1e3] {
-        // The motion of light links is less accurate than that of the ball, so that only the ball's fields are asked
-        // for.
+        // The motion of the chain's light links is less accurate than that of the ball at its end, so that only the
+        // ball's fields are requested.
         let mut specification = chain(10, 100.0, 2e-3, unit);
         specification["output"]["fields"] = json!(["ball.x", "ball.z", "kinetic_energy", "potential_energy"]);
         let solution = solve(&specification);
         assert_trusted(&solution);
-        // The permitted defect of the energy balance is a hundredth of the largest kinetic energy.
+        // The permitted defect of the chain's energy balance is a hundredth of the largest kinetic energy.
         let (kinetic, potential) = (column(&solution, "kinetic_energy"), column(&solution, "potential_energy"));
         let largest = kinetic.iter().copied().fold(0.0, f64::max);
         let energy = solution.diagnostics.energy.as_ref().expect("a balance");

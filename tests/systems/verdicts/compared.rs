@@ -11,7 +11,7 @@ const G: f64 = 9.81;
 /// Permitted error of a trusted answer, relative to the largest change of the field over the run: two digits.
 const PERMITTED: f64 = 1e-2;
 
-/// A scene of rigid bodies up to the time `end`, with one output field.
+/// Specification of rigid bodies under gravity up to the time `end`, with one output field.
 fn scene(bodies: &Value, others: Value, [end, step]: [f64; 2], field: &str) -> Value {
     let mut problem = json!({"gravity": [0, 0, -G], "bodies": bodies});
     for (key, value) in others.as_object().expect("an object") {
@@ -26,8 +26,8 @@ fn ground() -> Value {
     json!({"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true})
 }
 
-/// Solves with each number of steps, and returns whether the solutions are trusted; asserts that trusted ones have an
-/// error of at most `permitted` times the change `size`.
+/// Solves the system with each number of steps, and returns whether the solutions are trusted; asserts that trusted
+/// ones have an error of at most `permitted` times the change `size`.
 fn judged(
     system: impl Fn(f64) -> Value,
     steps: &[u32],
@@ -43,7 +43,7 @@ fn judged(
     steps.iter().map(verdict).collect()
 }
 
-/// Returns the height of a point over the floor at the time `t`, dropped from `height`.
+/// Returns the height of a bouncing point over the floor at the time `t`, dropped from `height`.
 fn bounces(height: f64, restitution: f64, mut t: f64) -> f64 {
     let impact = (2.0 * height / G).sqrt();
     if t < impact {
@@ -112,7 +112,7 @@ fn what_is_asked_for_is_measured_by_its_own_change() {
         let verdicts = judged(system, &[20, 50, 100, 200, 8000], ("b.z", &exact, height), PERMITTED);
         assert!(!verdicts[0] && verdicts[4], "{place}, {speed}: {verdicts:?}");
     }
-    // A small vibration of a large body, and of one far from the origin.
+    // A ball on a spring: a vibration that is small compared with the radius, and one far from the origin.
     for (size, place) in [(1e-6, 0.0), (1e-3, 1e3)] {
         let ball =
             json!([{"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [place + size, 0, 0]}]);
@@ -159,7 +159,7 @@ fn bodies_of_any_mass_move() {
 fn forces_that_vary_within_a_step_are_seen() {
     for (centre, width) in [(0.333, 1e-3), (0.5071, 1e-4), (0.71, 0.01)] {
         let pulse = format!("exp(-((t - {centre})/{width})^2)/{width}");
-        // The impulse of the force is the square root of pi.
+        // The impulse of the Gaussian force is the square root of pi.
         let moved = |t: f64| std::f64::consts::PI.sqrt() * (t - centre).max(0.0);
         let point = |count: f64| {
             json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0}}, "mass": [[1]], "forces": {"x": pulse}}},
@@ -262,7 +262,8 @@ fn impacts_on_curved_surfaces_go_where_they_go() {
     assert!(trusted > 20, "{trusted} of {} are trusted", 4 * steps.len());
 }
 
-/// A paddle whose period is the step size and a blade that makes whole turns in a step seem to be at rest.
+/// Bodies with prescribed motion, a paddle whose period is the step size and a blade that makes whole turns in a step,
+/// seem to be at rest at the ends of steps.
 #[test]
 fn motions_that_steps_do_not_see_are_doubted() {
     let ball =
@@ -274,18 +275,18 @@ fn motions_that_steps_do_not_see_are_doubted() {
         for step in [0.02, 0.01, 0.005] {
             let system = scene(&json!([given, ball(place)]), still.clone(), [0.1, step], field);
             assert!(!solve(&system).verdict.trusted, "{field}, steps of {step}");
-            // A ball that is far from the moving body is not affected, and trusted.
+            // A ball that is far from the body with prescribed motion is not affected, and its run is trusted.
             let far = scene(&json!([given, ball([10.0, 0.0, 0.0])]), still.clone(), [0.1, step], field);
             assert!(solve(&far).verdict.trusted, "{field}, steps of {step}, far away");
         }
     }
-    // A roller may rotate at any speed, since rotation does not change its surface.
+    // A cylindrical roller may rotate about its axis at any speed, since rotation does not change its surface.
     let roller = json!({"name": "p", "shape": {"cylinder": {"radius": 0.5, "length": 1}}, "motion": {"angular_velocity": [0, 0, 100.0 * TAU]}});
     let system = scene(&json!([roller, ball([0.0, 0.7, 0.0])]), still, [0.1, 0.01], "b.y");
     assert!(solve(&system).verdict.trusted);
 }
 
-/// A force within a width of half a millimetre, which steps of five centimetres skip.
+/// A force that acts within a width of half a millimetre, which steps of five centimetres skip.
 #[test]
 fn forces_that_are_narrow_in_space_are_seen() {
     let force = "2000*exp(-((b.x - 0.5037)/0.0005)^2)";

@@ -5,7 +5,8 @@ use crate::systems::harness::{distance, last};
 use dvi::solution::CheckCode;
 use serde_json::{Value, json};
 
-/// Returns whether a run with steps of this size is trusted, and its largest error at the output times.
+/// Returns whether the verdict trusts a run with steps of the size `step`, and the largest error of the run at the
+/// output times.
 fn judged(mut system: Value, step: f64, exact: impl Fn(f64) -> f64) -> (bool, f64) {
     if system["method"].is_null() {
         system["method"] = json!({});
@@ -27,7 +28,7 @@ fn judged(mut system: Value, step: f64, exact: impl Fn(f64) -> f64) -> (bool, f6
 fn a_run_that_is_trusted_has_three_digits_whatever_its_steps() {
     let oscillator = json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "v"},
         "v": {"initial": 0, "rate": "-x"}}}}, "time": {"end": 20}, "output": {"times": {"count": 21}}});
-    // The same oscillator, with lengths in micrometres and a slower clock.
+    // The harmonic oscillator with the amplitude 1e-6 and a period a thousand times as long.
     let small = json!({"problem": {"dvi": {"states": {"x": {"initial": 1e-6, "rate": "1e-3*v"},
         "v": {"initial": 0, "rate": "-1e-3*x"}}}}, "time": {"end": 2e4}, "output": {"times": {"count": 21}}, "stages": 3});
     // A Volterra equation whose bounds are not active, and a rod that is heated and cooled periodically.
@@ -61,7 +62,7 @@ fn a_run_that_is_trusted_has_three_digits_whatever_its_steps() {
     }
 }
 
-/// A point of mass one over a floor.
+/// Specification of a point of mass one over a floor.
 fn over_floor(x: &Value, restitution: f64, end: f64) -> Value {
     json!({"problem": {"mechanical": {"coordinates": {"x": x}, "mass": [[1]], "potential": "9.81*x",
         "contacts": [{"name": "floor", "gap": "x", "restitution": restitution}]}},
@@ -165,7 +166,7 @@ fn many_bodies_are_not_compared_and_the_verdict_says_so() {
 
 #[test]
 fn a_pulse_between_the_stages_of_a_given_step_is_doubted() {
-    // The integral of the pulse is the square root of pi.
+    // The integral of the Gaussian pulse in the rate is the square root of pi.
     for centre in [0.437, 0.31, 0.77] {
         let pulse = format!("exp(-((t - {centre})/w)^2)/w");
         let system = json!({"problem": {"dvi": {"parameters": {"w": 0.002},

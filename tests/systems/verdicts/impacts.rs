@@ -2,14 +2,14 @@
 
 use super::*;
 
-/// A ball of unit mass dropped on a floor from `height`, with the run from `start` to `end`.
+/// Specification of a ball of unit mass dropped on a floor from `height`, with the run from `start` to `end`.
 fn ball(height: f64, start: f64, end: f64, restitution: f64, method: Value) -> Value {
     json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": height}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "floor", "gap": "y", "restitution": restitution}]}},
         "time": {"start": start, "end": end}, "method": method, "output": {"times": [end]}})
 }
 
-/// Returns the height of a ball between its first and second impact.
+/// Returns the height of a dropped ball at the time `t` between its first and second impact.
 fn height_between(height: f64, restitution: f64, t: f64) -> f64 {
     let fall = (2.0 * height / 9.81_f64).sqrt();
     let passed = t - fall;
@@ -84,7 +84,7 @@ fn a_bump_that_is_narrow_beside_a_step_lifts_what_slides() {
         "mass": [[1, 0], [0, 1]], "potential": "9.81*y", "contacts": [{"name": "road", "gap": "y - 0.01*exp(-((x-7.3)/0.2)^2)"}]}},
         "time": {"end": 20}, "output": {"times": {"count": 201}}}),
     );
-    // The frictionless bump dissipates no energy: the body continues at its initial speed.
+    // The frictionless bump of the floor dissipates no energy: the body continues at its initial speed.
     let highest = super::super::harness::column(&solution, "y").iter().copied().fold(0.0, f64::max);
     assert!(highest > 0.009, "it passed through the bump: {highest}");
 }

@@ -16,7 +16,7 @@ fn slid(mu: &dyn Fn(f64, f64) -> f64, v: f64, end: f64) -> f64 {
     let (count, mut x, mut v) = (400_000, 0.0, v);
     let h = end / f64::from(count);
     for k in 0..count {
-        // Integrates the sliding point by the midpoint rule.
+        // Integrates the motion of the sliding point by the midpoint rule.
         let t = (f64::from(k) + 0.5) * h;
         let middle = v - 0.5 * h * G * mu(t - 0.5 * h, x);
         let next = v - h * G * mu(t, x + 0.5 * h * v);
@@ -29,14 +29,14 @@ fn slid(mu: &dyn Fn(f64, f64) -> f64, v: f64, end: f64) -> f64 {
     x
 }
 
-/// A sliding point in generalised coordinates.
+/// Specification of a sliding point in generalised coordinates, with the given friction coefficient.
 fn point(friction: &str, v: f64, [end, count]: [f64; 2]) -> Value {
     json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0, "velocity": v}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
         "forces": {"y": -G}, "contacts": [{"name": "c", "gap": "y", "friction": {"coefficient": friction, "slip": ["x_dot"]}}]}},
         "time": {"end": end}, "method": {"step": end / count, "impacts": "time_stepping"}, "output": {"times": [end], "fields": ["x"]}})
 }
 
-/// A flat box that slides, as a rigid body.
+/// Specification of a flat box that slides, as a rigid body, with the given friction coefficient.
 fn slider(friction: &str, v: f64, [end, count]: [f64; 2], impacts: &str) -> Value {
     let bodies = json!([{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
         {"name": "b", "shape": {"box": {"size": [0.4, 0.4, 0.002]}}, "mass": 2, "position": [0, 0, 0.001], "velocity": [v, 0, 0]}]);
@@ -55,7 +55,8 @@ fn judged(system: &Value, field: &str, exact: f64, permitted: f64) -> bool {
 #[test]
 fn friction_that_is_narrower_than_a_step_is_seen() {
     let (v, end) = (3.0, 0.9);
-    // Three friction coefficients: a pulse in time, a wave whose period is that of the steps, and a rough strip.
+    // Three friction coefficients: a pulse in time, a wave whose period is that of the steps, and a rough strip of the
+    // floor.
     type Coefficient = (&'static str, fn(f64, f64) -> f64);
     let pulse: Coefficient =
         ("0.1 + 3*exp(-((t - 0.3333)/0.005)^2)", |t, _| 0.1 + 3.0 * (-((t - 0.3333) / 0.005_f64).powi(2)).exp());
@@ -81,14 +82,14 @@ fn friction_that_is_narrower_than_a_step_is_seen() {
         }
     }
     assert_eq!(trusted, 3);
-    // A run with slowly varying friction is trusted.
+    // The run of a point under slowly varying friction is trusted.
     let slow = |t: f64, _: f64| 0.2 + 0.1 * t;
     let exact = slid(&slow, v, end);
     assert!(judged(&point("0.2 + 0.1*t", v, [end, 900.0]), "x", exact, 1e-3));
     assert!(judged(&slider("0.2 + 0.1*t", v, [end, 90.0], "time_stepping"), "b.x", exact, 1e-2));
 }
 
-/// Friction does not matter for a body at rest, nor for one that has come to rest.
+/// Friction does not matter for the verdict on a body at rest, nor on one that has come to rest.
 #[test]
 fn friction_that_varies_where_nothing_slides_is_trusted() {
     let pulses = "0.3 + 0.2*cos(2*pi*t/0.015)";
@@ -149,7 +150,7 @@ fn gaps_that_close_and_open_within_a_step_are_seen() {
         let still = solve(&system([1.0, 0.0], &bat(0.99), count));
         assert!(still.verdict.trusted && distance(&still, "x", |_| 1.0) < 1e-12, "{count} steps: {:?}", still.verdict);
     }
-    // A point that passes a round pillar at a tenth of its radius, and a point that passes a gate.
+    // A point that passes a round pillar at a tenth of the pillar's radius, and a point that passes a gate.
     for (start, gap) in [(-2.0, "sqrt(x^2 + (y - 1.1)^2) - 1"), (-1.0, "0.1 + x^2 - y")] {
         for count in [60.0, 600.0] {
             let past = solve(&system([start, 3.0], gap, count));
@@ -158,7 +159,7 @@ fn gaps_that_close_and_open_within_a_step_are_seen() {
     }
 }
 
-/// For a body at rest at the output times, errors of its earlier motion do not matter.
+/// If a body is at rest at the output times, the verdict disregards errors of its earlier motion.
 #[test]
 fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
     let ball = |count: f64, times: [f64; 2]| {

@@ -5,8 +5,8 @@ use super::*;
 #[test]
 fn a_source_takes_nodes_from_one_obstacle_to_the_other_and_back() {
     for rate in [1.0, 7.0] {
-        // The source 3 rate cos(rate t) with u confined to [-1, 1] and no flux: the same ordinary differential
-        // equation at every node.
+        // The source of the obstacle problem is 3 rate cos(rate t), with u confined to [-1, 1] and no flux: every node
+        // has the same ordinary differential equation.
         let at = |t: f64| t / rate;
         let solution = solve(&json!({"problem": {"obstacle": {"domain": {"x": [0, 1]}, "elements": 4, "diffusion": 1,
             "source": format!("3*{rate}*cos({rate}*t)"), "initial": 0, "obstacle": -1, "upper_obstacle": 1, "probes": {"a": [0.5]}}},

@@ -5,11 +5,11 @@ use super::solve;
 use crate::systems::harness::last;
 use serde_json::json;
 
-/// Radius of the balls.
+/// Radius of both balls.
 const R: f64 = 0.1;
 
-/// Returns the time at which a gap, opening at the rate `v`, closes under the acceleration `-g`; infinite if it does
-/// not close.
+/// Returns the time at which a gap between bodies, opening at the rate `v`, closes under the relative acceleration
+/// `-g`; infinite if it does not close.
 fn closes(gap: f64, v: f64, g: f64) -> f64 {
     if g == 0.0 {
         return if v < 0.0 { gap.max(0.0) / -v } else { f64::INFINITY };
@@ -42,8 +42,8 @@ fn bounced(mut x: [f64; 2], mut v: [f64; 2], heavy: f64, g: f64, end: f64) -> [f
     }
 }
 
-/// Returns the largest error of the positions, relative to the distance that the heavy ball moves, and whether the
-/// answer is trusted.
+/// Returns the largest error of the balls' positions, relative to the distance that the heavy ball moves, and whether
+/// the verdict trusts the result.
 fn squeezed(heavy: f64, g: f64, step: f64, impacts: Option<&str>) -> (f64, bool) {
     let (x, v, end) = ([1.0, 2.0], [0.0, -1.0], 1.937);
     let ball = |name: &str, mass: f64, x: f64, v: f64| json!({"name": name, "shape": {"sphere": {"radius": R}}, "mass": mass, "position": [x, 0, 0], "velocity": [v, 0, 0]});

@@ -110,8 +110,7 @@ class Result:
         return Result.by_kind(_dvi.Answer.from_json(text.encode() if isinstance(text, str) else text, label))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The specification is not pickled: the copy cannot compute values at other
-        # times.
+        # A pickled result omits its specification: the unpickled copy cannot compute values at other times.
         return Result.from_json, (self.to_json(), self.provenance.get("label"))
 
     def completed(self) -> Result:
@@ -319,7 +318,7 @@ class Result:
         """All of the answer but its columns, as in JSON."""
         return self._evidence
 
-    # --- other forms
+    # --- conversion of the result to other formats
 
     def to_json(self) -> bytes:
         """The answer as the program writes it, to the byte, but for the wall-clock time."""

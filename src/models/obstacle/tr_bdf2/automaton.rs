@@ -14,7 +14,8 @@ use hybrid::{Automaton, Located, Proposal, Screened, Solved};
 use numerics::Bracket;
 use std::ops::Range;
 
-/// The range of step size factors for which the step size is kept, to save the factorisation of a new matrix.
+/// The range of factors between the next and the current step size in which the step size is kept, to save the
+/// factorisation of a new matrix.
 const UNCHANGED: Range<f64> = 0.95..1.2;
 
 /// Gap, in units of the error tolerance of a step, below which contact counts as beginning or ending at the end of
@@ -23,12 +24,12 @@ const UNCHANGED: Range<f64> = 0.95..1.2;
 /// step, so that contact that flickers within the tolerance does not shorten steps.
 const CLOSE: f64 = 1e-3;
 
-/// Bounds on the size of the next attempt, relative to a step that has missed a variation of the data.
+/// Smallest and largest size of the next attempt, relative to a rejected step that has missed a variation of the data.
 const LEAST: f64 = 0.1;
 const MOST: f64 = 0.9;
 
-/// Maximum number of steps solved to locate one event: every other step at least halves the bracket, and a double has
-/// 53 binary digits.
+/// Maximum number of steps solved to locate one change of contact: every other step at least halves the bracket, and a
+/// double has 53 binary digits.
 const MOST_GUESSES: usize = 120;
 
 /// The beginning or the end of contact of the solution with an obstacle.
@@ -45,12 +46,12 @@ pub enum ContactChange {
 pub struct Trial {
     h: f64,
     next: f64,
-    /// The error of the step, in units of the tolerance.
+    /// The error estimate of the attempted step, in units of the tolerance.
     error: f64,
     is_located: bool,
 }
 
-/// A change of contact within a step, and the values of its monitor at both ends of the step.
+/// A beginning or end of contact within a step, and the values of its event function at both ends of the step.
 #[derive(Clone, Copy, Debug)]
 pub struct Changes {
     to: ContactChange,
@@ -70,7 +71,7 @@ impl Automaton for TrBdf2<'_> {
             return Err(ObstacleError::Interrupted { t: self.t });
         }
         let remaining = self.end - self.t;
-        // Extend the step to the end time if the remaining time would be within rounding.
+        // Extend the step to the end time of the run if the time left after it would be within rounding.
         let mut h = if self.h >= remaining * (1.0 - 1e-9) { remaining } else { self.h };
         if self.settings.step.is_none() && remaining > 0.0 {
             h = self.breaks.up_to_break(&mut self.system.problem, self.t, h);
@@ -105,8 +106,8 @@ impl Automaton for TrBdf2<'_> {
         }
     }
 
-    /// Detects the beginning or end of contact within a step. With a fixed step size, contact changes at the end of
-    /// the step without being located, and an inaccurate step is not searched, since it will be rejected.
+    /// Detects the beginning or end of contact within a step. With a fixed step size, contact changes at the end of the
+    /// step without being located; an inaccurate step is not searched, since it will be rejected.
     fn screen(&mut self, step: &mut Trial, (): &mut ()) -> Result<Screened<Changes>, ObstacleError> {
         let is_searched = self.settings.step.is_none() && step.error <= 1.0 && !step.is_located;
         let change = change(self.gap, self.least_gap(&self.trial[1])).filter(|_| is_searched);
@@ -165,13 +166,14 @@ impl Automaton for TrBdf2<'_> {
         }
         self.counts.inaccurate += 1;
         let factor = if error.is_finite() { (0.9 / cube_root(error)).max(0.1) } else { 0.1 };
-        // The next attempt ends where the first variation of the data begins that the rejected step has missed.
+        // The next attempt ends where the first variation of the data that the rejected step has missed begins.
         let factor = self.hidden.unseen.begin.map_or(factor, |begin| begin.clamp(LEAST, MOST));
         self.shrink(factor * h, "the error was too large")?;
         Ok(false)
     }
 
-    /// Accepts the step. The size of the next step follows from the error, unless the step ends at an event.
+    /// Accepts the attempted step. The size of the next step follows from the error estimate, unless the step ends at
+    /// an event.
     fn accept(
         &mut self,
         Trial { h, next, error, .. }: Trial,
@@ -180,7 +182,7 @@ impl Automaton for TrBdf2<'_> {
     ) -> Result<(), ObstacleError> {
         self.append(h, next);
         self.counts.accepted += 1;
-        // The extrapolation of the accepted step may bring nodes into contact, too.
+        // The extrapolation of the solution to the end of the accepted step may bring nodes into contact, too.
         self.note_contact();
         self.restarts = false;
         if event.is_none() && self.settings.step.is_none() && next < self.end {
@@ -188,7 +190,7 @@ impl Automaton for TrBdf2<'_> {
             let factor = (0.9 / cube_root(error)).clamp(0.2, most);
             let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
             let wished = (factor * h).min(self.settings.max_step);
-            // A step that was shortened to end at a breakpoint does not limit the size of the next step.
+            // A step that was shortened to end at a breakpoint of the data does not limit the size of the next step.
             let was_cut = self.breaks.after().is_some() && factor >= 1.0;
             self.h = if was_cut { self.h.max(wished) } else { wished };
         }
@@ -198,7 +200,7 @@ impl Automaton for TrBdf2<'_> {
 }
 
 impl TrBdf2<'_> {
-    /// Reduces the size of the next attempt to `h`; fails if `h` is below the minimum step size.
+    /// Reduces the size of the next attempted step to `h`; fails if `h` is below the minimum step size.
     fn shrink(&mut self, h: f64, why: &'static str) -> Result<(), ObstacleError> {
         self.was_rejected = true;
         self.h = h;
@@ -208,13 +210,14 @@ impl TrBdf2<'_> {
         Ok(())
     }
 
-    /// Returns the gap below which contact counts as beginning or ending at the end of a step of size `h`.
+    /// Returns the least distance from the obstacles below which contact counts as beginning or ending at the end of a
+    /// step of size `h`.
     fn close(&self, h: f64) -> f64 {
         CLOSE * (self.settings.atol + self.settings.rtol * self.largest(h))
     }
 
-    /// Continues the run behind a breakpoint. Where a bound jumps over `u`, `u` is projected onto the new set, which
-    /// is the limit of a step whose size tends to zero.
+    /// Continues the run after a breakpoint of the data. Where a bound jumps over `u`, `u` is projected onto the new
+    /// set `K`, which is the limit of a step whose size tends to zero.
     fn pass_break(&mut self, after: f64) -> Result<(), ObstacleError> {
         let before = self.t;
         self.breaks.pass(after);
@@ -231,15 +234,15 @@ impl TrBdf2<'_> {
         Ok(())
     }
 
-    /// Records whether contact has begun or ended at the current time.
+    /// Records whether contact with an obstacle has begun or ended at the current time.
     fn note_contact(&mut self) {
         let gap = self.least_gap(&self.u);
         self.changes.extend(change(self.gap, gap).map(|change| (self.t, change)));
         self.gap = gap;
     }
 
-    /// Returns the monitor of a change of contact at the end of the step whose stages are solved: positive before the
-    /// change, negative after it.
+    /// Returns the event function of a change of contact at the end of the step whose stages are solved: positive
+    /// before the change, negative after it.
     fn monitor(&self, to: ContactChange) -> f64 {
         let gap = self.least_gap(&self.trial[1]);
         let separation = if gap == 0.0 { -largest_displacement(&self.moments[2]) } else { gap };
@@ -249,7 +252,7 @@ impl TrBdf2<'_> {
         }
     }
 
-    /// Returns the least distance from the obstacles of a node without Dirichlet value, at nodal values `u`.
+    /// Returns the least distance of a node without a Dirichlet condition from the obstacles, at nodal values `u`.
     pub(super) fn least_gap(&self, u: &[f64]) -> f64 {
         let set = &self.system.set;
         let free = (0..u.len()).filter(|&i| !self.system.is_given[i]);
@@ -257,7 +260,7 @@ impl TrBdf2<'_> {
     }
 }
 
-/// Returns the change of contact between two successive values of the least gap.
+/// Returns the beginning or end of contact between two successive values of the least distance from the obstacles.
 fn change(before: f64, after: f64) -> Option<ContactChange> {
     match (before == 0.0, after == 0.0) {
         (false, true) => Some(ContactChange::Begins),
@@ -266,7 +269,7 @@ fn change(before: f64, after: f64) -> Option<ContactChange> {
     }
 }
 
-/// Returns the largest displacement of a node that its contact force prevents.
+/// Returns the largest displacement that the contact force of a node prevents, over all nodes.
 fn largest_displacement(moment: &Moment) -> f64 {
     moment.kept.iter().fold(0.0, |largest, kept| largest.max(kept.abs()))
 }

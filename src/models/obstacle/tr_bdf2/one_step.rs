@@ -7,7 +7,7 @@ use crate::obstacle::resting::Moment;
 use hybrid::{Breaks, OneStep};
 use numerics::Interval;
 
-/// A saved state of the stepper, from which a run can be continued.
+/// A saved state of the TR-BDF2 stepper, from which a run can be continued.
 #[derive(Clone)]
 pub struct Saved {
     t: f64,
@@ -82,12 +82,12 @@ impl OneStep for TrBdf2<'_> {
         (0..self.u.len()).map(range).collect()
     }
 
-    /// Repeats the last step so that it ends at `end`. The inequalities of the stages are solved to their own
-    /// tolerance, whatever `tighter` is.
+    /// Repeats the last step so that it ends at time `end`. The variational inequalities of the stages are solved to
+    /// their own tolerance, whatever `tighter` is.
     fn cut_at(&mut self, end: f64, _tighter: f64) -> bool {
         let saved = self.save();
         let h = end - self.last.0;
-        // Restore the beginning of the last step, which `append` has swapped with the end.
+        // Restore the values at the beginning of the last step, which `append` has swapped with those at its end.
         self.t = self.last.0;
         std::mem::swap(&mut self.last.1, &mut self.u);
         let [first, _, third] = &mut self.slopes;
@@ -134,8 +134,8 @@ impl TrBdf2<'_> {
         if h > 0.0 { (t - self.last.0) / h } else { 1.0 }
     }
 
-    /// Interpolates a node within the last step, at the fraction `part` of the step. With obstacles at rest, the
-    /// value is projected onto `K`.
+    /// Interpolates the value of a node within the last step, at the fraction `part` of the step. With obstacles at
+    /// rest, the value is projected onto `K`.
     pub fn within(&self, node: usize, part: f64) -> f64 {
         self.project(node, self.on_path(node, part))
     }
@@ -145,7 +145,7 @@ impl TrBdf2<'_> {
         self.last.1[node] + part * (change + part * curvature)
     }
 
-    /// Projects a value onto the interval of `K` of a node, unless the obstacles move: then the interval is known at
+    /// Projects the value of a node onto its interval of `K`, unless the obstacles move: then the interval is known at
     /// the end of the step only.
     fn project(&self, node: usize, value: f64) -> f64 {
         if self.system.set_varies() { value } else { self.system.set.project(node, value) }

@@ -6,8 +6,8 @@
 use nalgebra::Vector3;
 use problem::{Control, Interrupted};
 
-/// The state of the sweep-and-prune algorithm, with the order of the bodies along the sweep axis, which is kept from
-/// step to step.
+/// The state of the sweep-and-prune algorithm for pairs of nearby bodies, with the order of the bodies along the sweep
+/// axis, which is kept from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct BroadPhase {
     order: Vec<u32>,
@@ -22,7 +22,7 @@ struct Bounds {
     upper: Vector3<f64>,
 }
 
-/// Number of bodies processed between two polls of [`Control`].
+/// Number of bodies processed between two polls of [`Control`] for interruption.
 const AT_ONCE: usize = 1 << 6;
 
 impl BroadPhase {

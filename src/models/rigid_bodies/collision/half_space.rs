@@ -17,7 +17,7 @@ pub(super) fn contacts(
 ) {
     let n = at_plane.rotation * normal;
     let origin = at_plane.translation.vector;
-    // Appends the lowest point of a ball with the given radius about a core point of the body.
+    // Appends the lowest point, towards the half space, of a ball with the given radius about a core point of the body.
     let mut lowest = |core: Vector3<f64>, radius: f64, id: u32| {
         let gap = n.dot(&(core - origin)) - radius;
         if gap <= margin {
@@ -55,7 +55,7 @@ pub(super) fn contacts(
                 lowest(at.rotation * vertex + centre, 0.0, k as u32);
             }
         }
-        // Half spaces and meshes do not move, so that two of them have no contacts.
+        // Half spaces and meshes belong to bodies that do not move freely, so that two of them have no contacts.
         Shape::HalfSpace { .. } | Shape::Mesh(_) => {}
     }
 }

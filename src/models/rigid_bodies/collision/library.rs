@@ -1,5 +1,5 @@
-//! Contacts, by the collision library, of pairs of shapes without a closed form. Manifolds are computed anew each
-//! time, because the library's update of existing manifolds uses tolerances that are too coarse.
+//! Contact points, by the collision library, of pairs of shapes without a closed form. Contact manifolds are computed
+//! anew each time, because the library's update of existing manifolds uses tolerances that are too coarse.
 
 use super::{ContactPoint, Part};
 use crate::rigid_bodies::shape::Shape;
@@ -27,7 +27,7 @@ pub(super) fn contacts(
         for (k, contact) in manifold.points.iter().enumerate().filter(|(_, contact)| contact.dist <= margin) {
             let surface = at_a.rotation * vector(contact.local_p1) + at_a.translation.vector;
             let position = surface + normal * (0.5 * contact.dist);
-            // Meshes have one manifold per face, other shapes a single one.
+            // Meshes have one contact manifold per face, other shapes a single one.
             points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u64, feature: 0 });
         }
     }
@@ -45,7 +45,7 @@ fn turned(shape: &Shape, at: &Isometry3<f64>) -> Isometry3<f64> {
     }
 }
 
-/// Converts a pose to the type of the collision library.
+/// Converts a pose from the type of `nalgebra` to that of the collision library.
 pub(in super::super) fn library_pose(at: &Isometry3<f64>) -> Pose {
     let (t, q) = (at.translation.vector, at.rotation);
     Pose::from_parts(Vector::new(t.x, t.y, t.z), Rot3::from_xyzw(q.i, q.j, q.k, q.w))

@@ -25,17 +25,17 @@ use parry3d_f64::shape::SharedShape;
 /// A contact point between a first and a second body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactPoint {
-    /// The midpoint between both surfaces, in world coordinates, in metres.
+    /// The midpoint between the surfaces of both bodies, in world coordinates, in metres.
     pub position: Vector3<f64>,
-    /// The unit normal from the first body to the second.
+    /// The unit normal at the contact point, from the first body to the second.
     pub normal: Vector3<f64>,
-    /// The distance between the surfaces along the normal, negative for penetration.
+    /// The distance between the surfaces of both bodies along the normal, negative for penetration.
     pub gap: f64,
-    /// The identity number of the point within a pair of bodies, constant while the same features are in contact. The
-    /// upper 32 bits identify the pair of parts.
+    /// The identity number of the contact point within a pair of bodies, constant while the same faces, edges or
+    /// vertices are in contact. The upper 32 bits identify the pair of parts.
     pub id: u64,
-    /// The number of the smooth part of the surface that a sphere touches: between two smooth parts the curvature
-    /// jumps.
+    /// The number of the smooth part of the surface (face, edge or vertex) that a sphere touches: between two smooth
+    /// parts the curvature jumps.
     pub feature: u32,
 }
 
@@ -53,11 +53,11 @@ pub struct Collider {
     reach: f64,
 }
 
-/// One of the shapes of a body.
+/// One of the shapes of which a body consists.
 #[derive(Clone, Debug)]
 struct Part {
     shape: Shape,
-    /// The shape in the form of the collision library; `None` for a half space.
+    /// The shape in the form of the collision library; `None` for a half space, whose contacts have closed forms.
     library: Option<SharedShape>,
     /// The pose of the shape in the body frame; `None` for the identity.
     place: Option<Isometry3<f64>>,
@@ -70,12 +70,12 @@ impl Part {
 }
 
 impl Collider {
-    /// Prepares a single shape, given in the body frame.
+    /// Prepares the collision geometry of a body with a single shape, given in the body frame.
     pub fn new(shape: Shape) -> Self {
         Self::of_parts(vec![(shape, Isometry3::identity())])
     }
 
-    /// Prepares several shapes with poses in the body frame.
+    /// Prepares the collision geometry of a body with several shapes, with their poses in the body frame.
     pub fn of_parts(parts: Vec<(Shape, Isometry3<f64>)>) -> Self {
         let far = |(shape, place): &(Shape, Isometry3<f64>)| place.translation.vector.norm() + shape.reach();
         let reach = parts.iter().map(far).fold(0.0, f64::max);
@@ -87,15 +87,15 @@ impl Collider {
         Self { parts: parts.into_iter().map(part).collect(), reach }
     }
 
-    /// Returns the largest distance of a point of the body from the origin of its frame (an upper bound for several
-    /// parts); infinite for a half space.
+    /// Returns the largest distance of a point of the body from the origin of the body frame (an upper bound for
+    /// several shapes); infinite for a half space.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// Returns whether the shape is invariant under rotations about an axis through the origin of the body frame.
+    /// Returns whether the body is invariant under rotations about an axis through the origin of the body frame.
     pub fn is_round_about(&self, axis: &Vector3<f64>) -> bool {
-        // Two axes count as parallel if they differ by rounding errors only.
+        // Two axes of rotation count as parallel if they differ by rounding errors only.
         let is_along = |of: &Vector3<f64>| axis.cross(of).norm() <= 1e-9 * axis.norm();
         self.parts.iter().all(|part| {
             part.place.is_none()
@@ -108,7 +108,7 @@ impl Collider {
         })
     }
 
-    /// Returns whether the surface of the body has no edges.
+    /// Returns whether the surface of the body has no edges, as for spheres and capsules.
     pub fn is_smooth(&self) -> bool {
         self.parts.iter().all(|part| matches!(part.shape, Shape::Sphere { .. } | Shape::Capsule { .. }))
     }
@@ -129,7 +129,7 @@ impl Collider {
     }
 }
 
-/// Appends the contact points of two bodies with gaps of at most `margin >= 0`.
+/// Appends the contact points of two bodies whose gaps are at most `margin >= 0`.
 pub fn contacts(
     (first, at_first): (&Collider, &Isometry3<f64>),
     (second, at_second): (&Collider, &Isometry3<f64>),

@@ -10,7 +10,7 @@ use super::ContactPoint;
 use crate::rigid_bodies::polyhedron::{Face, Polyhedron};
 use nalgebra::{Isometry3, Vector3};
 
-/// Rounding tolerance of separations, relative to the size of the bodies.
+/// Rounding tolerance of the separations of faces and edges, relative to the size of the bodies.
 const ROUNDING: f64 = 1e-10;
 
 /// Appends the contact points of two polyhedra. Returns false if the bodies are closer than the margin but their
@@ -57,18 +57,18 @@ pub(super) fn contacts(
     points.len() > start
 }
 
-/// Difference of face separations, relative to the size of the bodies, below which both faces are used for parallel
-/// edges in contact: twice the penetration tolerance of bodies at rest.
+/// Difference of the face separations of two polyhedra, relative to their size, below which both faces are used for
+/// parallel edges in contact: twice the penetration tolerance of bodies at rest.
 const RIDGE: f64 = 1e-6;
 
-/// The cosine of the angle below which opposing faces count as parallel.
+/// The cosine of the angle below which opposing faces of two polyhedra count as parallel.
 const FLAT: f64 = 0.999;
 
-/// The bit of the identity number that marks points on a face of the second body.
+/// The bit of the identity number of a contact point that marks points on a face of the second body.
 const OTHER_FACE: u64 = 1 << 31;
 
-/// Returns the face of `a` with the largest separation from `b`, and the separation; `b_in_a` is the pose of `b` in
-/// the frame of `a`.
+/// Returns the face of polyhedron `a` with the largest separation from polyhedron `b`, and the separation; `b_in_a` is
+/// the pose of `b` in the frame of `a`.
 fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, usize) {
     let mut best = (f64::NEG_INFINITY, 0);
     for (k, face) in a.faces.iter().enumerate() {
@@ -89,8 +89,8 @@ struct EdgePair {
     edges: (usize, usize),
 }
 
-/// Returns the pair of edges with the largest separation among the pairs that form a face of the Minkowski
-/// difference.
+/// Returns the pair of edges of two polyhedra with the largest separation, among the pairs that form a face of the
+/// Minkowski difference.
 fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option<EdgePair> {
     let mut best: Option<EdgePair> = None;
     for (j, edge_b) in b.edges.iter().enumerate() {
@@ -101,8 +101,8 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
             let [m1, m2] = edge_a.faces.map(|f| a.faces[f].normal);
             let arc_a = m2.cross(&m1);
             let (c1, c2, d1, d2) = (n1.dot(&arc_a), n2.dot(&arc_a), m1.dot(&arc_b), m2.dot(&arc_b));
-            // Two arcs intersect if the ends of each are on both sides of the other and both arcs are in the same
-            // hemisphere.
+            // Two arcs on the unit sphere intersect if the ends of each are on both sides of the other and both arcs
+            // are in the same hemisphere.
             if c1 * c2 >= 0.0 || d1 * d2 >= 0.0 || c1 * d2 <= 0.0 {
                 continue;
             }
@@ -121,8 +121,8 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
 }
 
 impl EdgePair {
-    /// Appends the midpoint of the closest points of both edges; returns false if a closest point is beyond an end of
-    /// its edge.
+    /// Appends the contact point of two edges, the midpoint of their closest points; returns false if a closest point
+    /// is beyond an end of its edge.
     fn point(
         &self,
         a: &Polyhedron,
@@ -156,15 +156,15 @@ impl EdgePair {
     }
 }
 
-/// A corner of a clipped face, with its identity number.
+/// A corner of a clipped face of a polyhedron, with its identity number.
 #[derive(Clone, Copy)]
 struct Corner {
     at: Vector3<f64>,
     id: u32,
 }
 
-/// Clips the face of `b` that is most opposed to the given face of `a` against the sides of the face of `a`, and
-/// appends the remaining corners.
+/// Clips the face of polyhedron `b` that is most opposed to the given face of polyhedron `a` against the sides of the
+/// face of `a`, and appends the remaining corners as contact points.
 fn clip(
     (a, face, at_a): (&Polyhedron, usize, &Isometry3<f64>),
     (b, at_b): (&Polyhedron, &Isometry3<f64>),
@@ -200,7 +200,8 @@ fn clip(
     }
 }
 
-/// Returns the part of a polygon in which the linear function `height` is at most `rounding`.
+/// Returns the part of a polygon in which the linear function `height` is at most `rounding`, a tolerance for rounding
+/// errors.
 fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64, side: u32) -> Vec<Corner> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, corner) in polygon.iter().enumerate() {
@@ -211,8 +212,8 @@ fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64,
         }
         if (here <= rounding) != (there <= rounding) {
             let at = corner.at + (next.at - corner.at) * (here / (here - there)).clamp(0.0, 1.0);
-            // The identity number of a new corner depends on the end that is cut off, whatever the direction of the
-            // edge.
+            // The identity number of a new corner depends on the end of the edge that is cut off, whatever the
+            // direction of the edge.
             let end = if here <= rounding { next.id } else { corner.id };
             kept.push(Corner { at, id: (end.wrapping_mul(31) ^ (side + 1) << 12) & 0x3fff_ffff });
         }

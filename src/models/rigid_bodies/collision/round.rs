@@ -6,7 +6,7 @@ use crate::rigid_bodies::polyhedron::Face;
 use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
-/// Appends the contact point of a sphere with any convex shape except a half space.
+/// Appends the contact point of a sphere with a convex shape other than a half space.
 pub(super) fn sphere(
     (radius, at_sphere): (f64, &Isometry3<f64>),
     (shape, at): (&Shape, &Isometry3<f64>),
@@ -24,8 +24,8 @@ pub(super) fn sphere(
     }
 }
 
-/// Distance of a point from the plane of a face, relative to the distance of the face from the centre, below which
-/// the point counts as on the face.
+/// Distance of a point from the plane of a polyhedron's face, relative to the distance of the face from the centre,
+/// below which the point counts as on the face.
 const ON_FACE: f64 = 1e-12;
 
 /// Returns the number of the smooth part of a surface that contains the point nearest to `p`: between two smooth
@@ -37,7 +37,7 @@ fn feature(shape: &Shape, p: &Vector3<f64>, nearest: &Vector3<f64>) -> u32 {
             (true, false) => 0,
             (is_outside, _) => 1 + u32::from(p.z > 0.0) + 2 * u32::from(is_outside),
         },
-        // A face, an edge or a vertex is identified by the faces that meet there.
+        // A face, an edge or a vertex of a polyhedron is identified by the faces that meet there.
         Shape::Polyhedron(polyhedron) => {
             let is_on = |face: &Face| {
                 (face.normal.dot(nearest) - face.offset).abs() <= ON_FACE * (face.offset.abs() + nearest.norm())
@@ -113,7 +113,7 @@ pub(super) fn capsules(
     let (along, between) = (d1.dot(&d2), c2 - c1);
     let sine = 1.0 - along * along;
     if sine > PARALLEL {
-        // Start from the stationary point of the distance between the lines of both segments.
+        // Start from the stationary point of the distance between the lines through both segments.
         touch(((d1.dot(&between) - along * d2.dot(&between)) / sine).clamp(-l1, *l1), 0);
         return;
     }
@@ -125,7 +125,7 @@ pub(super) fn capsules(
     }
 }
 
-/// The squared sine of the angle below which two segments count as parallel: 0.01 degrees.
+/// The squared sine of the angle below which the segments of two capsules count as parallel: 0.01 degrees.
 const PARALLEL: f64 = 3e-8;
 
 /// Returns the direction of a vector; an arbitrary direction for a zero vector.

@@ -79,7 +79,7 @@ fn a_box_on_a_box_touches_in_the_corners_of_the_common_patch() {
 
 #[test]
 fn crossed_edges_touch_in_one_point() {
-    // Two cubes on edge, crossed at right angles, one above the other.
+    // Two cubes, each balanced on an edge, one above the other, with the touching edges crossed at right angles.
     let root = 2.0_f64.sqrt();
     let lower = turned(0.0, 0.0, 0.0, Vector3::x(), std::f64::consts::FRAC_PI_4);
     let upper = turned(0.2, 0.1, 2.0 * root + 1e-7, Vector3::y(), std::f64::consts::FRAC_PI_4);

@@ -55,8 +55,8 @@ const LOSS_IN_IMPACTS: f64 = 1e-4;
 /// a solution is reported as inaccurate, if `z > 3`. A smaller bound would also reduce steps that resolve the motion.
 const STIFF: f64 = 1e-2;
 
-/// Maximum number of Newton iterations for the mean velocities of a step: three to six suffice unless the step is too
-/// long.
+/// Maximum number of Newton iterations for the mean velocities of an island's bodies: three to six suffice unless the
+/// step is too long.
 const ITERATIONS: usize = 12;
 
 /// Bound on the estimated error of a Newton iterate, relative to the tolerance for the last change, below which the
@@ -64,7 +64,7 @@ const ITERATIONS: usize = 12;
 /// changes.
 const AHEAD: f64 = 0.1;
 
-/// Factor by which a step length may exceed another and still count as equal: lengths are products with powers of
+/// Factor by which one step size may exceed another and still count as equal: step sizes are products with powers of
 /// two, up to rounding.
 const WITHIN: f64 = 1.0 + 1e-9;
 
@@ -73,7 +73,7 @@ const WITHIN: f64 = 1.0 + 1e-9;
 /// would cause visible joint drift.
 const STAGNANT: f64 = 1e-6;
 
-/// Maximum number of halvings of a step without contacts: shorter steps would not resolve more.
+/// Maximum number of halvings of a step of an island without contacts: shorter steps would not resolve more.
 const HALVINGS: u32 = 20;
 
 /// The ratio of admissible to actual energy loss by the projection above which the step size is doubled: since the
@@ -140,8 +140,8 @@ impl Island {
         (linked, homes)
     }
 
-    /// Makes a step of the island: first without contacts, divided into parts if the step is too long; if a contact
-    /// closes, the step is repeated with the closing contacts.
+    /// Makes a step of an island with joints: first without contacts, divided into parts if the step is too long; if a
+    /// contact closes, the step is repeated with the closing contacts.
     pub(super) fn solve_joined(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         let (mut linked, homes) = self.linked(mechanism);
         self.accelerations.clear();
@@ -152,7 +152,7 @@ impl Island {
             }
         }
         let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
-            // Do not try a step that is too long according to the last steps.
+            // Do not try a step with contacts that is too long according to the last steps.
             (h <= self.parts.pushed * WITHIN || self.is_shortest || mechanism.exceeded.is_some())
                 && self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
         });
@@ -169,7 +169,8 @@ impl Island {
 
     /// Tries a step without contacts; returns whether it was solved.
     ///
-    /// # Errors For each contact, whether it closes in the step, if any does; the island is then restored to the
+    /// # Errors
+    /// For each contact, whether it closes in the step, if any does; the island is then restored to the
     /// beginning of the step.
     fn step_without_contacts(
         &mut self,
@@ -185,7 +186,8 @@ impl Island {
         } else {
             let kept = Kept::of(self, linked);
             let is_solved = self.advance_in_parts(linked, h, mechanism, 0, control);
-            // The result of the last of several parts is no initial guess for the whole step.
+            // If the step was made in several parts, the result of the last part is no initial guess for the whole
+            // step.
             self.guess = self.guess.take().filter(|_| self.steps == kept.steps + 1);
             if self.contacts.is_empty() || control.go_on().is_err() {
                 return Ok(is_solved);
@@ -204,8 +206,8 @@ impl Island {
         Err(closing)
     }
 
-    /// Makes a step without contacts, in parts as long as in the last step, and longer if the energy loss by the
-    /// projection permits.
+    /// Makes a step of the island without contacts, in parts as long as in the last step, and longer if the energy loss
+    /// by the projection onto the joint constraints permits.
     fn advance_in_parts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -231,13 +233,13 @@ impl Island {
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
     }
 
-    /// In a comparison run with longer steps, returns the length of the longest part of the first run within the next
-    /// time `h`; otherwise `None`.
+    /// In a comparison run with longer steps, returns the length of the longest part into which the first run divided
+    /// its steps within the next time `h`; otherwise `None`.
     fn longest_exceeded(&self, h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         mechanism.exceeded.as_ref().map(|parts| parts.longest_of(&self.bodies, [self.t, self.t + h]))
     }
 
-    /// Predicts the gaps of all contacts at the end of a step of size `h` from mean velocities.
+    /// Predicts the gaps of all contacts of the island at the end of a step of size `h` from mean velocities.
     fn judge_positions(&mut self, mean: &[Vector6<f64>], h: f64) {
         for contact in &mut self.contacts {
             contact.foresee(h, |body| apart(&mean[body as usize]));
@@ -246,8 +248,8 @@ impl Island {
 
     fn midpoint(&self, h: f64, mechanism: &Mechanism<'_>) -> Midpoint {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
-        // Bodies that were in an explicit island in the last step may have the velocities at its midpoint: add the
-        // rest of the velocity change by gravity.
+        // Bodies that were in an island without joints in the last step may have the velocities at its midpoint: add
+        // the rest of the velocity change by gravity.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
         let forces = self.moving.iter().map(weight).collect();
         let mut midpoint = Midpoint::new(start.collect(), forces, self.actions.clone(), [self.t, h]);
@@ -255,8 +257,8 @@ impl Island {
         midpoint
     }
 
-    /// Makes a single step without contacts; returns the ratio of admissible to actual energy loss by the projection,
-    /// or `None` if the step is too long.
+    /// Makes a single step of the island without contacts; returns the ratio of admissible to actual energy loss by the
+    /// projection onto the joint constraints, or `None` if the step is too long.
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
@@ -286,7 +288,7 @@ impl Island {
         Some(if lost > 0.0 { most / lost } else { f64::INFINITY })
     }
 
-    /// Accepts the step: sets the bodies to the end of the step and updates work, time and statistics.
+    /// Accepts the step of the island: sets the bodies to the end of the step and updates work, time and statistics.
     fn arrive(
         &mut self,
         midpoint: &Midpoint,
@@ -318,15 +320,15 @@ impl Island {
     }
 }
 
-/// Returns the energy of the change of velocity-dependent forces (actions and dampers) between their means over the
-/// step and its end.
+/// Returns the energy of the change of velocity-dependent forces (motion-dependent forces and dampers) between their
+/// means over the step and their values at its end.
 fn stiffness(midpoint: &Midpoint, linked: &[Linked<'_>], velocities: &[Vector6<f64>]) -> f64 {
     let of_dampers: f64 = linked.iter().map(|linked| linked.stiffness_of_dampers(midpoint, velocities)).sum();
     of_dampers + midpoint.stiffness_of_actions(velocities)
 }
 
-/// Makes a Newton step for the mean velocities, corrected by the function `contacts`; returns whether the iteration
-/// has converged. `last` is the relative change by the previous Newton step, and is updated.
+/// Makes a Newton step for the mean velocities of the bodies, corrected by the function `contacts`; returns whether the
+/// iteration has converged. `last` is the relative change by the previous Newton step, and is updated.
 fn iterate(
     midpoint: &mut Midpoint,
     linked: &mut [Linked<'_>],
@@ -345,10 +347,10 @@ fn iterate(
     }
     midpoint.arrive();
     let change = (midpoint.weigh(&changes) / size).sqrt();
-    // If changes decrease superlinearly, the remaining error is below the last change times its ratio to the change
-    // before.
+    // If the changes by Newton steps decrease superlinearly, the remaining error is below the last change times its
+    // ratio to the change before.
     let left = if last.is_finite() && change < *last { change * (change / *last) } else { f64::INFINITY };
-    // If all velocities are zero, the scale is zero and `change` is NaN.
+    // If all velocities are zero, the velocity scale is zero and the relative `change` is NaN.
     let is_over = change <= CONVERGED
         || left <= AHEAD * CONVERGED
         || midpoint.weigh(&changes) == 0.0
@@ -363,13 +365,14 @@ impl Guess {
     }
 }
 
-/// The velocities at the end of a step after the projection onto the joint constraints, and its energy balance.
+/// The velocities at the end of a step after the projection onto the joint constraints, and the energy balance of the
+/// projection.
 struct Ended {
     /// The velocities of all bodies, projected onto the joint constraints.
     velocities: Vec<Vector6<f64>>,
-    /// The energy loss by the projection, one entry per linkage.
+    /// The energy loss by the projection onto the joint constraints, one entry per linkage.
     lost: Vec<f64>,
-    /// The work of drives in the projection of the velocities.
+    /// The work of drives in the projection of the velocities onto the joint constraints.
     driven: f64,
 }
 

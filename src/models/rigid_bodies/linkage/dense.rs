@@ -49,7 +49,7 @@ fn product<const M: usize>(inner: usize, c: &mut [f64], a: &[f64], b: &[f64]) {
     }
 }
 
-/// Inverts a matrix in place by Gauss-Jordan elimination with partial pivoting; returns false if the matrix is
+/// Inverts an `n x n` matrix in place by Gauss-Jordan elimination with partial pivoting; returns false if the matrix is
 /// singular.
 pub fn invert(n: usize, a: &mut [f64]) -> bool {
     match n {
@@ -84,7 +84,7 @@ fn invert_of<const N: usize>(entries: &mut [f64]) -> bool {
             column[k] = scaled;
         }
     }
-    // Row exchanges of a matrix are column exchanges of its inverse.
+    // Row exchanges of a matrix are column exchanges of its inverse, in reverse order.
     for k in (0..N).rev() {
         a.swap(k, swaps[k]);
     }
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn a_matrix_times_its_inverse_is_the_identity_for_every_size() {
         for n in 1..=6 {
-            // The matrix is chosen so that the pivots of some columns are not on the diagonal.
+            // The test matrix is chosen so that the pivots of some columns are not on the diagonal.
             let a: Vec<f64> = (0..n * n).map(|k| ((7 * k * k + 3 * k + 2) % 11) as f64 - 3.5).collect();
             let mut inverse = a.clone();
             assert!(invert(n, &mut inverse), "{n}");

@@ -16,8 +16,8 @@ use super::dense;
 use nalgebra::{Matrix6, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Number of steps of iterative refinement that remove the effect of the regularising joint diagonals from a
-/// solution.
+/// Number of steps of iterative refinement that remove the effect of the regularising diagonals of redundant joints
+/// from a solution.
 const REFINEMENTS: usize = 2;
 
 /// The symbolic factorisation of the matrix of a linkage: the elimination order, and the blocks of the matrix with
@@ -25,19 +25,21 @@ const REFINEMENTS: usize = 2;
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     order: Vec<u32>,
-    /// For each node in elimination order, the nodes eliminated later that are coupled to it at that stage.
+    /// For each node (body or joint) in elimination order, the nodes eliminated later that are coupled to it at that
+    /// stage.
     later: Vec<Vec<u32>>,
-    /// For each node in elimination order, the slots of the blocks of all pairs of its `later` nodes, by rows.
+    /// For each node (body or joint) in elimination order, the slots of the blocks of all pairs of its `later` nodes,
+    /// by rows.
     updates: Vec<Vec<u32>>,
-    /// The slots of off-diagonal blocks, by the nodes `(row, column)` of the block.
+    /// The slots of off-diagonal matrix blocks, by the nodes `(row, column)` of the block.
     slots: BTreeMap<(u32, u32), u32>,
-    /// For each node in elimination order and each of its `later` nodes, the slots of the block right of the diagonal
-    /// block and of the block below it.
+    /// For each node in elimination order and each of its `later` nodes, the slots of the matrix block right of the
+    /// diagonal block and of the block below it.
     beside: Vec<Vec<[u32; 2]>>,
     nodes: usize,
-    /// The position and size of each block, by slot; diagonal blocks come first.
+    /// The position and size of each matrix block, by slot; diagonal blocks come first.
     blocks: Vec<Block>,
-    /// The number of entries of all blocks together.
+    /// The number of entries of all matrix blocks together.
     entries: usize,
 }
 
@@ -45,15 +47,15 @@ pub struct Plan {
 /// its second body; zero for a body that is not part of the linkage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JointSlots {
-    /// The blocks with the rows of the joint and the columns of each body.
+    /// The slots of the blocks with the rows of the joint and the columns of each body.
     pub rows: [u32; 2],
-    /// The blocks with the rows of each body and the columns of the joint.
+    /// The slots of the blocks with the rows of each body and the columns of the joint.
     pub columns: [u32; 2],
-    /// The blocks with the rows of one body and the columns of one body.
+    /// The slots of the blocks with the rows of one body and the columns of one body.
     pub bodies: [[u32; 2]; 2],
 }
 
-/// The position and size of a column-major block in the list of entries.
+/// The position and size of a column-major matrix block in the list of entries.
 #[derive(Clone, Copy, Debug)]
 struct Block {
     at: usize,
@@ -66,7 +68,8 @@ impl Block {
         self.at..self.at + self.rows * self.columns
     }
 
-    /// Subtracts the product of the block with `x` from `from`; `entries` are the entries of all blocks.
+    /// Subtracts the product of the matrix block with the vector `x` from `from`; `entries` are the entries of all
+    /// blocks.
     fn subtract(&self, entries: &[f64], x: &Vector6<f64>, from: &mut Vector6<f64>) {
         let columns = entries[self.range()].chunks_exact(self.rows);
         let from = &mut from.as_mut_slice()[..self.rows];
@@ -77,8 +80,8 @@ impl Block {
 }
 
 impl Plan {
-    /// Plans the elimination for a number of bodies and for joints; `joints` are the bodies of each joint,
-    /// `equations` the number of equations of each joint.
+    /// Plans the elimination of a linkage with a number of bodies; `joints` are the bodies of each joint, `equations`
+    /// the number of equations of each joint.
     pub fn new(bodies: usize, joints: &[[Option<u32>; 2]], equations: &[usize]) -> Self {
         let nodes = bodies + joints.len();
         let mut near: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); nodes];
@@ -150,7 +153,7 @@ impl Plan {
         plan
     }
 
-    /// Returns the bytes of a matrix with its factors, and of the symbolic factorisation.
+    /// Returns the memory in bytes of the matrix of a linkage with its factors, and of the symbolic factorisation.
     pub fn bytes(&self) -> usize {
         let lists = self.later.iter().map(|later| size_of_val(&later[..])).sum::<usize>();
         let pairs = self.updates.iter().map(|pairs| size_of_val(&pairs[..])).sum::<usize>();
@@ -159,7 +162,8 @@ impl Plan {
         2 * self.entries * size_of::<f64>() + 3 * lists + pairs + headers + blocks
     }
 
-    /// Returns the slots of the blocks of the node `joint` between a pair of bodies.
+    /// Returns the slots of the matrix blocks to which the joint with node number `joint`, between a pair of bodies,
+    /// contributes.
     pub fn slots_of_joint(&self, joint: u32, pair: [Option<u32>; 2]) -> JointSlots {
         let of = |body: Option<u32>, slot: &dyn Fn(u32) -> u32| body.map_or(0, slot);
         JointSlots {
@@ -170,7 +174,7 @@ impl Plan {
         }
     }
 
-    /// Returns the slot of the block with the given row and column.
+    /// Returns the slot of the matrix block with the given row and column nodes.
     pub fn slot(&self, row: u32, column: u32) -> u32 {
         if row == column { row } else { self.slots[&(row, column)] }
     }
@@ -181,18 +185,18 @@ impl Plan {
 #[derive(Clone, Debug, Default)]
 pub struct Blocks {
     blocks: Vec<f64>,
-    /// The matrix before elimination, without the regularising joint diagonals.
+    /// The entries of the matrix before elimination, without the regularising diagonals of redundant joints.
     whole: Vec<f64>,
 }
 
 impl Blocks {
-    /// Sets all blocks of the matrix to zero.
+    /// Sets all blocks of the matrix of a linkage to zero.
     pub fn clear(&mut self, plan: &Plan) {
         self.blocks.clear();
         self.blocks.resize(plan.entries, 0.0);
     }
 
-    /// Adds the leading rows and columns of `block` to the block at a slot.
+    /// Adds the leading rows and columns of `block` to the matrix block at a slot.
     pub fn add(&mut self, plan: &Plan, slot: u32, block: &Matrix6<f64>) {
         let Block { at, rows, columns } = plan.blocks[slot as usize];
         for (column, into) in self.blocks[at..at + rows * columns].chunks_exact_mut(rows).enumerate() {
@@ -242,8 +246,8 @@ impl Blocks {
         true
     }
 
-    /// Solves in place with iterative refinement against the matrix without the regularising diagonals: `x` solves
-    /// the unregularised equations if they are consistent.
+    /// Solves the linear system in place, with iterative refinement against the matrix without the regularising
+    /// diagonals: `x` solves the unregularised equations if they are consistent.
     pub fn solve_without_diagonals(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         let right = x.to_vec();
         self.solve(plan, x);
@@ -260,7 +264,7 @@ impl Blocks {
         }
     }
 
-    /// Solves in place with the factors of the matrix.
+    /// Solves the linear system of the linkage in place, with the factors of its matrix.
     pub fn solve(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         for (k, node) in plan.order.iter().enumerate() {
             let pivot = x[*node as usize];

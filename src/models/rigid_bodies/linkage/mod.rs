@@ -34,34 +34,35 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 /// rounding, for mass ratios up to a million.
 const REDUNDANT: f64 = 1e-11;
 
-/// Number of repetitions of the velocity projection; the second and the third reduce rounding errors.
+/// Number of repetitions of the projection of velocities onto the joint constraints; the second and the third reduce
+/// rounding errors.
 const PASSES: usize = 3;
 
-/// The instant of a step at which body frames are evaluated.
+/// The instant of a step at which the frames of a joint's bodies are evaluated.
 #[derive(Clone, Copy, Debug)]
 enum Instant {
     Start,
-    /// The middle of the step, with the mean of the body frames at both ends.
+    /// The middle of the step, with the mean of the bodies' frames at both ends.
     Mean,
     End,
 }
 
-/// A set of bodies connected by joints, with the elimination plan of its equations.
+/// A set of bodies connected by joints, with the elimination plan of its linear equations.
 #[derive(Clone, Debug, Default)]
 pub struct Linkage {
     /// The indices of the linkage's bodies among the moving bodies, in ascending order.
     pub bodies: Vec<u32>,
-    /// The indices of the linkage's joints, in ascending order.
+    /// The indices of the linkage's joints in the multibody system, in ascending order.
     pub joints: Vec<u32>,
-    /// The bodies of each joint, as indices into `bodies`.
+    /// The bodies of each joint, as indices into `bodies`; `None` for the world and for bodies that do not move freely.
     pairs: Vec<[Option<u32>; 2]>,
-    /// For each joint, the index of its second body among the bodies with prescribed motion, if it has prescribed
-    /// motion.
+    /// For each joint, the index of its second body among the bodies with prescribed motion; `None` if that body has no
+    /// prescribed motion.
     grounds: Vec<Option<u32>>,
     plan: Plan,
     /// For each joint, the slots of the matrix blocks to which it contributes.
     slots: Vec<JointSlots>,
-    /// Whether joints form a loop and may be redundant.
+    /// Whether joints of the linkage form a loop and may be redundant.
     has_loops: bool,
 }
 
@@ -96,7 +97,7 @@ impl Linkage {
         (0..islands.len()).map(linkage).collect()
     }
 
-    /// Returns the bytes of the linear system of the linkage.
+    /// Returns the memory of the linear system of the linkage, in bytes.
     pub fn bytes(&self) -> usize {
         self.plan.bytes()
     }
@@ -114,21 +115,21 @@ pub struct Linked<'a> {
     joints: Vec<&'a Joint>,
     /// The indices of the linkage's bodies in the island.
     pub bodies: Vec<u32>,
-    /// The joint forces of the last step, one vector per joint.
+    /// The joint forces of the last step, one vector per joint of the linkage.
     pub forces: Vec<Vector6<f64>>,
-    /// The joint impulses `lambda` of the current step.
+    /// The joint impulses `lambda` of the current step, one vector per joint.
     impulses: Vec<Vector6<f64>>,
-    /// The joint impulses of the velocity projection at the end of the current step.
+    /// The joint impulses of the projection of velocities onto the joint constraints at the end of the current step.
     corrections: Vec<Vector6<f64>>,
-    /// The states of the drives of the joints.
+    /// The states of the drives of the linkage's joints.
     pub states: Vec<DriveState>,
-    /// The data of the drives that are fixed within the current step.
+    /// For each joint, the data of its drive that are fixed within the current step.
     driving: Vec<Driving>,
-    /// The energy exchanged by the drives in the last step.
+    /// The energy exchanged by the drives of the linkage in the last step.
     pub done: Done,
-    /// The joint reactions of the last step.
+    /// The reactions of the linkage's joints in the last step.
     pub reactions: Vec<Reaction>,
-    /// Whether the linear system that was solved last had a solution.
+    /// Whether the linear system of the linkage that was solved last had a solution.
     pub is_solved: bool,
     matrix: Blocks,
     /// For each joint, the motion of its second body in the current step if that body has prescribed motion;
@@ -137,15 +138,15 @@ pub struct Linked<'a> {
     /// For each joint, the prescribed rates of its equations at the end of the step: those of motors, and those due
     /// to bodies with prescribed motion.
     rates: Vec<Vector6<f64>>,
-    /// The regularising joint diagonals, see [`REDUNDANT`].
+    /// The regularising diagonals of redundant joints, see [`REDUNDANT`].
     diagonals: Vec<Vector6<f64>>,
-    /// The right-hand side of the linear system, which a solve replaces by the solution.
+    /// The right-hand side of the linear system of the linkage, which a solve replaces by the solution.
     pub x: Vec<Vector6<f64>>,
 }
 
 impl<'a> Linked<'a> {
-    /// Places a linkage in an island; `bodies` are the indices of its bodies in the island, `forces` are the joint
-    /// forces of the last step.
+    /// Creates the linkage's part of an island's equations; `bodies` are the indices of the linkage's bodies in the
+    /// island, `forces` are the joint forces of the last step.
     pub fn new(
         linkage: &'a Linkage,
         joints: &'a [Joint],
@@ -179,8 +180,8 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Begins a step, with the joint forces of the last step as initial guess; `ground` returns the motion over the
-    /// step of a body with prescribed motion, given its index.
+    /// Begins a step of the linkage, with the joint forces of the last step as initial guess; `ground` returns the
+    /// motion over the step of a body with prescribed motion, given its index.
     pub fn begin(&mut self, starts: &[Frame], course: &SignalStep, ground: impl Fn(u32) -> Grounding) {
         for (grounding, of) in self.groundings.iter_mut().zip(&self.linkage.grounds) {
             *grounding = of.map_or(Grounding::WORLD, &ground);
@@ -200,7 +201,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Returns the value of the drive equation of joint `k` for given frames; `None` without a drive.
+    /// Returns the value of the drive equation of joint `k` for given frames of the bodies; `None` without a drive.
     fn deviation(&self, k: usize, frames: &[Frame], at: Instant) -> Option<f64> {
         let (joint, driving) = (self.joints[k], &self.driving[k]);
         let drive = joint.drive.as_ref()?;
@@ -212,7 +213,7 @@ impl<'a> Linked<'a> {
         })
     }
 
-    /// Returns the reaction of joint `k` on its first body, averaged over a step.
+    /// Returns the reaction of joint `k` of the linkage on its first body, averaged over a step.
     fn reaction(&self, k: usize, midpoint: &Midpoint) -> Reaction {
         let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, Instant::Mean, k));
         let (arms, apart) = joint.arms(frames);
@@ -228,7 +229,8 @@ impl<'a> Linked<'a> {
         reaction
     }
 
-    /// Ends a step: updates joint forces, drives and reactions, and records the energy exchanged by drives.
+    /// Ends a step of the linkage: updates joint forces, drives and reactions, and records the energy exchanged by
+    /// drives.
     pub fn end(&mut self, midpoint: &Midpoint) {
         let h = midpoint.h;
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
@@ -285,22 +287,23 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// Returns the joint impulses of the current step.
+    /// Returns the joint impulses `lambda` of the current step.
     pub fn impulses(&self) -> &[Vector6<f64>] {
         &self.impulses
     }
 
-    /// Sets the initial guess of the joint impulses.
+    /// Sets the initial guess of the joint impulses in the current step.
     pub fn guess(&mut self, impulses: &[Vector6<f64>]) {
         self.impulses.copy_from_slice(impulses);
     }
 
-    /// Returns whether a joint is attached to the world or to a body with prescribed motion.
+    /// Returns whether a joint of the linkage is attached to the world or to a body with prescribed motion.
     pub fn is_grounded(&self) -> bool {
         self.linkage.pairs.iter().any(|pair| pair.contains(&None))
     }
 
-    /// Returns whether motors or bodies with prescribed motion give a joint a nonzero rate at the end of the step.
+    /// Returns whether motors or bodies with prescribed motion give a joint of the linkage a nonzero rate at the end of
+    /// the step.
     pub fn is_driven(&self) -> bool {
         self.rates.iter().any(|rates| rates.iter().any(|rate| *rate != 0.0))
     }
@@ -322,8 +325,8 @@ impl<'a> Linked<'a> {
         self.linkage.pairs[joint].map(|body| body.map_or(ground, |body| &frames[self.bodies[body as usize] as usize]))
     }
 
-    /// Solves the equations of the step linearised at the current mean velocities; the changes are stored in `x`.
-    /// Returns false if the equations have no solution.
+    /// Solves the equations of the step linearised at the current mean velocities; the changes of velocities and joint
+    /// impulses are stored in `x`. Returns false if the equations have no solution.
     pub fn linearise(&mut self, midpoint: &Midpoint) -> bool {
         let plan = &self.linkage.plan;
         self.matrix.clear(plan);
@@ -381,8 +384,8 @@ impl<'a> Linked<'a> {
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
             if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
-                // A drive with a force law does not constrain velocities: its row of the matrix is that of the
-                // identity.
+                // A drive with a force law does not constrain velocities: its row of the matrix of velocity constraints
+                // is that of the identity.
                 let mut none = Matrix6::zeros();
                 none[(rank - 1, rank - 1)] = -1.0;
                 self.matrix.add(plan, joint, &none);
@@ -392,7 +395,7 @@ impl<'a> Linked<'a> {
     }
 
     /// Projects velocities onto the joint constraints; if `closes`, constraint violations are closed within a unit of
-    /// time. [`Linked::hold`] must have factorised the matrix. Returns the work of the drives.
+    /// time. [`Linked::hold`] must have factorised the matrix. Returns the work of the drives in the projection.
     pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) -> f64 {
         let mut work = 0.0;
         for _ in 0..if self.has_joints() { PASSES } else { 0 } {
@@ -420,8 +423,8 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives and
-    /// bodies that prescribe a rate.
+    /// Adds the joint impulses in the solution `x` to those of the velocity projection at the end of the step; returns
+    /// the work of drives and bodies that prescribe a rate.
     pub fn correct(&mut self) -> f64 {
         for (correction, x) in self.corrections.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *correction -= x;
@@ -461,7 +464,7 @@ impl<'a> Linked<'a> {
         (0..self.joints.len()).filter_map(energy).sum()
     }
 
-    /// Solves the factorised system for the right-hand side in `x`, in place.
+    /// Solves the factorised linear system of the linkage for the right-hand side in `x`, in place.
     pub fn respond(&mut self) {
         let plan = &self.linkage.plan;
         if self.linkage.has_loops {
@@ -478,7 +481,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Subtracts the joint unknowns in `x` from the joint impulses; their signs are opposite.
+    /// Subtracts the joint unknowns in the solution `x` from the joint impulses, since their signs are opposite.
     pub fn add_impulses(&mut self) {
         for (impulse, x) in self.impulses.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *impulse -= x;

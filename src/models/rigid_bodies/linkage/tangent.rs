@@ -15,9 +15,9 @@ use super::super::motion::Motion;
 use super::{Instant, Linked, REDUNDANT};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// The first row or column of velocities in a block of a body.
+/// The index of the first row or column of the velocity in the six-dimensional matrix block of a body.
 const V: usize = 0;
-/// The first row or column of angular velocities in a block of a body.
+/// The index of the first row or column of the angular velocity in the six-dimensional matrix block of a body.
 const W: usize = 3;
 
 /// Adds joint impulses to the momentum balances of the bodies, and assembles the linearised joint equations; returns
@@ -36,7 +36,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let (_, apart_at_end) = joint.arms(end);
     let driving = linked.driving[k];
     let places = linked.linkage.pairs[k].map(|body| body.map(|body| linked.bodies[body as usize] as usize));
-    // The matrix `D = -(h/2) B [d]x` for a vector with the mean `d` that is fixed in one of the bodies.
+    // The derivative `D = -(h/2) B [d]x` of a vector with the mean `d` that is fixed in one of the bodies, with respect
+    // to the body's mean angular velocity.
     let turning = |side: usize, d: &Vector3<f64>| {
         places[side].map_or_else(Matrix3::zeros, |body| midpoint.turning[body] * d.cross_matrix() * (-0.5 * h))
     };
@@ -45,7 +46,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let mut wrenches = [Matrix6::<f64>::zeros(); 2];
     let mut gradients = [Matrix6::<f64>::zeros(); 2];
     let mut rests = Vector6::zeros();
-    // The total impulse of the equations along directions fixed in the world.
+    // The total impulse of those joint equations whose directions are not fixed in a body (but in the world, or along a
+    // spring).
     let mut pull = Vector3::zeros();
     let mut add = |at: [usize; 2], row: usize, column: usize, block: &Matrix3<f64>| {
         let mut view = stiffness[at[0]][at[1]].fixed_view_mut::<3, 3>(row, column);
@@ -71,7 +73,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let back = if turns { alpha.cross(&beta) } else { Vector3::zeros() } - opposite.cross(&alpha);
         put(&mut wrenches[0], i, &force, &lever.cross(&alpha));
         put(&mut wrenches[1], i, &-force, &back);
-        // Joint equations are divided by `h`; the derivative of a body-fixed vector at the end of the step is `2 D`.
+        // The joint equations are divided by the step size `h`; the derivative of a body-fixed vector at the end of the
+        // step is `2 D`.
         let per_time = 2.0 / h;
         let end_force = if is_point { alpha_at_end } else { Vector3::zeros() };
         let mut second = if turns { of_alpha.tr_mul(&beta_at_end) * per_time } else { Vector3::zeros() };
@@ -103,8 +106,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let i = place_of_drive;
         let mut deviation = -rests[i] * h - drive.offset(driving.reference);
         if of_drive.is_none() {
-            // The direction is `n = 2 p / (l + l+)`, with the mean `p` of the difference of the points and their
-            // distances `l` and `l+` at both ends of the step.
+            // The direction of a spring's force is `n = 2 p / (l + l+)`, with the mean `p` of the difference of the
+            // anchors and their distances `l` and `l+` at both ends of the step.
             let sum = driving.start + apart_at_end.norm();
             let [along, at_end] = [(apart * 2.0, sum), (apart_at_end, apart_at_end.norm())]
                 .map(|(vector, size)| if size > 0.0 { vector / size } else { Vector3::zeros() });
@@ -115,7 +118,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
             put(&mut gradients[1], i, &-at_end, &-(levers[1].tr_mul(&at_end) * (2.0 / h)));
             let lambda = linked.impulses[k][i];
             pull += along * lambda;
-            // The derivative of the direction is `dn = 2 / (l + l+) (1 - n n+^T) dp`.
+            // The derivative of the spring's direction is `dn = 2 / (l + l+) (1 - n n+^T) dp`.
             let bend = if sum > 0.0 {
                 (Matrix3::identity() - along * at_end.transpose()) * (2.0 * lambda / sum)
             } else {
@@ -174,7 +177,8 @@ fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vec
     matrix.fixed_view_mut::<1, 3>(row, W).copy_from(&torque.transpose());
 }
 
-/// Returns the contribution of a body to the diagonal of the matrix `G M^-1 G^T` of a joint.
+/// Returns the contribution of a body to the diagonal of the matrix `G M^-1 G^T` of a joint, with the constraint
+/// gradients `G` and the masses `M`.
 pub fn mobilities(rows: &Matrix6<f64>, motion: &Motion) -> Vector6<f64> {
     Vector6::from_fn(|i, _| {
         let row = rows.row(i);

@@ -1,4 +1,4 @@
-//! The end of a time step: events, bodies in sustained contact, velocities, and joint drift.
+//! The end of a time step: contact events, bodies in sustained contact, velocities, and drift of joints.
 
 use super::super::contact::Contact;
 use super::super::frame::Frame;
@@ -7,15 +7,16 @@ use super::super::touches::Touched;
 use super::MoreauStepping;
 use nalgebra::Vector3;
 
-/// Fraction of the initial error at which the iterative projection onto contact constraints stops: a tenth of the
-/// relative accuracy of an error estimate.
+/// Fraction of the initial error at which the iterative projection of motions onto contact constraints stops: a tenth
+/// of the relative accuracy of an error estimate.
 const CONFINED: f64 = 1e-2;
 
-/// Maximum number of sweeps over the contacts in the iterative projection onto contact constraints.
+/// Maximum number of sweeps over the contacts in the iterative projection of motions onto contact constraints.
 const MOST_SWEEPS: usize = 50;
 
 impl MoreauStepping<'_> {
-    /// Detects the events of contacts; must be called before the impulses of the previous step are replaced.
+    /// Detects the contact events of the step (impact, stick, slip, lift-off); must be called before the impulses of
+    /// the previous step are replaced.
     pub(super) fn follow(&mut self, h: f64) {
         let (mut touches, mut new_events) = (std::mem::take(&mut self.touches), std::mem::take(&mut self.new_events));
         let touched = |contact| Touched {
@@ -33,7 +34,7 @@ impl MoreauStepping<'_> {
         (self.touches, self.new_events) = (touches, new_events);
     }
 
-    /// Predicts the gaps at the end of a step of size `h` with the current velocities.
+    /// Predicts the gaps of all contacts at the end of a step of size `h` with the current velocities.
     pub(super) fn foresee(&mut self, h: f64) {
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
@@ -64,7 +65,8 @@ impl MoreauStepping<'_> {
         }
         for island in &self.tasks[..self.islands.len()] {
             let by = |contact: &Contact| {
-                // A gap that does not close at the initial velocities is closed by forces or impacts within the step.
+                // A gap that does not close at the velocities at the beginning of the step is closed by forces or
+                // impacts within the step.
                 let until = contact.closes_after().min(h);
                 if island.is_implicit() { h - until } else { until }
             };
@@ -119,8 +121,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Adds to `by` the changes of the motions of a contact's bodies that an impulse along one of the contact's axes
-    /// causes.
+    /// Adds to `by` the changes of the motions of a contact's bodies that an impulse of size `amount` along one axis of
+    /// the contact frame causes.
     pub(super) fn impel(&self, contact: &Contact, axis: usize, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let mut unit = Vector3::zeros();
         unit[axis] = amount;
@@ -162,7 +164,8 @@ impl MoreauStepping<'_> {
         held
     }
 
-    /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.
+    /// Computes the velocities of all bodies at the end of the step, and extends `pushed` to all bodies of an implicit
+    /// island.
     pub(super) fn end_velocities(&mut self) {
         let gravity = self.scene.gravity;
         self.ends.clear();
@@ -173,7 +176,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Returns the current frames of both bodies of a joint.
+    /// Returns the current frames of the two bodies of a joint.
     pub(super) fn frames_of(&self, joint: &Joint) -> [Frame; 2] {
         let second = joint.bodies.1.map_or(Frame::WORLD, |body| Frame::of(self.pose(body)));
         [Frame::of(self.pose(joint.bodies.0)), second]
@@ -189,7 +192,7 @@ impl MoreauStepping<'_> {
             for row in joint.rows([&frames[0], &frames[1]]) {
                 let unit = if row.force == Vector3::zeros() { 1.0 } else { size };
                 let drift = row.value.abs() / unit;
-                // A constraint violation that is NaN counts as infinite drift.
+                // A joint's constraint violation that is NaN counts as infinite drift.
                 if drift > self.report.drift || drift.is_nan() {
                     let drift = if drift.is_nan() { f64::INFINITY } else { drift };
                     (self.report.drift, self.report.drifted) = (drift, place);

@@ -9,11 +9,11 @@ use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Gaps below this fraction of a body's size count as contacts at any velocity, since the impulse of one contact may
-/// close another nearby contact.
+/// Gap, relative to a body's size, below which contacts are included at any velocity, since the impulse of one contact
+/// may close another nearby contact.
 pub(in super::super) const NEAR: f64 = 0.01;
 
-/// Number of pairs of bodies processed between two polls of [`Control`].
+/// Number of pairs of bodies processed between two polls of [`Control`] for interruption.
 const AT_ONCE: usize = 1 << 8;
 
 /// Admissible penetration of bodies with joints at the end of a step, relative to the smaller body: half of 1e-3,
@@ -45,7 +45,7 @@ impl MoreauStepping<'_> {
         self.search(0.0, false, control)
     }
 
-    /// Finds the contacts that may close within a step of size `h`: between all pairs of bodies if `sweeps`,
+    /// Finds the contacts that may close within a step of size `h`: between all pairs of nearby bodies if `sweeps`,
     /// otherwise between the pairs in `self.pairs`.
     fn search(&mut self, h: f64, sweeps: bool, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);

@@ -1,10 +1,11 @@
-//! Force outputs of contacts and joints.
+//! Outputs of contact forces on bodies and of joint reactions.
 
 use super::super::joint::Joint;
 use super::MoreauStepping;
 
 impl MoreauStepping<'_> {
-    /// Writes the contact forces of selected bodies and the reactions of named joints, in the order of outputs.
+    /// Writes the contact forces of bodies selected for output and the reactions of named joints, in the order of
+    /// outputs.
     pub fn forces(&self, out: &mut Vec<f64>) {
         out.clear();
         for (force, torque) in &self.contact_forces {
@@ -25,7 +26,7 @@ impl MoreauStepping<'_> {
         contacts.chain(self.scene.joints.iter().flat_map(Joint::are_coordinates)).collect()
     }
 
-    /// Accumulates contact impulses on bodies with contact outputs, over the parts of a step.
+    /// Accumulates contact impulses on bodies with contact outputs, over the parts into which a step is divided.
     pub(super) fn add_contact_forces(&mut self) {
         let mut forces = std::mem::take(&mut self.contact_forces);
         let told = (0..self.scene.bodies.len()).filter(|&body| self.scene.bodies[body].tells_contacts);

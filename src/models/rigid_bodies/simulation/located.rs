@@ -45,24 +45,25 @@ use rustc_hash::FxHashSet;
 /// bounce until it rests.
 const ARCS: [usize; 2] = [64, 8];
 
-/// Maximum number of smooth arcs of a step times the number of moving bodies: the states of bodies at both ends of
-/// the arcs are kept until the next step, in about 10 MB.
+/// Maximum product of the number of smooth arcs in a step and the number of moving bodies: the states of bodies at both
+/// ends of the arcs are kept until the next step, in about 10 MB.
 const KEPT: usize = 1 << 14;
 
-/// Velocities below this fraction of the velocity change by gravity in a step are treated as rounding errors.
+/// Relative rounding error of velocities: those below this fraction of the velocity change by gravity in a step are
+/// treated as zero.
 const ROUNDING: f64 = 1e-9;
 
 /// The identity of a contact: the indices of both bodies and the identity number of the contact point.
 type Key = (u32, u32, u64);
 
-/// A smooth arc: a part of a step between impacts.
+/// A smooth arc: a part of a step between two impacts or transitions of contacts.
 #[derive(Clone, Debug)]
 pub struct Arc {
     /// The times at the beginning and the end of the smooth arc, relative to the beginning of the step.
     pub times: [f64; 2],
-    /// The moving bodies at the beginning of the smooth arc, after impacts at that time.
+    /// The moving bodies at the beginning of the smooth arc, after the impacts at that time.
     starts: Vec<Motion>,
-    /// The moving bodies at the end of the smooth arc, before impacts at that time.
+    /// The moving bodies at the end of the smooth arc, before the impacts at that time.
     ends: Vec<Motion>,
     /// For each moving body, whether it has sustained contacts in the smooth arc; otherwise it moves freely.
     held: Vec<bool>,
@@ -99,12 +100,12 @@ impl Arc {
 /// The state of the event-driven integration that is carried from one smooth arc to the next.
 #[derive(Debug, Default)]
 pub(super) struct Located {
-    /// The identities of the sustained contacts.
+    /// The identities of the sustained contacts, which stay closed in the smooth arc.
     lasting: FxHashSet<Key>,
-    /// The sustained contacts that stick. Their velocities at the beginning of a smooth arc belong to an extrapolated
-    /// pose, and have errors of second order, which do not count as slip.
+    /// The identities of the sustained contacts that stick. Their velocities at the beginning of a smooth arc belong to
+    /// an extrapolated pose, and have errors of second order, which do not count as slip.
     sticking: FxHashSet<Key>,
-    /// The contacts that opened at the end of the last smooth arc.
+    /// The identities of the contacts that opened at the end of the last smooth arc.
     leaving: FxHashSet<Key>,
     /// The time at the beginning of the last smooth arc, and the pairs of bodies with a contact that opened at that
     /// time.
@@ -118,18 +119,18 @@ pub(super) struct Located {
     grounds: Vec<Isometry3<f64>>,
     /// The smooth arcs of the last step.
     arcs: Vec<Arc>,
-    /// The impacts of the last step; `None` if they are not recorded.
+    /// The impacts of the last step; `None` if they are not recorded for comparison with another run.
     impacts: Option<Vec<Impact>>,
     /// For each moving body, whether contacts acted on it in the last step.
     touched: Vec<bool>,
-    /// Whether time stepping took over for the rest of the last step.
+    /// Whether time stepping took over from event-driven integration for the rest of the last step.
     is_passed: bool,
-    /// The number of smooth arcs that the run may still make; `None` if impacts are located at any cost.
+    /// The budget of smooth arcs that the run may still make; `None` if impacts are located at any cost.
     budget: Option<Budget>,
 }
 
 impl Located {
-    /// Returns whether a contact is sustained.
+    /// Returns whether a contact is sustained, so that it stays closed in the smooth arc.
     pub fn lasts(&self, contact: &Contact) -> bool {
         self.lasting.contains(&contact.key)
     }
@@ -156,7 +157,7 @@ impl MoreauStepping<'_> {
         self.located.as_ref().map_or(&self.pushed, |located| &located.touched)
     }
 
-    /// Returns whether the last step was event-driven, and time stepping took over for its rest.
+    /// Returns whether the last step was event-driven at first, and time stepping took over for its rest.
     pub fn is_passed(&self) -> bool {
         self.located.as_ref().is_some_and(|located| located.is_passed)
     }
@@ -169,7 +170,7 @@ impl MoreauStepping<'_> {
         Some((&arc.starts, arc.times[1] - arc.times[0]))
     }
 
-    /// Makes an event-driven step of length `h`.
+    /// Makes an event-driven step of length `h`, in which impacts are located in time.
     pub(super) fn advance_located(
         &mut self,
         located: &mut Located,
@@ -196,13 +197,13 @@ impl MoreauStepping<'_> {
         self.t = end;
         self.ground_at(located, end);
         self.ends.clone_from(&self.moving);
-        // A step by time stepping has already added its number of parts to the report.
+        // If time stepping took over for the rest of the step, it has already added its number of parts to the report.
         self.report.parts += u64::from(!located.is_passed);
         Ok(())
     }
 
-    /// Begins a step: clears the smooth arcs and impacts of the last step, and the marks of bodies on which contacts
-    /// acted.
+    /// Begins an event-driven step: clears the smooth arcs and impacts of the last step, and the marks of bodies on
+    /// which contacts acted.
     fn begin(&mut self, located: &mut Located) {
         located.arcs.clear();
         located.impacts.iter_mut().for_each(Vec::clear);
@@ -212,8 +213,8 @@ impl MoreauStepping<'_> {
         self.ground_at(located, located.begin);
     }
 
-    /// Makes an event-driven step to the time `end`, with at most `most` arcs; repeats the whole step by time
-    /// stepping if the contact law is not solved in a smooth arc.
+    /// Makes an event-driven step to the time `end`, with at most `most` smooth arcs; repeats the whole step by time
+    /// stepping if the contact law is not solved in an arc.
     fn advance_or_pass(
         &mut self,
         located: &mut Located,
@@ -232,7 +233,8 @@ impl MoreauStepping<'_> {
         self.pass(located, end - located.begin, control)
     }
 
-    /// Makes an event-driven step to the time `end`; after `most` smooth arcs, time stepping takes over for the rest.
+    /// Makes an event-driven step to the time `end`; after `most` smooth arcs, time stepping takes over for the rest of
+    /// the step.
     fn advance_to(
         &mut self,
         located: &mut Located,
@@ -269,7 +271,7 @@ impl MoreauStepping<'_> {
         (of_step + of_body * moving).min(KEPT.div_ceil(moving))
     }
 
-    /// Sets the bodies with prescribed motion to a time within the step.
+    /// Sets the bodies with prescribed motion to their state at a time within the step.
     fn ground_at(&mut self, located: &Located, t: f64) {
         for (prescribed, from) in self.prescribed.iter_mut().zip(&located.grounds) {
             if let Some(by) = &self.scene.bodies[prescribed.body].motion {
@@ -278,12 +280,12 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Makes the rest of a step, of length `rest`, by time stepping.
+    /// Makes the rest of an event-driven step, of length `rest`, by time stepping.
     fn pass(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (starts, before) = (self.moving.clone(), self.report.work);
         let times = [self.t - located.begin, located.step];
         self.advance(rest, HALVINGS, control)?;
-        // Replace the velocities at the middle of the step by those at its end.
+        // Replace the bodies' velocities at the middle of the time step by those at its end.
         self.moving.clone_from(&self.ends);
         self.moving.iter_mut().for_each(|motion| motion.lag = 0.0);
         located.lasting.clear();
@@ -301,8 +303,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Returns the approach velocity of a contact below which its impacts would accumulate within the step, or are
-    /// rounding errors.
+    /// Returns the approach velocity of a contact below which impacts are treated without restitution: because they
+    /// would accumulate within the step, or because the velocity is a rounding error.
     fn least_approach(&self, located: &Located, contact: &Contact) -> f64 {
         let normal = contact.frame.row(0).transpose();
         let gravity = self.scene.gravity.dot(&normal).abs();
@@ -312,11 +314,11 @@ impl MoreauStepping<'_> {
         if e == 1.0 || contact.bodies.into_iter().all(flies) {
             return ROUNDING * fall;
         }
-        // All bounces are over after the time `2 e v / ((1 - e) g)`: within one step for an approach velocity `v` of
-        // this size.
+        // All bounces of a contact with restitution `e` are over after the time `2 e v / ((1 - e) g)`: within one step
+        // for an approach velocity `v` of this size.
         let within_step = fall * ((1.0 - e) / (2.0 * e)).min(1.0);
-        // Once a step has made half of its admissible smooth arcs, all impacts that would accumulate within a step
-        // are treated without restitution.
+        // Once a step has made half of its admissible smooth arcs, treat all impacts that would accumulate within the
+        // step without restitution.
         if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
             return within_step;
         }
@@ -328,8 +330,8 @@ impl MoreauStepping<'_> {
         rounding(contact, &self.moving) + ROUNDING * located.step * self.scene.gravity.norm()
     }
 
-    /// Returns whether the contact points of a pair of bodies appear and vanish as features of their surfaces pass
-    /// each other.
+    /// Returns whether the contact points of a pair of bodies appear and vanish as edges and vertices of their surfaces
+    /// pass each other.
     fn is_patch(&self, (a, b): (u32, u32)) -> bool {
         let [a, b] = [a, b].map(|body| &self.scene.bodies[body as usize].collider);
         !a.keeps_points_with(b)

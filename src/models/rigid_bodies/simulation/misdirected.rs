@@ -23,8 +23,8 @@ impl MoreauStepping<'_> {
                 continue;
             }
             let Some(there) = self.met(contact, starts, until, h) else { continue };
-            // The impulse at the place where the surfaces meet is that of the step, rotated with the contact normal
-            // and scaled with the approach velocity; the applied forces are unchanged.
+            // The impulse at the place where the surfaces meet is estimated from that of the step, rotated with the
+            // contact normal and scaled with the approach velocity; the applied forces are unchanged.
             let Some(turn) = UnitQuaternion::rotation_between(&normal(contact), &normal(&there)) else { continue };
             let here = contact.velocity(|body| (starts[body as usize].velocity, starts[body as usize].omega)).x;
             let larger = if here < 0.0 { (there.before.x / here).max(0.0) } else { 1.0 };
@@ -38,7 +38,8 @@ impl MoreauStepping<'_> {
                 *omega += motion.mobility * (there.arms[side].cross(&turned) - angular);
             }
         }
-        // Remove the changes along the normals of bodies that stay together, which the following steps correct.
+        // Remove the velocity changes along the normals of bodies that stay in contact, which the following steps
+        // correct.
         let stays =
             |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && contact.law.restitution == 0.0;
         self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0, 0.0)), &mut by);
@@ -55,7 +56,7 @@ impl MoreauStepping<'_> {
         let fall = h * self.scene.gravity;
         let mut unit = by.clone();
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0 && contact.lacks > 0.0) {
-            // Deduct the approach velocity that gravity causes in a step, which bodies at rest have as well.
+            // Deduct the approach velocity that gravity causes in a step, which contacts at rest have as well.
             let approach = -contact.before.x - fall.dot(&normal(contact)).abs();
             let lacks = contact.lacks.min(contact.law.restitution * approach);
             if lacks <= 0.0 {
@@ -84,7 +85,7 @@ impl MoreauStepping<'_> {
             let body = pair[side] as usize;
             match (places[side], self.given[body].map(|place| &self.prescribed[place as usize])) {
                 (Some(place), _) => moved[place as usize].pose,
-                // The stored pose of a body with prescribed motion is that at the end of the step.
+                // For a body with prescribed motion, the stored pose is that at the end of the step.
                 (None, Some(given)) => {
                     let back = until - h;
                     let turned = UnitQuaternion::from_scaled_axis(given.omega * back) * given.pose.rotation;

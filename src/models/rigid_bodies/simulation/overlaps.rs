@@ -1,4 +1,5 @@
-//! Resolution of overlaps, initial or due to curvature within a step, by displacements that do not change velocities.
+//! Resolution of overlaps of bodies, initial or due to curvature within a step, by displacements that do not change
+//! velocities.
 
 use super::super::contact::Contact;
 use super::super::scene::MultibodySystem;
@@ -6,19 +7,20 @@ use super::{MoreauStepping, StepFailure};
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Tolerance for gaps and penetration, relative to the smaller body.
+/// Tolerance for gaps and penetration, relative to the size of the smaller body.
 pub(super) const OVERLAP: f64 = 5e-7;
 
-/// Maximum number of iterations of overlap resolution within a step.
+/// Maximum number of iterations of the resolution of bodies' overlaps within a step.
 const ROUNDS: usize = 3;
-/// Maximum number of iterations of the resolution of initial overlaps, which may be deep.
+/// Maximum number of iterations of the resolution of bodies' initial overlaps, which may be deep.
 const ROUNDS_AT_START: usize = 100;
 
 impl MoreauStepping<'_> {
     /// Resolves initial overlaps and projects initial velocities onto the joint constraints, both by the smallest
     /// change in the mass norm. Returns whether both succeeded.
     ///
-    /// # Errors If contact detection fails or is interrupted.
+    /// # Errors
+    /// If contact detection fails or is interrupted.
     pub fn resolve(&mut self, control: &Control) -> Result<bool, StepFailure> {
         self.ground();
         for _ in 0..ROUNDS_AT_START {
@@ -39,7 +41,7 @@ impl MoreauStepping<'_> {
         Ok(false)
     }
 
-    /// Resolves overlaps at the beginning of a step of size `h`.
+    /// Resolves overlaps of bodies at the beginning of a step of size `h`.
     pub(super) fn part_overlaps(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         for _ in 0..ROUNDS {
             if self.depth(OVERLAP) <= 0.0 {
@@ -51,21 +53,21 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Returns the deepest penetration in excess of `fraction` of the smaller body's size; joint stops count only if
-    /// `fraction` is positive.
+    /// Returns the deepest penetration of a contact in excess of `fraction` of the smaller body's size; joint stops
+    /// count only if `fraction` is positive.
     pub(super) fn depth(&self, fraction: f64) -> f64 {
         let excess = |contact: &Contact| -contact.gap - fraction * contact.size;
         let surfaces = self.contacts.iter().filter(|contact| fraction > 0.0 || !contact.is_stop());
         surfaces.map(excess).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Returns the deepest penetration relative to the smaller body's size.
+    /// Returns the deepest penetration of a contact, relative to the smaller body's size.
     pub(super) fn overlap(&self) -> f64 {
         self.contacts.iter().map(|contact| -contact.gap / contact.size).fold(0.0, f64::max)
     }
 
-    /// Rounds tiny gaps to zero. With redundant contacts the normal velocities `-gap/h` that close the gaps within a
-    /// step are inconsistent, and impulses would grow without bound.
+    /// Rounds tiny gaps of contacts to zero. With redundant contacts the normal velocities `-gap/h` that close the gaps
+    /// within a step are inconsistent, and impulses would grow without bound.
     pub(super) fn close(&mut self) {
         for contact in &mut self.contacts {
             if contact.gap < contact.no_gap {
@@ -74,8 +76,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Resolves overlaps by the smallest displacement in the mass norm that makes all gaps nonnegative: a frictionless
-    /// contact problem with displacements in place of velocities and gaps in place of free velocities.
+    /// Resolves overlaps by the smallest displacement of bodies, in the mass norm, that makes all gaps nonnegative: a
+    /// frictionless contact problem with displacements in place of velocities and gaps in place of free velocities.
     fn separate(&mut self, control: &Control) -> Result<(), StepFailure> {
         let kept: Vec<(Vector3<f64>, Vector3<f64>)> = self.moving.iter().map(|m| (m.velocity, m.omega)).collect();
         for motion in &mut self.moving {

@@ -1,5 +1,5 @@
-//! Partition of a multibody system into islands: the data of each island are copied, solved independently, and copied
-//! back.
+//! Partition of a multibody system into islands: the data of each island are copied from the system, solved
+//! independently, and copied back.
 
 use super::super::contact::Contact;
 use super::super::island::{Island, Mechanism, Unsolved};
@@ -8,11 +8,12 @@ use super::MoreauStepping;
 use contact::islands::solve_apart;
 use contact::law::Law;
 
-/// The number of contacts outside the largest island from which another thread is used to solve islands.
+/// The number of contacts outside the largest island from which on islands are solved in several threads.
 const WORTH_A_THREAD: usize = 200;
 
 impl MoreauStepping<'_> {
-    /// Calls `solve` on every island, with a solver of the contact law, and copies the results back.
+    /// Calls `solve` on every island, with a solver of the contact law, and copies the results back to the multibody
+    /// system.
     pub(super) fn solve_each(
         &mut self,
         solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync,
@@ -44,8 +45,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Groups contacts, joints and motion-dependent forces into islands, and marks the bodies of implicit islands in
-    /// `jointed`.
+    /// Groups contacts, joints and motion-dependent forces into islands of coupled bodies, and marks the bodies of
+    /// implicit islands in `jointed`.
     pub(super) fn group(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let of_contact = |contact: &Contact| match contact.bodies {
@@ -62,7 +63,7 @@ impl MoreauStepping<'_> {
         self.islands.group(self.moving.len(), links);
         self.jointed.fill(false);
         for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
-            // The links of an island are sorted: contacts, then joints, then forces.
+            // The indices in the list of an island are sorted: contacts, then joints, then motion-dependent forces.
             if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
                 for &link in island {
                     let link = link as usize;
@@ -78,7 +79,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Copies bodies, contacts, joints and forces to the island to which they belong.
+    /// Copies bodies, contacts, joints and motion-dependent forces of the system to the islands to which they belong.
     pub(super) fn partition_into_islands(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let (laws, cone, impact_law) = (&self.scene.laws, self.scene.cone, self.impact_law);

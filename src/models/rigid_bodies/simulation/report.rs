@@ -1,4 +1,4 @@
-//! Failures of time steps, and the report of a step.
+//! Failures of time steps of a multibody system, and the report of a step.
 
 use super::super::island::{Unsolved, Work};
 use contact::law;
@@ -10,12 +10,12 @@ use vi::Outcome;
 pub enum StepFailure {
     /// The motion of a body is not finite.
     NotFinite {
-        /// The index of the body in the multibody system.
+        /// The index in the multibody system of the body whose motion is not finite.
         body: usize,
     },
-    /// The joint equations have no solution.
+    /// The constraint equations of the joints have no solution.
     Joints,
-    /// A coefficient of friction is negative or not finite.
+    /// A coefficient of friction of a contact is negative or not finite.
     Friction {
         /// The indices of the two bodies in contact in the multibody system.
         bodies: [usize; 2],
@@ -29,9 +29,9 @@ pub enum StepFailure {
         /// The residual of the contact law, above the required accuracy.
         residual: f64,
     },
-    /// The contacts exceed the memory limit.
+    /// The contacts of the step exceed the memory limit.
     TooMuchMemory {
-        /// The number of contacts found before detection stopped.
+        /// The number of contacts found before contact detection stopped.
         contacts: usize,
         /// The index of the body with the most contacts, and the number of its contacts.
         most_touched: Option<(usize, u32)>,
@@ -57,28 +57,28 @@ impl From<Interrupted> for StepFailure {
     }
 }
 
-/// The report of a time step: contacts, energies, joints and solver statistics.
+/// The report of a time step of a multibody system: contacts, energies, joints and solver statistics.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactReport {
     /// The number of contacts, joint stops excluded, that have an impulse in the step.
     pub closed: usize,
-    /// The deepest penetration at the beginning of the step, in metres.
+    /// The deepest penetration of a contact at the beginning of the step, in metres.
     pub penetration: f64,
     /// The sum of the normal impulses of contacts, joint stops excluded, in newton seconds.
     pub normal_impulse: f64,
-    /// The deepest penetration at the beginning of the step, relative to the smaller body's size.
+    /// The deepest penetration of a contact at the beginning of the step, relative to the smaller body's size.
     pub overlap: f64,
-    /// The work `r . (u+ + u-) / 2` of contact impulses `r` with the relative velocities `u` before and after, by
-    /// normal and tangential components, in joules.
+    /// The work `r . (u+ + u-) / 2` of contact impulses `r` with the relative velocities `u-` before and `u+` after the
+    /// step, by normal and tangential components, in joules.
     pub work: [f64; 2],
-    /// The normal work of contacts in a step in which all contacts with an impulse have restitution one; zero in
-    /// exact arithmetic.
+    /// The normal work of contacts, counted only if all contacts with an impulse in the step have restitution one; zero
+    /// in exact arithmetic.
     pub elastic_work: f64,
-    /// The kinetic energy before contacts and joints act, in joules.
+    /// The kinetic energy of all bodies before contacts and joints act, in joules.
     pub kinetic: f64,
     /// The largest constraint violation of a joint, relative to the size of the joint's bodies or in radians.
     pub drift: f64,
-    /// The index of the joint with the largest constraint violation.
+    /// The index in the multibody system of the joint with the largest constraint violation.
     pub drifted: usize,
     /// The number of islands with contacts or joints.
     pub islands: usize,
@@ -88,27 +88,27 @@ pub struct ContactReport {
     /// In a comparison run with longer steps, the time in parts of the step that are not at least twice as long as
     /// those of the first run.
     pub repeated: f64,
-    /// The number of Newton iterations of implicit islands in solved steps.
+    /// The number of Newton iterations for implicit islands (with joints or motion-dependent forces) in solved steps.
     pub newton: u64,
-    /// The work of drives and applied forces.
+    /// The work of drives and applied forces in the step.
     pub done: Work,
-    /// The number of contact problems solved.
+    /// The number of contact problems solved in the step.
     pub solves: u64,
-    /// The total number of pivots or iterations of the contact solvers.
+    /// The total number of pivots or iterations of the contact solvers in the step.
     pub iterations: u64,
-    /// The name of the contact solver used last.
+    /// The name of the contact solver used last in the step.
     pub solver: &'static str,
-    /// The largest residual of the contact law over all islands.
+    /// The largest residual of the contact law in the step, over all islands.
     pub residual: f64,
-    /// The largest residual of the contact law with a proximal term, which is solved in islands of many contacts;
-    /// `None` if there was no such island.
+    /// The largest residual of the contact law with a proximal (regularising) term, which is solved in islands of many
+    /// contacts; `None` if there was no such island.
     pub proximal_residual: Option<f64>,
-    /// Whether a coefficient of restitution was reduced because it would have added energy.
+    /// Whether a coefficient of restitution was reduced in the step because it would have added energy.
     pub is_limited: bool,
 }
 
 impl ContactReport {
-    /// Adds the report of the contact law of one island.
+    /// Adds the contact solver's report for one island to the report of the step.
     pub(super) fn take(&mut self, law: &law::Report) {
         self.solves += law.solves;
         self.iterations += law.iterations;

@@ -1,5 +1,5 @@
 //! Frictional contacts whose coefficient of friction varies: their positions in a step, and the effect of their
-//! friction on bodies.
+//! friction on the bodies.
 
 use super::super::collision::contacts;
 use super::super::contact::Contact;
@@ -9,19 +9,19 @@ use nalgebra::Vector3;
 use std::f64::consts::FRAC_1_SQRT_2;
 use vi::coulomb::{Role, mean_speed};
 
-/// Slip velocity, relative to the velocities in a step, below which a contact counts as sticking.
+/// Slip velocity of a contact, relative to the velocities in a step, below which the contact counts as sticking.
 const STICKS: f64 = 1e-6;
 
-/// The length of the last stage of a smooth arc in event-driven steps, as a fraction of the arc. Contacts hold the
+/// The length of the last stage of a smooth arc in event-driven steps, as a fraction of the arc. Contacts store the
 /// impulses of the last stage; the first stage has the same length, and the remaining weight.
 const LAST_STAGE: f64 = 1.0 - FRAC_1_SQRT_2;
 
 /// A closed contact whose coefficient of friction depends on time, on its position or on the slip speed.
 #[derive(Clone, Debug)]
 pub struct Rubbing {
-    /// The index of the coefficient of friction among the varying coefficients.
+    /// The index of the contact's coefficient of friction among those that vary.
     pub coefficient: usize,
-    /// The fraction of the step after which the contact is closed.
+    /// The fraction of the step at which the contact closes; it is closed from then on.
     pub begin: f64,
     /// Whether an impact may have closed the contact at the fraction `begin` of the step.
     pub is_struck: bool,
@@ -29,13 +29,13 @@ pub struct Rubbing {
     pub places: [Vector3<f64>; 2],
     /// The slip speed of the contact at the end of the step.
     pub slip_speed: f64,
-    /// The friction impulse relative to the normal impulse; for a sticking contact, the mean over the sticking
-    /// contacts of its pair of bodies, since the distribution of friction among them is not unique.
+    /// The friction impulse of the contact relative to its normal impulse; for a sticking contact, the mean over the
+    /// sticking contacts of its pair of bodies, since the distribution of friction among them is not unique.
     pub used: f64,
     /// Whether the contact sticks at the end of the step.
     pub is_stuck: bool,
-    /// The fractions of the step at which an event-driven step evaluates the coefficient of friction, with their
-    /// weights; `None` for time stepping.
+    /// The fractions of the step at which an event-driven step evaluates the contact's coefficient of friction, with
+    /// their weights; `None` for time stepping.
     pub stages: Option<[(f64, f64); 2]>,
     /// For each moving body of the contact, its index and the derivatives of its velocity and angular velocity with
     /// respect to the coefficient of friction.
@@ -52,8 +52,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Returns the contacts with varying coefficients of friction in the last step, of length `h`; if the step was
-    /// made in parts or in smooth arcs, the contacts of the last of them, as if it were the whole step.
+    /// Returns the contacts with varying coefficients of friction in the last step, of length `h`; if the step was made
+    /// in parts or in smooth arcs, the contacts of the last part or arc, as if it were the whole step.
     pub fn rubbing(&self, h: f64) -> Vec<Rubbing> {
         let is_located = self.located.is_some() && !self.is_passed();
         let of_pair = |contact: &Contact| {
@@ -150,7 +150,7 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// Returns the friction impulse of a contact.
+/// Returns the magnitude of the friction impulse of a contact.
 fn friction(contact: &Contact) -> f64 {
     contact.impulse.y.hypot(contact.impulse.z)
 }

@@ -1,4 +1,4 @@
-//! The stops of joints, as contacts between the bodies of a joint.
+//! The stops of joints, treated as frictionless contacts between the two bodies of a joint.
 
 use super::super::collision::ContactPoint;
 use super::super::contact::{Contact, STOPS, frame};
@@ -8,7 +8,7 @@ use super::{MoreauStepping, overlaps};
 use nalgebra::Vector3;
 
 impl MoreauStepping<'_> {
-    /// Adds the stops of all joints with finite limits to the contacts.
+    /// Adds the stops of all joints with finite limits to the contacts of the step.
     pub(super) fn add_stops(&mut self) {
         for (linkage, carried) in self.mechanism.linkages.iter().zip(&self.carried) {
             for (&place, state) in linkage.joints.iter().zip(&carried.states) {

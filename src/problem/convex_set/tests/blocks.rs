@@ -21,8 +21,8 @@ proptest! {
         prop_assert!(norm(&minus(&project(&shape, &p), &p)) <= 1e-12 * (1.0 + norm(&p)));
     }
 
-    /// Tests that `<x - p, y - p> <= 0` for all `y` of the set, which only the point `p` of the set nearest to `x`
-    /// satisfies.
+    /// Tests that `<x - p, y - p> <= 0` for the projection `p` of `x` and all `y` of the set, which only the point of
+    /// the set nearest to `x` satisfies.
     #[test]
     fn the_projection_is_the_nearest_point((shape, points) in shape_and_points(20)) {
         let x = &points[0];
@@ -47,8 +47,8 @@ proptest! {
         prop_assert!(eigenvalues.iter().all(|e| (-1e-12..=1.0 + 1e-12).contains(e)), "{eigenvalues}");
     }
 
-    /// Tests that, where forward and backward differences agree so that the projection is smooth, the derivative is
-    /// their limit.
+    /// Tests that, where forward and backward differences agree so that the projection is smooth, its computed
+    /// derivative is their limit.
     #[test]
     fn the_derivative_is_the_limit_of_differences((shape, points) in shape_and_points(1)) {
         let x = &points[0];
@@ -74,7 +74,8 @@ proptest! {
         }
     }
 
-    /// Tests Moreau's decomposition `x = P_K(x) - P_K*(-x)` with orthogonal parts, for the self-dual cone.
+    /// Tests Moreau's decomposition `x = P_K(x) - P_K*(-x)` with orthogonal parts, for the self-dual second-order cone
+    /// `K`.
     #[test]
     fn a_point_is_the_sum_of_its_parts_in_the_cone_and_its_polar(x in proptest::collection::vec(-9.0..9.0_f64, 1..7)) {
         let p = project(&Shape::SecondOrderCone, &x);

@@ -1,4 +1,4 @@
-//! Tests of the faces of blocks, of distances from `K`, and of its boundedness.
+//! Tests of the faces of blocks of `K`, of distances from `K`, and of its boundedness.
 
 use super::super::{ConvexSet, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace};
 use proptest::prelude::{ProptestConfig, prop_assert, proptest};
@@ -66,7 +66,7 @@ fn a_vertex_with_more_rows_than_dimensions_is_reached() {
     }
 }
 
-/// Returns one block shape of each kind, with three components.
+/// Returns one shape of a block of `K` of each kind, with three components.
 fn shapes() -> Vec<Shape> {
     let rows = [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1.0, 2.0, -1.0, 0.0, 0.5];
     vec![
@@ -77,14 +77,14 @@ fn shapes() -> Vec<Shape> {
     ]
 }
 
-/// Returns the residual `Phi` of the equations of a face.
+/// Returns the residual `Phi` of the equations of a face of a block at `z` and `G`.
 fn residual(shape: &Shape, face: &Face, z: &[f64], g: &[f64]) -> Vec<f64> {
     let mut equations = FaceEquations::default();
     equations.set(shape, face, z, g);
     (0..z.len()).map(|i| equations.value(i, g)).collect()
 }
 
-/// Returns the equivalent descriptions of a face: two for the boundary of a cone (primal and dual form), one
+/// Returns the equivalent descriptions of a face of a block: two for the boundary of a cone (primal and dual form), one
 /// otherwise.
 fn descriptions(shape: &Shape, face: &Face) -> Vec<Face> {
     match (shape, face) {
@@ -96,8 +96,8 @@ fn descriptions(shape: &Shape, face: &Face) -> Vec<Face> {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..Default::default() })]
 
-    /// Tests that the projection `z = P(x)`, which solves the variational inequality with `G = f (z - x)` for any `f
-    /// > 0`, satisfies the equations of its face with nonnegative monitors.
+    /// Tests that the projection `z = P(x)` onto a block, which solves the variational inequality with `G = f (z - x)`
+    /// for any `f > 0`, satisfies the equations of its face with nonnegative event functions.
     #[test]
     fn a_projection_solves_the_equations_of_its_face(
         x in proptest::collection::vec(-3.0..3.0_f64, 3),

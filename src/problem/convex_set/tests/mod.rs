@@ -7,7 +7,7 @@ mod intervals;
 use super::{Polyhedron, Shape};
 use proptest::prelude::*;
 
-/// Generates every block shape in up to five dimensions, with its dimension.
+/// Generates every shape of a block of `K` in up to five dimensions, with its dimension.
 fn shapes() -> impl Strategy<Value = (usize, Shape)> {
     let polyhedron = (1_usize..5, 1_usize..9).prop_flat_map(|(n, rows)| {
         let entries = proptest::collection::vec(-1.0..1.0_f64, n * rows);
@@ -17,12 +17,12 @@ fn shapes() -> impl Strategy<Value = (usize, Shape)> {
         (1_usize..6, 0.0..3.0_f64).prop_map(|(n, radius)| (n, Shape::Ball { radius })),
         (1_usize..6).prop_map(|n| (n, Shape::SecondOrderCone)),
         (1_usize..6).prop_map(|n| (n, Shape::Simplex)),
-        // The polyhedron contains the origin, so that it is nonempty.
+        // The generated polyhedron contains the origin, so that it is nonempty.
         polyhedron.prop_map(|(n, a, b)| (n, Shape::Polyhedron(Polyhedron::new(n, &a, &b).expect("zero is inside")))),
     ]
 }
 
-/// Generates a block shape and `count` points of its space, some of them far from the origin.
+/// Generates the shape of a block and `count` points of its space, some of them far from the origin.
 fn shape_and_points(count: usize) -> impl Strategy<Value = (Shape, Vec<Vec<f64>>)> {
     shapes().prop_flat_map(move |(n, shape)| {
         let point = (proptest::collection::vec(-1.0..1.0_f64, n), prop_oneof![Just(0.3), Just(1.0), Just(10.0)])

@@ -26,21 +26,22 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-/// The time for which a pull waits for a job that was announced: long compared with the writes of a job.
+/// The time for which a worker's pull waits at the JetStream consumer for the message of a job that was announced: long
+/// compared with the writes of a job.
 pub const WAIT: Duration = Duration::from_millis(200);
 
-/// The interval at which gateways repeat the announcements of jobs for clients whose jobs wait for a worker.
+/// The interval at which gateways repeat the announcements of jobs for clients whose jobs still wait for a worker.
 const REMIND: Duration = Duration::from_millis(250);
 
-/// The largest number of clients named in one answer to a worker, so that the cost is bounded. Later clients are
-/// named when the jobs of those before them have been taken.
+/// The largest number of clients named in one answer of a gateway to a worker, so that the cost is bounded. Later
+/// clients are named when the jobs of those before them have been taken.
 const MOST_NAMED: usize = 256;
 
-/// The number of clients of running jobs in an answer to an idle worker: one of these jobs may have lost its worker,
-/// and its message, which comes again, is not announced. Each answer names the next clients.
+/// The number of clients of running jobs that a gateway names to an idle worker in one answer: a running job may have
+/// lost its worker, and its redelivered message is not announced. Each answer names the next clients.
 const MOST_AGAIN: usize = 2;
 
-/// The time limit for a gateway to answer which clients have jobs.
+/// The time limit for a gateway to answer a worker which clients have jobs.
 const ANSWER: Duration = Duration::from_secs(5);
 
 /// The pause before a failed request to the NATS servers is repeated.
@@ -57,7 +58,7 @@ const THERE: &[u8] = b"there";
 /// jobs.
 const AGAIN: &[u8] = b"again";
 
-/// An announcement of a job whose message has yet to be written.
+/// An announcement of a job to idle workers before its message is written to the NATS queue.
 #[derive(Debug)]
 pub struct Announced {
     begun: Instant,
@@ -86,18 +87,19 @@ pub enum Told {
     There(String),
 }
 
-/// A pending answer of a gateway: the clients that may have jobs; `None` if no gateway answers.
+/// A pending answer of a gateway to a worker: the clients that may have jobs; `None` if no gateway answers.
 pub type Answer = BoxFuture<'static, Option<Vec<String>>>;
 
 impl Exchange {
-    /// Announces a job of `client` whose message is about to be written.
+    /// Announces to idle workers a job of `client` whose message is about to be written to the NATS queue.
     pub fn announce(&self, client: Client) -> Announced {
         let (connection, subject) = (self.client.clone(), self.subject("arrival", client.token()));
         let answer = tokio::spawn(async move { connection.request(subject, "".into()).await.is_ok() });
         Announced { begun: Instant::now(), answer }
     }
 
-    /// Announces a job whose message has been written, unless a worker waits for it.
+    /// Announces a job of `client` whose message has been written, unless a worker has confirmed the earlier
+    /// announcement and waits for the message.
     pub async fn announce_again(&self, client: Client, announced: Announced) {
         if !announced.heard().await {
             self.remind(client).await;
@@ -108,7 +110,7 @@ impl Exchange {
         let _ = self.client.publish(self.subject("arrival", client.token()), THERE.into()).await;
     }
 
-    /// Listens for one announcement of a job, as an idle worker does.
+    /// Subscribes to one announcement of a job, as an idle worker does.
     pub async fn offer(&self) -> Option<Subscriber> {
         let mut offer = self.client.queue_subscribe(self.subject("arrival", "*"), WORKERS.to_owned()).await.ok()?;
         offer.unsubscribe_after(1).await.ok()?;
@@ -127,8 +129,8 @@ impl Exchange {
         Some(Told::Soon(client))
     }
 
-    /// Stops listening for an announcement. One that has come meanwhile is passed on as that of a job that can be
-    /// fetched; one that is on its way stays unconfirmed.
+    /// Stops listening for an announcement of a job. An announcement that has come meanwhile is passed on to another
+    /// worker as that of a job that can be fetched; one that is on its way stays unconfirmed.
     pub async fn take_back(&self, mut offer: Subscriber) {
         if let Some(Some(announcement)) = offer.next().now_or_never() {
             let _ = self.client.publish(announcement.subject, THERE.into()).await;
@@ -155,7 +157,7 @@ impl Exchange {
 }
 
 impl Jobs {
-    /// Answers the questions of workers for the clients that have jobs.
+    /// Answers, as a gateway, the questions of workers for the clients that have jobs.
     pub(super) async fn answer_workers(&self) {
         let Some(far) = &self.far else { return };
         let exchange = &far.exchange;
@@ -194,7 +196,7 @@ impl Jobs {
         }
     }
 
-    /// Returns the clients with waiting jobs or chunks.
+    /// Returns the clients with waiting jobs, or waiting chunks of sweeps, that this gateway knows.
     fn waiting_clients(&self, far: &Far) -> Vec<Client> {
         let sweeps = far.mirror().sweeps_that_wait(MOST_NAMED);
         let mut clients: Vec<Client> =

@@ -19,13 +19,13 @@ const MOST_LOST: u32 = 2;
 /// The state of the worker that has claimed a job, as far as another worker can find out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Holder {
-    /// The worker says that it is solving the job.
+    /// The worker answers that it is solving the job.
     HasIt,
-    /// The worker says that it is not solving the job any more.
+    /// The worker answers that it is not solving the job any more.
     LeftIt,
-    /// The worker is not connected to the servers.
+    /// The worker is not connected to the NATS servers.
     Lost,
-    /// The state of the worker is unknown.
+    /// The state of the worker is unknown: it has not answered, or has not been asked.
     Unknown,
 }
 

@@ -17,7 +17,7 @@ pub const SHORT: usize = 16 << 10;
 /// The entry of a job in the NATS bucket of states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Entry {
-    /// The version of the entry, [`FORMAT`].
+    /// The format version of the entry, [`FORMAT`].
     pub format: u32,
     /// The record of the job. A job that has neither an end nor a claim is waiting.
     pub record: Record,
@@ -38,7 +38,7 @@ pub struct Entry {
 /// The claim of a worker to a job or chunk.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
-    /// The name of the worker that has the claim.
+    /// The name of the worker that has claimed the job or chunk.
     pub worker: String,
     /// The time at which the worker claimed the job or chunk.
     pub started: Timestamp,
@@ -47,8 +47,8 @@ pub struct Claim {
     pub alone: bool,
 }
 
-/// Returns results in the form in which an entry contains them, byte for byte; `None` if they are longer than
-/// [`SHORT`].
+/// Returns the results of a job in the form in which its entry contains them, byte for byte; `None` if they are longer
+/// than [`SHORT`].
 pub fn short(results: &Results) -> Option<Box<RawValue>> {
     let json = results.text().filter(|json| json.len() <= SHORT)?;
     let short = RawValue::from_string(String::from_utf8(json.to_vec()).ok()?).ok()?;
@@ -57,7 +57,7 @@ pub fn short(results: &Results) -> Option<Box<RawValue>> {
     (short.get().trim().len() == json.len()).then_some(short)
 }
 
-/// The version of an entry of the bucket of states, which is read before the rest of the entry.
+/// The version of an entry in the NATS bucket of states, which is read before the rest of the entry.
 #[derive(Deserialize)]
 struct Version {
     format: u32,

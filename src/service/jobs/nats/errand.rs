@@ -19,7 +19,7 @@ impl Errand {
         [revision.to_string().as_bytes(), b"\n", &entry.text()].concat()
     }
 
-    /// Parses a message; `None` if it contains no entry, or one that another version wrote.
+    /// Parses the message of a job; `None` if it contains no entry, or one that another version wrote.
     pub fn read(text: &[u8]) -> Option<Self> {
         let end = text.iter().position(|byte| *byte == b'\n')?;
         let revision = str::from_utf8(&text[..end]).ok()?.parse().ok()?;
@@ -27,7 +27,7 @@ impl Errand {
     }
 }
 
-/// Returns a message without an entry, which is then to be read from the bucket of states.
+/// Returns the message of a job without its entry, which is then to be read from the bucket of states.
 pub fn bare() -> Vec<u8> {
     FORMAT.to_string().into_bytes()
 }

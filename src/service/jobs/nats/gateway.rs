@@ -32,8 +32,8 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-/// The age from which a reserved id without a job may be used by a repeated request: the gateway that reserved it has
-/// died before it wrote the entry.
+/// The age from which the id reserved for an idempotency key, without a job, may be used by a repeated request: the
+/// gateway that reserved it has died before it wrote the entry of the job.
 const TAKE_OVER: Duration = Duration::from_secs(10);
 
 /// The interval between two searches for waiting jobs without a message in the NATS queue, and the age from which the
@@ -55,19 +55,20 @@ pub struct Far {
 }
 
 impl Far {
-    /// Locks and returns the mirror: the last known state of each job.
+    /// Locks and returns the mirror: the last known state of each job on the NATS servers.
     pub fn mirror(&self) -> MutexGuard<'_, Mirror> {
         self.mirror.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The tasks that a gateway runs beside its requests; dropping this value ends them.
+/// The background tasks of a gateway, a service process that admits jobs for workers on other machines; dropping this
+/// value ends them.
 pub struct Gateway {
     _tasks: JoinSet<()>,
 }
 
-/// A job on its way to the servers; if it does not arrive, or its client disconnects meanwhile, dropping this value
-/// removes the job from the mirror and, unless it has an idempotency key, from the servers.
+/// A job that is being written to the NATS servers; if that fails, or its client disconnects meanwhile, dropping this
+/// value removes the job from the mirror and, unless it has an idempotency key, from the servers.
 struct Posting<'a> {
     jobs: &'a Jobs,
     far: &'a Far,
@@ -124,7 +125,8 @@ impl Gateway {
         let (read, is_read) = tokio::sync::oneshot::channel();
         let mirroring = Arc::clone(&jobs);
         tasks.spawn(async move { mirroring.follow_entries(read).await });
-        // Receiving cannot fail, since the task that reads the entries outlives this function.
+        // Receiving the signal cannot fail, since the task that reads the entries of jobs, and then sends it, outlives
+        // this function.
         let _ = is_read.await;
         let [hearing, ending, counting, forgetting, sweeping, answering, reminding] = [0; 7].map(|_| Arc::clone(&jobs));
         tasks.spawn(async move { hearing.follow_progress().await });
@@ -241,7 +243,7 @@ impl Jobs {
         }
     }
 
-    /// Dismisses a waiting job, asks a running job to stop, and leaves an ended job unchanged.
+    /// Dismisses a waiting job on the NATS servers, asks a running job to stop, and leaves an ended job unchanged.
     pub(in crate::jobs) async fn cancel_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
         let id = job.id;
         let changed = far.exchange.change(id, None, |entry| {
@@ -273,16 +275,16 @@ impl Jobs {
         asked.map(|_| ()).map_err(|error| away(&error))
     }
 
-    /// Cancels a job and deletes it from the servers and from memory.
+    /// Cancels a job and deletes it from the NATS servers and from memory.
     pub(in crate::jobs) async fn forget_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
-        // The place of the job in the queue is free at once, before the servers answer.
+        // The job leaves the queue of this process before the NATS servers confirm its deletion.
         self.take_out(job);
         self.erase_far(far, job).await.map_err(|Away| Unwritable)?;
         self.take_away(far, job.id, 0, Timestamp::now());
         Ok(())
     }
 
-    /// Removes a job from the servers; its entry first, without which no worker can write its end.
+    /// Removes a job from the NATS servers; its entry first, without which no worker can write the end of the job.
     async fn erase_far(&self, far: &Far, job: &Job) -> Result<(), Away> {
         let (exchange, id) = (&far.exchange, job.id);
         let entry = exchange.entry(id).await.ok().flatten().map(|(entry, _)| entry);
@@ -308,14 +310,14 @@ impl Jobs {
         }
     }
 
-    /// Returns the posted specification of a job.
+    /// Returns the posted specification of a job from the NATS servers, after a check of its digest.
     pub(in crate::jobs) async fn document_far(&self, far: &Far, job: &Job) -> io::Result<Arc<[u8]>> {
         let document = far.exchange.document(job.id).await?;
         let damaged = || io::Error::new(io::ErrorKind::InvalidData, "its digest is not known");
         job.digest.get().ok_or_else(damaged)?.vouch(document).map(Arc::from)
     }
 
-    /// Returns the results of a job, from memory or from the servers.
+    /// Returns the results of a job, from memory or from the NATS servers.
     pub(in crate::jobs) async fn results_far(&self, far: &Far, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
         let short = far.mirror().short_results(job.id);
         match short {
@@ -334,8 +336,8 @@ impl Jobs {
         }
     }
 
-    /// Wakes the requests that wait for the end of a job: they are answered with the address of the job, which
-    /// another gateway serves.
+    /// At the stop of this gateway, wakes the requests that wait for the end of a job: they are answered with the
+    /// address of the job, which another gateway serves.
     pub(in crate::jobs) fn leave_far(&self) {
         for job in self.all() {
             let mut lifecycle = job.lock();
@@ -347,7 +349,8 @@ impl Jobs {
         }
     }
 
-    /// Keeps the mirror of the entries up to date; signals on `read` when all existing entries have been read.
+    /// Keeps the mirror (the last known state of each job) up to date with the entries of jobs; signals on `read` when
+    /// all existing entries have been read.
     async fn follow_entries(&self, read: tokio::sync::oneshot::Sender<()>) {
         let Some(far) = &self.far else { return };
         let mut read = Some(read);
@@ -359,8 +362,8 @@ impl Jobs {
                     }
                     loop {
                         let next = messages.next();
-                        // Entries that change while they are read are delivered later, so that fewer come now than
-                        // were counted, and silence ends the wait for them.
+                        // Entries of jobs that change while they are read are delivered later, so that fewer come now
+                        // than were counted, and a time limit on silence ends the wait for them.
                         let next = if read.is_some() { timeout(SILENCE, next).await.ok() } else { Some(next.await) };
                         match next {
                             None => {
@@ -403,8 +406,8 @@ impl Jobs {
         }
     }
 
-    /// Receives the ends of jobs in messages from the workers that have written them; these come earlier than the
-    /// changes of the entries.
+    /// Receives the ends of jobs in messages from the workers that have written them; the messages come earlier than
+    /// the changes of the entries.
     async fn hear_ends(&self) {
         let Some(far) = &self.far else { return };
         let mut ends = far.exchange.hear("ended", "*").await;
@@ -447,7 +450,7 @@ impl Jobs {
         }
     }
 
-    /// Removes jobs from the servers that this gateway has removed from memory to make room.
+    /// Removes from the NATS servers the jobs that this gateway has removed from memory to make room.
     async fn forget_expired(&self, mut forgotten: UnboundedReceiver<Arc<Job>>) {
         let Some(far) = &self.far else { return };
         while let Some(job) = forgotten.recv().await {
@@ -458,7 +461,7 @@ impl Jobs {
         }
     }
 
-    /// Looks for waiting jobs that have an entry and no message, and puts them into the queue: their gateway died
+    /// Looks for waiting jobs that have an entry and no message, and puts them into the NATS queue: their gateway died
     /// before it had written the message. Each job is looked for once.
     async fn sweep(&self) {
         let Some(far) = &self.far else { return };
@@ -508,8 +511,8 @@ impl Far {
         let (opened, written, created) =
             join!(exchange.open_line(job.client), written, exchange.create(&key, entry.text()));
         opened.and(written)?;
-        // There is no revision if the entry exists already: an earlier attempt has written it, and the answer of the
-        // servers was lost.
+        // There is no revision if the entry of the job exists already: an earlier attempt has written it, and the
+        // answer of the servers was lost.
         let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
         exchange.enqueue(job.id, job.client, text, announced).await
     }
@@ -542,8 +545,8 @@ async fn entries(exchange: &Exchange) -> Result<(push::Ordered, u64), async_nats
     Ok((consumer.messages().await?, count))
 }
 
-/// Returns the key under which an idempotency key is stored: its text may have characters that a subject must not
-/// have.
+/// Returns the key of the bucket of states for an idempotency key: a digest of its text, which may have characters that
+/// a NATS subject must not have.
 fn reservation(client: Client, key: &Key) -> String {
     format!("key.{}.{}", client.token(), Digest::of(key.name.as_bytes()))
 }

@@ -65,8 +65,8 @@ impl Worker {
         }
     }
 
-    /// If `is`, records the request of a client to stop the job with the id `key`, and stops the job; otherwise
-    /// forgets the request, since the job has ended.
+    /// If `is` is true, records the request of a client to stop the job `key`, and stops the job; otherwise forgets the
+    /// request, since the job has ended.
     fn cancel(&self, key: &str, is: bool) {
         let Ok(id) = key.parse::<JobId>() else { return };
         if !is {
@@ -83,7 +83,7 @@ impl Worker {
     }
 }
 
-/// Returns the last token of a key or a subject.
+/// Returns the last token of a NATS subject, or of a key of the bucket of states.
 fn last(key: &str) -> &str {
     key.rsplit_once('.').map_or(key, |(_, last)| last)
 }

@@ -29,17 +29,19 @@ use tokio::sync::{Notify, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// The time after which an idle worker asks again which clients have jobs.
+/// The time after which an idle worker asks gateways again which clients have jobs.
 const LOOK: Duration = Duration::from_secs(2);
 
 /// The time for which a worker that goes from job to job relies on the last answer to which clients have jobs: long
 /// compared with a question, short compared with what a client notices.
 const KNOWN: Duration = Duration::from_millis(20);
 
-/// The longest time for which a worker that goes from job to job waits for the answer to which clients have jobs.
+/// The longest time for which a worker that goes from job to job waits for the answer of gateways to which clients have
+/// jobs.
 const SOON: Duration = Duration::from_millis(50);
 
-/// The time limit for a consumer to say whether it has a message. A message that comes later is delivered again.
+/// The time limit for a JetStream consumer to say whether it has a message. A message that comes later is delivered
+/// again.
 const ANSWER: Duration = Duration::from_secs(5);
 
 /// The clients of the jobs that a worker takes, and the state of its requests for jobs.
@@ -88,18 +90,18 @@ impl fmt::Debug for Question {
     }
 }
 
-/// Pulls that wait for the message of a job, with their clients.
+/// Pulls of a worker that wait for the message of a job at JetStream consumers, with the clients of the jobs.
 #[derive(Debug, Default)]
 struct Pulls {
     clients: HashSet<String>,
     waiting: FuturesUnordered<BoxFuture<'static, (String, Option<Message>)>>,
 }
 
-/// A task that gives back the messages of jobs that waiting pulls bring.
+/// A task that gives the messages of jobs that waiting pulls bring back to the NATS servers, for other workers.
 #[derive(Debug)]
 struct Aside {
     pulls: JoinHandle<Pulls>,
-    /// Ends the task that gives messages back, since the pulls are wanted again.
+    /// Ends the task that gives messages back, when the worker can take a job again and wants the pulls.
     wanted: oneshot::Sender<()>,
 }
 
@@ -108,14 +110,14 @@ impl Turns {
         self.order.iter().any(|client| self.may.contains(client))
     }
 
-    /// Returns the next client that may have a job, and moves it to the end of the order.
+    /// Returns the next client in turn that may have a job, and moves it to the end of the order.
     fn next(&mut self) -> Option<String> {
         let client = self.order.iter().find(|client| self.may.contains(*client))?.clone();
         self.goes_last(&client);
         Some(client)
     }
 
-    /// Moves a client that has had its turn to the end of the order.
+    /// Moves a client of which the worker has taken a job to the end of the order of clients.
     fn goes_last(&mut self, client: &str) {
         if let Some(place) = self.order.iter().position(|known| known == client)
             && let Some(client) = self.order.remove(place)
@@ -124,7 +126,7 @@ impl Turns {
         }
     }
 
-    /// Adds clients that may have jobs; `None` stands for all known clients.
+    /// Adds clients that may have jobs to those that the worker asks for; `None` stands for all known clients.
     fn learn(&mut self, clients: Option<Vec<String>>) {
         let Some(clients) = clients else {
             self.may = self.order.iter().cloned().collect();
@@ -144,7 +146,7 @@ impl Turns {
 }
 
 impl Lines {
-    /// Adds a client that may have a job.
+    /// Adds a client that may have a job to those that the worker asks for.
     pub fn add(&self, client: &str) {
         self.lock().add(client);
         self.arrival.notify_one();
@@ -162,8 +164,8 @@ impl Lines {
         let mut asking = self.asking.lock().await;
         asking.resume().await;
         let next = self.next_of(&mut asking, exchange, is_over).await;
-        // If no other concurrent solve waits for a job, pulls must give back what they bring, and no announcement is
-        // wanted.
+        // If no other concurrent solve of the worker waits for a job, pulls must give back what they bring, and no
+        // announcement of a job is wanted.
         if self.idle.fetch_sub(1, Relaxed) == 1 {
             asking.put_aside();
             if let Some(offer) = asking.offer.take() {
@@ -188,8 +190,8 @@ impl Lines {
             }
             let next = self.lock().next();
             let (client, message) = if let Some(client) = next {
-                // The client is removed from those that may have a job before its consumer is asked, so that an
-                // announcement meanwhile adds it again.
+                // The client is removed from those that may have a job before its JetStream consumer is asked, so that
+                // an announcement meanwhile adds it again.
                 self.lock().may.remove(&client);
                 let message = asking.ask(exchange, &client).await;
                 (client, message)
@@ -229,8 +231,8 @@ impl Lines {
             if let Some(message) = message {
                 let wait =
                     asking.consumers.get(&client).map_or(LOOK, |consumer| consumer.cached_info().config.ack_wait);
-                // If the consumer is known to have further messages of the client, the client is one that may have a
-                // job.
+                // If the JetStream consumer is known to have further messages of the client, the client stays one that
+                // may have a job.
                 if message.info().is_ok_and(|info| info.pending > 0) {
                     self.lock().may.insert(client);
                 }
@@ -239,14 +241,14 @@ impl Lines {
         }
     }
 
-    /// Asks which clients have jobs, if the last answer is too old, and waits for the answer for a short time.
+    /// Asks gateways which clients have jobs, if the last answer is too old, and waits for the answer for a short time.
     async fn learn_in_time(&self, asking: &mut Asking, exchange: &Exchange) {
         if asking.told.is_some_and(|told| told.elapsed() < KNOWN) {
             return;
         }
         let is_new = asking.question.is_none();
         let question = asking.question.get_or_insert_with(|| Question(exchange.ask_lines(false)));
-        // A question that was not answered in time is not waited for again.
+        // A question to gateways that was not answered in time is not waited for again.
         let most = if is_new { SOON } else { Duration::ZERO };
         if let Ok(clients) = timeout(most, &mut question.0).await {
             asking.question = None;
@@ -261,7 +263,7 @@ impl Lines {
 }
 
 impl Asking {
-    /// Asks the consumer of a client for a message, without waiting for one to arrive.
+    /// Asks the JetStream consumer of a client for the message of a job, without waiting for one to arrive.
     async fn ask(&mut self, exchange: &Exchange, client: &str) -> Option<Message> {
         let asked = async {
             // The request has no time limit: with one, the server would wait for a message to come.
@@ -277,8 +279,8 @@ impl Asking {
         }
     }
 
-    /// Listens for an announcement, unless the worker does so already or a pull waits for an announced job. Also asks
-    /// which clients have jobs, since earlier announcements were missed.
+    /// Subscribes to an announcement of a job, unless the worker does so already or a pull waits for an announced job.
+    /// Also asks gateways which clients have jobs, since earlier announcements were missed.
     async fn listen(&mut self, exchange: &Exchange) {
         if self.offer.is_some() || !self.pulls.clients.is_empty() {
             return;
@@ -287,7 +289,7 @@ impl Asking {
         self.question = Some(Question(exchange.ask_lines(false)));
     }
 
-    /// Starts a pull that waits for the next message of a client.
+    /// Starts a pull that waits for the message of the next job of a client.
     async fn wait_for(&mut self, exchange: &Exchange, client: String) {
         if self.pulls.clients.contains(&client) {
             return;
@@ -323,7 +325,7 @@ impl Asking {
         self.consumers.remove(client);
     }
 
-    /// Starts a task that gives back the messages that the pulls bring from now on.
+    /// Starts a task that gives back to the NATS servers the messages that the waiting pulls bring from now on.
     fn put_aside(&mut self) {
         if self.pulls.clients.is_empty() {
             return;

@@ -38,7 +38,7 @@ pub struct Mirror {
     parts: OpenParts,
 }
 
-/// Short results by the ids of their jobs.
+/// A cache of short results by the ids of their jobs.
 #[derive(Debug)]
 struct Short(Generations<Arc<RawValue>>);
 
@@ -73,14 +73,14 @@ enum Phase {
 /// The progress of an attempt to solve a job, as workers publish it.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Told {
-    /// The number of the attempt, counted from one.
+    /// The number of the attempt to solve the job, counted from one.
     pub attempt: u32,
     /// The progress of the attempt at the job, with the latest events of the trajectory.
     pub progress: Progress,
 }
 
 impl Mirror {
-    /// Adds a job that this gateway has put into the queue.
+    /// Adds a job that this gateway has put into the NATS queue.
     pub fn admitted(&mut self, id: JobId) {
         self.jobs.insert(id, Seen { revision: 0, phase: Phase::Waiting });
     }
@@ -91,7 +91,7 @@ impl Mirror {
         (waiting, self.running.len() + claimed)
     }
 
-    /// Updates the state of a chunk by its new entry; `None` if the entry was deleted.
+    /// Updates the state of a chunk of a sweep by its new entry; `None` if the entry was deleted.
     pub fn part_came(&mut self, id: PartId, part: Option<&Part>) {
         let sweep = self.jobs.get(&id.sweep);
         // The entry of a chunk that comes after the end of its sweep is ignored.
@@ -118,7 +118,7 @@ impl Mirror {
         forgotten
     }
 
-    /// Returns the running jobs.
+    /// Returns the jobs that workers are solving.
     pub fn running_jobs(&self) -> Vec<JobId> {
         self.running.keys().copied().collect()
     }
@@ -140,8 +140,8 @@ impl Mirror {
 }
 
 impl Jobs {
-    /// Updates a job by its entry, unless a later entry has been seen, and returns the job; `None` if it has been
-    /// deleted.
+    /// Updates the known state of a job by its entry, unless a later entry has been seen, and returns the job; `None`
+    /// if it has been deleted.
     pub(super) async fn take_over(&self, far: &Far, id: JobId, entry: Entry, revision: u64) -> Option<Arc<Job>> {
         let (job, forgotten) = self.mirror(far, id, entry, revision);
         self.store.tidy(forgotten).await;
@@ -158,8 +158,8 @@ impl Jobs {
         let (crashes, ended) = (record.crashes, record.ended.clone());
         let job = self.find(id).unwrap_or_else(|| {
             let job = Arc::new(Job::recovered(id, crate::jobs::Record { ended: None, ..record.clone() }, None));
-            // Insertion may fail if an idempotency key names two jobs, which the bucket does not allow; the key then
-            // finds the first job.
+            // Insertion may fail if an idempotency key names two jobs, which the bucket of states does not allow; the
+            // key then finds the first job.
             let _ = self.store.index().insert(&job);
             job
         });
@@ -213,7 +213,7 @@ impl Jobs {
         (Some(job), forgotten)
     }
 
-    /// Records that a job was deleted, which the bucket reports with this revision.
+    /// Records that a job was deleted, which the bucket of states reports with this revision.
     pub(super) fn take_away(&self, far: &Far, id: JobId, revision: u64, when: Timestamp) {
         let mut mirror = far.mirror();
         let before = mirror.jobs.get(&id).map(|seen| (seen.revision, seen.phase));
@@ -235,7 +235,7 @@ impl Jobs {
         }
     }
 
-    /// Removes a job that could not be put into the queue, or whose client has disconnected.
+    /// Removes from the mirror a job that could not be put into the NATS queue, or whose client has disconnected.
     pub(super) fn drop_from_mirror(&self, far: &Far, job: &Job) {
         let mut mirror = far.mirror();
         mirror.jobs.remove(&job.id);
@@ -244,7 +244,7 @@ impl Jobs {
         self.store.index().forget(job.id);
     }
 
-    /// Passes the progress of a job on to the clients that follow it.
+    /// Passes the progress of a job, received from its worker, on to the clients that follow the job.
     pub(super) fn hear(&self, id: JobId, told: Told) {
         let Some(job) = self.find(id).filter(|job| job.attempt() == told.attempt) else { return };
         if let Some(control) = job.control() {
@@ -254,7 +254,7 @@ impl Jobs {
 }
 
 impl Lifecycle {
-    /// Marks the job as running on a worker of another machine.
+    /// Marks the job as running on a worker of another machine, since `started`.
     fn run_elsewhere(&mut self, started: Moment) {
         if !matches!(self.state, State::Ended(_)) {
             self.state = State::Running { started, control: Arc::new(Control::new()), halt: None, on_trial: false };
@@ -269,7 +269,7 @@ impl Lifecycle {
     }
 }
 
-/// Returns the times that a job on another machine waited and ran.
+/// Returns the times that a job waited and ran, if it ran on another machine.
 fn timing(ended: &Ended, created: Timestamp) -> Option<Timing> {
     let started = ended.started?;
     let between = |from: Timestamp, to: Timestamp| to.duration_since(from).try_into().unwrap_or_default();

@@ -5,7 +5,7 @@ use super::parts::{Part, PartId};
 use crate::jobs::JobId;
 use std::collections::HashMap;
 
-/// The unfinished chunks by their sweeps; the value says whether a worker has claimed the chunk.
+/// The unfinished chunks of shared sweeps, by sweep; the value says whether a worker has claimed the chunk.
 #[derive(Debug, Default)]
 pub struct OpenParts(HashMap<JobId, HashMap<PartId, bool>>);
 
@@ -35,7 +35,7 @@ impl OpenParts {
         self.0.iter().filter(move |(_, parts)| waits(parts)).map(|(sweep, _)| *sweep)
     }
 
-    /// Returns the number of chunks that wait, and the number of those that workers have claimed.
+    /// Returns the number of chunks of shared sweeps that wait, and the number of those that workers have claimed.
     pub fn count(&self) -> (usize, usize) {
         let parts = || self.0.values().flat_map(HashMap::values);
         let claimed = parts().filter(|is_claimed| **is_claimed).count();

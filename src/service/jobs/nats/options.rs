@@ -62,7 +62,7 @@ impl Default for Nats {
 }
 
 impl Nats {
-    /// Whether jobs are shared over NATS servers.
+    /// Whether the options name NATS servers over which jobs are shared.
     pub fn is_used(&self) -> bool {
         !self.servers.is_empty()
     }

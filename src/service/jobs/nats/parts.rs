@@ -25,9 +25,9 @@ use tokio::time::sleep;
 /// The work that a message of the NATS queue stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Work {
-    /// A job; if it is a sweep, its division into chunks and its table.
+    /// A job to solve; of a sweep, its division into chunks and its table.
     Job(JobId),
-    /// A chunk of a sweep that workers share.
+    /// A chunk to solve of a sweep that workers share.
     Part(PartId),
 }
 
@@ -36,16 +36,16 @@ pub enum Work {
 pub struct PartId {
     /// The job of the sweep that the chunk belongs to.
     pub sweep: JobId,
-    /// The number of the attempt at the sweep in which the chunk was made.
+    /// The number of the attempt to solve the sweep in which the chunk was made.
     pub attempt: u32,
-    /// The number of the chunk within the attempt at the sweep.
+    /// The number of the chunk within the attempt to solve the sweep.
     pub number: u32,
 }
 
 /// The entry of a chunk of a sweep in the NATS bucket of states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Part {
-    /// The version of the entry, [`FORMAT`].
+    /// The format version of the entry, [`FORMAT`].
     pub format: u32,
     /// The index of the first member of the chunk, and the one behind the last.
     pub first: usize,
@@ -62,7 +62,7 @@ pub struct Part {
     /// The number of workers that were lost while they had the chunk, and of those on which it ran alone.
     pub crashes: u32,
     pub crashes_alone: u32,
-    /// The outcome of the chunk, once it is finished.
+    /// The outcome of the chunk, once its solve is finished.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<Done>,
 }
@@ -109,7 +109,7 @@ impl PartId {
         Some(Self { sweep, attempt: attempt.parse().ok()?, number: number.parse().ok()? })
     }
 
-    /// Parses the identity of a chunk from the key of its entry.
+    /// Parses the identity of a chunk from the key of its entry in the bucket of states.
     pub fn of(key: &str) -> Option<Self> {
         let (sweep, _) = key.strip_prefix("part.")?.split_once('.')?;
         Self::of_key(sweep.parse().ok()?, key)
@@ -161,7 +161,7 @@ impl Work {
         subject.rsplit('.').next()?.parse().ok()
     }
 
-    /// Returns the job itself; for a chunk, the job of its sweep.
+    /// Returns the job of this work; for a chunk of a sweep, the job of the sweep.
     pub fn job(self) -> JobId {
         match self {
             Self::Job(id) | Self::Part(PartId { sweep: id, .. }) => id,
@@ -188,7 +188,7 @@ impl Part {
         }
     }
 
-    /// Returns the members of the chunk.
+    /// Returns the chunk that the entry describes: its range of members, and why they cannot be solved, if so.
     pub fn chunk(&self) -> Chunk {
         Chunk { members: self.first..self.end, lost: self.lost.clone() }
     }
@@ -282,12 +282,12 @@ impl Worker {
         reply
     }
 
-    /// Registers the job of a chunk, and stops the job if its sweep is to stop.
+    /// Registers the job of a chunk that begins, and stops the job if its sweep is to stop.
     pub async fn begin_part(&self, id: PartId, job: &Arc<Job>) {
         self.mine().insert(Work::Part(id), Some(Arc::clone(job)));
         let is_cancelled = self.cancelled().contains(&id.sweep);
         if is_cancelled {
-            // The job is in memory only, so that cancelling it cannot fail.
+            // The job of the chunk is in memory only, so that cancelling it cannot fail.
             let _ = self.jobs.cancel(job).await;
         }
     }
@@ -347,13 +347,13 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The claim may stay in the entry: the next worker that gets the message asks this worker, which answers
-            // that it does not have the chunk.
+            // The claim to the chunk may stay in its entry: the next worker that gets the message asks this worker,
+            // which answers that it does not have the chunk.
             Err(_) => Reply::Later(PAUSE),
         }
     }
 
-    /// Writes the rows and the outcome of a chunk, with retries until the servers accept them.
+    /// Writes the rows and the outcome of a chunk, with retries until the NATS servers accept them.
     async fn finish_part(&self, id: PartId, (part, revision): (Part, u64), done: Done, rows: &[u8]) -> Reply {
         let attempt = part.crashes + 1;
         let name = id.rows(attempt);
@@ -394,7 +394,7 @@ impl Worker {
         }
     }
 
-    /// Writes the rows of a chunk, with retries until the servers accept them.
+    /// Writes the rows of a chunk, with retries until the NATS servers accept them.
     pub async fn write_rows(&self, name: &str, rows: &[u8]) {
         while self.exchange.put_rows(name, rows).await.is_err() {
             sleep(PAUSE).await;
@@ -427,9 +427,9 @@ impl Jobs {
         let left = until.map(|until| until.duration_since(Timestamp::now()).as_secs_f64().max(0.0));
         let chunks = Chunks::part(SweepFacts { seconds: left, ..facts }, chunk);
         let record = Record { key: None, ..record };
-        // The job has an id of its own, since a worker may have several chunks of a sweep.
+        // The job of the chunk has an id of its own, since a worker may have several chunks of a sweep.
         let job = Arc::new(Job::taken_on(JobId::new(), record, Some(chunks), document));
-        // Insertion succeeds, since the job has no idempotency key.
+        // Insertion into the index succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
         self.arrival.notify_one();

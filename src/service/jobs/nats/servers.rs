@@ -1,4 +1,4 @@
-//! The connection to the NATS servers, and the stream and the buckets that are stored there.
+//! The connection to the NATS servers, and the stream of messages and the buckets that are stored there.
 
 use super::announcements::Announced;
 use super::entry::{Entry, Versioned};
@@ -35,7 +35,7 @@ impl From<Away> for io::Error {
 /// The reason why an entry of the bucket of states could not be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// The NATS servers do not answer.
+    /// The NATS servers do not answer the request.
     Away,
     /// Another version of the program wrote the entry.
     OtherVersion,
@@ -53,21 +53,21 @@ impl From<Trouble> for Away {
     }
 }
 
-/// The time limit for an answer of the servers, and that of the connection at the start of the process.
+/// The time limit for an answer of the NATS servers, and that of the connection at the start of the process.
 const ANSWER: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The interval of pings to the NATS servers; after two unanswered pings the connection counts as lost.
 const PING: Duration = Duration::from_secs(10);
 
-/// The first and the longest pause between attempts to connect to the servers.
+/// The first and the longest pause between attempts to connect to the NATS servers.
 const FIRST_PAUSE: Duration = Duration::from_millis(50);
 const LONGEST_PAUSE: Duration = Duration::from_secs(4);
 
 /// The time for which JetStream rejects messages with the id of an earlier message.
 const REMEMBERED: Duration = Duration::from_secs(120);
 
-/// The largest number of running jobs of one client, larger than any pool of workers.
+/// The largest number of running jobs of one client that its consumer allows, larger than any pool of workers.
 const MOST_RUNNING: i64 = 100_000;
 
 /// The largest text that is stored as one message, in bytes. By default, NATS servers accept messages of up to 1 MiB,
@@ -85,9 +85,10 @@ pub struct Exchange {
     pub objects: ObjectStore,
     /// The time without a sign of life after which a worker counts as lost.
     pub lost_after: Duration,
-    /// The time of the latest connection: shortly afterwards, a missing answer of another process says little.
+    /// The time at which the NATS servers were last connected: shortly afterwards, a missing answer of another process
+    /// says little.
     connected: Arc<Mutex<Instant>>,
-    /// The clients whose subjects are known to have a consumer.
+    /// The clients whose subjects are known to have a JetStream consumer.
     lines: Mutex<HashSet<String>>,
 }
 
@@ -142,7 +143,7 @@ impl Exchange {
         self.client.connection_state() == State::Connected
     }
 
-    /// Returns the time for which the connection has been up; zero if it is down.
+    /// Returns the time for which the connection to the NATS servers has been up; zero if it is down.
     pub fn connected_for(&self) -> Duration {
         if self.is_near() {
             self.connected.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
@@ -290,7 +291,7 @@ impl Exchange {
         }
     }
 
-    /// Whether the jobs of a client are known to have a consumer.
+    /// Whether the jobs of a client are known to have a JetStream consumer.
     pub fn has_line(&self, client: Client) -> bool {
         self.lines().contains(&client.token())
     }
@@ -349,7 +350,7 @@ pub fn job_key(id: JobId) -> String {
     format!("job.{id}")
 }
 
-/// Parses the job whose id is the last token of a subject or key.
+/// Parses the id of a job from the last token of a NATS subject, or of a key of the bucket of states.
 pub fn job_of(subject: &str) -> Option<JobId> {
     subject.rsplit('.').next()?.parse().ok()
 }
@@ -401,7 +402,7 @@ async fn connect(options: &Nats, role: &str, connected: &Arc<Mutex<Instant>>) ->
     }
 }
 
-/// Whether an error of a connection attempt makes further attempts useless.
+/// Whether an error of an attempt to connect to the NATS servers makes further attempts useless.
 fn is_final(kind: ConnectErrorKind) -> bool {
     use ConnectErrorKind::{Authentication, AuthorizationViolation, ServerParse, Tls};
     matches!(kind, Authentication | AuthorizationViolation | ServerParse | Tls)
@@ -414,7 +415,7 @@ fn secret(path: &Path) -> io::Result<String> {
     Ok(text.trim().to_owned())
 }
 
-/// Returns the pause before the next attempt to connect, after `attempts` attempts.
+/// Returns the pause before the next attempt to connect to the NATS servers, after `attempts` attempts.
 fn pause_before(attempts: usize) -> Duration {
     let doublings = u32::try_from(attempts.saturating_sub(1)).unwrap_or(u32::MAX);
     FIRST_PAUSE.saturating_mul(2_u32.saturating_pow(doublings)).min(LONGEST_PAUSE)

@@ -38,11 +38,11 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// The time for which the worker that took a sweep solves it alone: long compared with the writes and reads of a
-/// chunk.
+/// The time for which the worker that took a sweep solves it alone, before it shares chunks: long compared with the
+/// writes and reads of a chunk.
 const UNSHARED: Duration = Duration::from_millis(100);
 
-/// The number of workers assumed for the size of chunks as long as no worker has taken a chunk.
+/// The number of workers assumed for the size of the chunks of a sweep as long as no worker has taken a chunk.
 const EXPECTED: usize = 4;
 
 /// The least number of chunks of a shared sweep that are kept waiting for workers.
@@ -57,11 +57,11 @@ const MOST_DIVIDED: usize = 64;
 /// largest size.
 const HALVED: usize = 16;
 
-/// The interval at which the divider checks whether it still has the claim to the sweep, and reads the entries of the
-/// chunks.
+/// The interval at which the worker that divides a sweep checks whether it still has the claim to the sweep, and reads
+/// the entries of the chunks.
 const LOOK: Duration = Duration::from_secs(5);
 
-/// The interval at which the divider checks chunks that have been asked to stop.
+/// The interval at which the worker that divides a sweep checks chunks that have been asked to stop.
 const STOPPING: Duration = Duration::from_millis(200);
 
 /// The way in which the division of a sweep ended.
@@ -89,7 +89,8 @@ struct Sweep<'w> {
     number: u32,
     /// The time up to which the client allows the sweep to run.
     until: Option<Timestamp>,
-    /// The chunks that wait or that other workers solve; the flag says whether a worker has claimed the chunk.
+    /// The chunks of the sweep that wait or that other workers solve; the flag says whether a worker has claimed the
+    /// chunk.
     out: HashMap<PartId, (Chunk, bool)>,
     /// The chunk that the divider, the worker that divides the sweep, solves itself.
     here: Option<Here>,
@@ -97,7 +98,7 @@ struct Sweep<'w> {
     unwritten: Vec<(PartId, Chunk, Done, Vec<u8>)>,
     rows: RowFile,
     stopping_since: Option<Instant>,
-    /// The number of chunks that have made workers die.
+    /// The number of chunks of the sweep that have made workers die.
     poisoned: usize,
     /// Whether chunks of the sweep have entries in the bucket of states.
     has_parts: bool,
@@ -109,7 +110,7 @@ struct Sweep<'w> {
 struct Counted<'w>(&'w AtomicUsize);
 
 impl<'w> Counted<'w> {
-    /// Adds one to `count`, unless it has reached `most`.
+    /// Adds one to the counter `count` until this value is dropped; `None` if the counter has reached `most`.
     fn within(count: &'w AtomicUsize, most: usize) -> Option<Self> {
         let more = |count: usize| (count < most).then_some(count + 1);
         // `Self` is made only if the counter was increased: to drop a value made otherwise would decrease the
@@ -124,7 +125,7 @@ impl Drop for Counted<'_> {
     }
 }
 
-/// The file of the rows of a sweep, which is removed when this value is dropped.
+/// The path of the file with the rows of a sweep; the file is removed when this value is dropped.
 struct RowFile(PathBuf);
 
 impl Drop for RowFile {
@@ -290,7 +291,7 @@ impl Sweep<'_> {
         lifecycle.parked || matches!(lifecycle.state, State::Ended(_))
     }
 
-    /// Takes over the rows and the chunks of the workers that divided the sweep before.
+    /// Takes over the rows and the chunks of the workers that divided the sweep before, if any.
     async fn adopt(&mut self) {
         let id = self.job.id;
         let mut parts = loop {
@@ -310,7 +311,7 @@ impl Sweep<'_> {
             let chunk = match part.done {
                 Some(Done::Rows { rows, .. }) => Chunk { members: part.first..part.first + rows, lost: part.lost },
                 Some(Done::Poisoned) => part.chunk(),
-                // Chunks of the earlier dividers with other outcomes have left no rows.
+                // Chunks of workers that divided the sweep before, with other outcomes, have left no rows.
                 _ => continue,
             };
             if let Some(done) = part.done
@@ -325,7 +326,7 @@ impl Sweep<'_> {
             if !self.chunks.adopt(&chunk.members) {
                 continue;
             }
-            // The worker that made the chunk may have died before the message was in the queue.
+            // The worker that made the chunk may have died before the message of the chunk was in the NATS queue.
             let client = self.job.client;
             while let Ok(false) | Err(_) = self.worker.exchange.is_queued(part_id, client).await {
                 match self.worker.exchange.enqueue(part_id, client, bare(), None).await {
@@ -337,7 +338,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Subscribes to the entries of the sweep's chunks.
+    /// Starts a task that follows the entries of the sweep's chunks, and returns the channel of their changes.
     fn follow(&self, following: &mut JoinSet<()>) -> UnboundedReceiver<(PartId, Part)> {
         let (tell, told) = unbounded_channel();
         let (worker, id) = (Arc::clone(self.worker), self.job.id);
@@ -345,7 +346,7 @@ impl Sweep<'_> {
             let filter = format!("part.{id}.*");
             let came = |key: &str, text: Option<&[u8]>| {
                 if let (Some(part_id), Some(part)) = (PartId::of_key(id, key), text.and_then(Part::read)) {
-                    // Sending cannot fail, since the receiver outlives this task.
+                    // Sending a change of an entry cannot fail, since the receiver outlives this task.
                     let _ = tell.send((part_id, part));
                 }
             };
@@ -354,7 +355,7 @@ impl Sweep<'_> {
         told
     }
 
-    /// Whether more chunks of the sweep are to be put into the queue.
+    /// Whether more chunks of the sweep are to be put into the NATS queue for other workers.
     fn wants_more(&self) -> bool {
         let claimed = self.out.values().filter(|(_, is_claimed)| *is_claimed).count();
         self.out.len() - claimed < WAITING.max(claimed)
@@ -366,7 +367,7 @@ impl Sweep<'_> {
         id
     }
 
-    /// Puts the next chunk of the sweep into the queue of the client; returns false if there was none.
+    /// Puts the next chunk of the sweep into the NATS queue of its client; returns false if there was none.
     async fn post(&mut self) -> bool {
         let workers = self.out.len() + usize::from(self.here.is_some());
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
@@ -379,11 +380,11 @@ impl Sweep<'_> {
         true
     }
 
-    /// Writes the first entry of a chunk to the bucket of states.
+    /// Writes the first entry of a chunk of the sweep to the bucket of states.
     async fn enter(&mut self, id: PartId, part: &Part) {
         self.has_parts = true;
-        // If the entry exists already, an earlier attempt in this loop has written it, and the answer of the servers
-        // was lost.
+        // If the entry of the chunk exists already, an earlier attempt in this loop has written it, and the answer of
+        // the servers was lost.
         while self.worker.exchange.create(&id.key(), part.text()).await.is_err() {
             sleep(PAUSE).await;
         }
@@ -400,7 +401,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Records the outcome of a chunk that its entry reports, and fetches its rows from the servers.
+    /// Records the outcome of a chunk that its entry reports, and fetches its rows from the NATS servers.
     async fn count(&mut self, id: PartId, chunk: &Chunk, done: Done) {
         let first = chunk.members.start;
         let (solved, time) = match done {
@@ -480,8 +481,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Withdraws the chunks that no worker has claimed; after a time limit all chunks, since their workers do not
-    /// answer.
+    /// Withdraws the chunks of the sweep that no worker has claimed; after a time limit all chunks, since their workers
+    /// do not answer.
     async fn withdraw(&mut self) {
         let since = *self.stopping_since.get_or_insert_with(Instant::now);
         let all = since.elapsed() > self.worker.exchange.lost_after.max(LAST_CALL);
@@ -499,12 +500,13 @@ impl Sweep<'_> {
             match changed.await {
                 Ok(Some((part, _))) => {
                     if matches!(part.done, Some(Done::Withdrawn)) {
-                        // If removing the message fails, a worker that takes it finds that the chunk is withdrawn.
+                        // If removing the message of the chunk fails, a worker that takes it finds that the chunk is
+                        // withdrawn.
                         let _ = self.worker.exchange.dequeue(id, self.job.client).await;
                     }
                     self.came(id, part).await;
                 }
-                // The entry is missing, since the client has deleted the job.
+                // The entry of the chunk is missing, since the client has deleted the job of the sweep.
                 Ok(None) => {
                     if let Some((chunk, _)) = self.out.remove(&id) {
                         self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
@@ -515,14 +517,14 @@ impl Sweep<'_> {
         }
     }
 
-    /// Reads the entries of the chunks, in case a change was missed; returns whether this worker still has the claim
-    /// to the sweep.
+    /// Reads the entries of the sweep's chunks, in case a change was missed; returns whether this worker still has the
+    /// claim to the sweep.
     async fn look(&mut self) -> bool {
         let exchange = &self.worker.exchange;
         let claim = &self.entry.0.claim;
         match exchange.entry(self.job.id).await {
             Ok(Some((entry, _))) if entry.record.ended.is_some() || entry.claim != *claim => return false,
-            // If the client has deleted the job, the request to stop it arrives separately.
+            // If the client has deleted the job of the sweep, the request to stop it arrives separately.
             Ok(_) | Err(_) => {}
         }
         let ids: Vec<PartId> = self.out.keys().copied().collect();
@@ -546,7 +548,7 @@ impl Jobs {
     fn take_charge(&self, id: JobId, record: &Record, facts: SweepFacts, document: &Arc<[u8]>) -> Arc<Job> {
         let record = Record { key: None, ..record.clone() };
         let job = Arc::new(Job::taken_on(id, record, Some(Chunks::new(facts)), Arc::clone(document)));
-        // Insertion succeeds, since the job has no idempotency key.
+        // Insertion into the index succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         job
     }

@@ -1,5 +1,5 @@
-//! Specifications, results and rows on NATS servers: values of a bucket, or objects if they are longer than a message
-//! may be.
+//! Specifications, results and rows on NATS servers: values of a bucket, or objects of the object store if they are
+//! longer than a message may be.
 
 use super::entry::{Entry, SHORT};
 use super::servers::{Away, Exchange, ONE_MESSAGE, Trouble, away};
@@ -36,8 +36,8 @@ impl Exchange {
     /// The servers do not answer, the text is incomplete, or `to` cannot be written.
     async fn copy(&self, name: &str, to: &mut (impl Write + Send)) -> io::Result<bool> {
         self.near()?;
-        // Any server with a replica of the bucket may answer. If a replica that is behind does not have the text, the
-        // leader is asked.
+        // Any NATS server with a replica of the bucket may answer. If a replica that is behind does not have the text,
+        // the leader of the cluster is asked.
         let value = match self.data.get(name).await {
             Ok(Some(value)) => Some(value),
             Ok(None) | Err(_) => self.last(&self.data, name).await?.map(|message| message.payload),
@@ -186,12 +186,12 @@ impl Exchange {
     }
 }
 
-/// Returns the name under which the specification of a job is stored.
+/// Returns the name under which the specification of a job is stored on the NATS servers.
 pub fn document_name(id: JobId) -> String {
     format!("document.{id}")
 }
 
-/// Returns the name under which the results of an attempt at a job are stored.
+/// Returns the name under which the results of an attempt at a job are stored on the NATS servers.
 fn results_name(id: JobId, attempt: u32) -> String {
     format!("results.{id}.{attempt}")
 }

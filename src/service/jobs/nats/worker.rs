@@ -31,7 +31,8 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep, timeout};
 use uuid::Uuid;
 
-/// The interval at which progress is published, and that at which it is stored for gateways that start later.
+/// The interval at which a worker publishes the progress of a job, and that at which it stores the progress for
+/// gateways that start later.
 const TELL: Duration = Duration::from_millis(100);
 const KEEP: Duration = Duration::from_secs(5);
 
@@ -41,16 +42,17 @@ const BEATS: u32 = 4;
 /// The time limit for sending the messages that remain in the buffer of the connection when the worker stops.
 const ANSWER: Duration = Duration::from_secs(2);
 
-/// The time limit for solves that are stopped to reach their next step.
+/// The time limit for solves that are asked to stop to reach their next step.
 pub const LAST_CALL: Duration = Duration::from_secs(10);
 
-/// The pause before a failed request is repeated, and before a job is tried again whose entry could not be read.
+/// The pause before a failed request to the NATS servers is repeated, and before a job is tried again whose entry could
+/// not be read.
 pub const PAUSE: Duration = Duration::from_millis(500);
 
-/// The time for which a job of another version is left to a worker that can read it.
+/// The time for which a job that another version of the program wrote is left to a worker that can read it.
 pub const OTHERS: Duration = Duration::from_secs(10);
 
-/// The state of a worker, with the jobs that it has.
+/// The state of a worker that takes jobs over NATS, with the jobs that it has.
 pub struct Worker {
     pub name: String,
     pub exchange: Exchange,
@@ -62,7 +64,7 @@ pub struct Worker {
     /// The specification of the sweep of which the worker last had a chunk.
     latest: Mutex<Option<(JobId, Arc<[u8]>)>>,
     compiled: Compiled,
-    /// The jobs that clients have asked to stop.
+    /// The ids of the jobs that clients have asked to stop.
     cancelled: Mutex<HashSet<JobId>>,
     until_idle: Option<Duration>,
     /// The time at which the worker last answered the message of a job or chunk.
@@ -70,7 +72,7 @@ pub struct Worker {
     is_stopping: AtomicBool,
 }
 
-/// A job that this worker has claimed.
+/// A job that this worker has claimed in the bucket of states.
 pub struct Claimed {
     pub id: JobId,
     pub entry: Entry,
@@ -180,7 +182,7 @@ pub async fn work(
 }
 
 impl Worker {
-    /// Stops the running jobs, for other workers to begin again.
+    /// At the stop of this worker, stops its running jobs, for other workers to begin again.
     fn leave_jobs(&self) {
         let jobs: Vec<_> = self.mine().values().flatten().cloned().collect();
         for job in jobs {
@@ -189,7 +191,7 @@ impl Worker {
         }
     }
 
-    /// Gives up the sweeps that this worker divides into chunks, since it solves no more chunks itself.
+    /// Gives up the sweeps that this worker divides into chunks for others, since it solves no more chunks itself.
     fn leave_sweeps(&self) {
         let mine = self.mine();
         let jobs: Vec<_> = mine.iter().filter(|(work, _)| matches!(work, Work::Job(_))).collect();
@@ -199,8 +201,8 @@ impl Worker {
         }
     }
 
-    /// Takes jobs and lets them be solved, one after the other. Sweeps that are divided for others continue beside
-    /// them.
+    /// Takes jobs from the NATS queue and lets them be solved, one after the other. Sweeps that are divided for others
+    /// continue beside them.
     async fn take_jobs(self: &Arc<Self>) {
         let mut attended = JoinSet::new();
         while let Some((message, lost_after)) = self.lines.next(&self.exchange, || self.is_over()).await {
@@ -238,13 +240,14 @@ impl Worker {
             Reply::Nothing => Ok(()),
         };
         if let Err(error) = replied {
-            // Without an answer the message is delivered again, and the entry then says what became of the job.
+            // Without an answer the message of the job is delivered again, and the entry then says what became of the
+            // job.
             tracing::debug!(%error, "a message could not be answered");
         }
         *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 
-    /// Whether the worker is to take no more jobs.
+    /// Whether the worker is to take no more jobs: it is stopping, or has been idle for long enough.
     fn is_over(&self) -> bool {
         let idle = self.active.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
         let is_idle = self.until_idle.is_some_and(|most| idle > most) && self.mine().is_empty();
@@ -258,7 +261,7 @@ impl Worker {
             return Reply::Later(OTHERS);
         };
         if self.mine().contains_key(&work) {
-            // The message was delivered again because the worker's signs of life came late.
+            // The message of the job was delivered again because the worker's signs of life came late.
             return Reply::Later(lost_after);
         }
         self.mine().insert(work, None);
@@ -279,7 +282,7 @@ impl Worker {
         reply
     }
 
-    /// Solves a job at once, if it is small, and otherwise claims it.
+    /// Solves a job at once, if it is small, and otherwise claims it in the bucket of states.
     async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
         let errand = Errand::read(&message.payload);
         // The job of a message that is delivered again may have made a worker die; such a job is claimed first, since
@@ -310,13 +313,14 @@ impl Worker {
         let entry = Entry { record, results: Some(results), ..entry.clone() };
         match self.exchange.state.update(job_key(id), entry.text().into(), *revision).await {
             Ok(revision) => self.tell_end(id, &entry, revision).await,
-            // If the write succeeded and only its answer was lost, the claim that follows finds the job ended.
+            // If the end of the job was written and only the answer of the servers was lost, the claim that follows
+            // finds the job ended.
             Err(_) => return false,
         }
         true
     }
 
-    /// Claims a job, unless its entry says that it is not to be solved.
+    /// Claims a job in the bucket of states, unless its entry says that it is not to be solved.
     async fn claim(&self, id: JobId, errand: Option<Errand>, lost_after: Duration) -> Result<Claimed, Reply> {
         let mut found = match errand {
             Some(Errand { entry, revision }) => Ok(Some((entry, revision))),
@@ -356,7 +360,7 @@ impl Worker {
         }
     }
 
-    /// Ends a job whose specification is missing.
+    /// Ends a job whose specification is missing on the NATS servers.
     async fn end_unread(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
         let ended = Ended::unsolved(crate::jobs::Ending::Broken(crate::jobs::Fault::Damaged));
         self.write_end(id, (entry, revision), &ended, None).await
@@ -376,8 +380,8 @@ impl Worker {
         match released.await {
             Ok(Some(_)) => Reply::Later(Duration::ZERO),
             Ok(None) => Reply::Acknowledge,
-            // The claim may stay in the entry: the next worker that gets the message asks this worker, which answers
-            // that it does not have the job.
+            // The claim to the job may stay in its entry: the next worker that gets the message asks this worker, which
+            // answers that it does not have the job.
             Err(_) => Reply::Later(PAUSE),
         }
     }
@@ -400,7 +404,7 @@ impl Worker {
         self.mine().insert(Work::Job(job.id), Some(Arc::clone(job)));
         let is_cancelled = self.cancelled().contains(&job.id);
         if is_cancelled || is_dismissed {
-            // The job is in memory only, so that cancelling it cannot fail.
+            // On this worker, the job is in memory only, so that cancelling it cannot fail.
             let _ = self.jobs.cancel(job).await;
         }
     }
@@ -408,7 +412,8 @@ impl Worker {
     /// Removes a job that has ended, or was given back, from memory, and the requests and progress stored for it.
     pub async fn let_go(&self, job: &Arc<Job>, is_kept: bool) {
         let id = job.id;
-        // The removal is awaited, since this worker may take the job again, and then adds another job with this id.
+        // The removal of the job is awaited, since this worker may take the job again, and then adds another job with
+        // this id.
         let _ = self.jobs.forget(job).await;
         if is_kept {
             let _ = self.exchange.clear(&format!("progress.{id}")).await;
@@ -453,7 +458,7 @@ impl Worker {
         }
     }
 
-    /// Writes the results and the end of a job, with retries until the servers accept them.
+    /// Writes the results and the end of a job, with retries until the NATS servers accept them.
     pub async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
         let (id, attempt) = (job.id, job.attempt());
         let (mut ended, results) =
@@ -510,7 +515,7 @@ impl Worker {
                     let _ = self.exchange.remove_results(id, attempt).await;
                     return Reply::Nothing;
                 }
-                // The entry is missing, since the client has deleted the job.
+                // The entry of the job is missing, since the client has deleted the job.
                 Ok(None) => {
                     let _ = self.exchange.remove_results(id, attempt).await;
                     return Reply::Acknowledge;
@@ -538,13 +543,14 @@ impl Worker {
         self.mine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Locks and returns the jobs that clients have asked to stop.
+    /// Locks and returns the ids of the jobs that clients have asked to stop.
     pub fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
         self.cancelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Returns the end of a job with its short results, for its entry; `None` if results are longer, or there are none.
+/// Returns the end of a job and its short results, both to be stored in its entry; `None` if the results are longer, or
+/// there are none.
 fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
     let Some(Held::Memory(results)) = &ended.held else { return None };
     let json = short(results)?;
@@ -552,19 +558,19 @@ fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
 }
 
 impl Jobs {
-    /// Queues a job in this process that another process has admitted.
+    /// Puts a job that another process has admitted into the queue of this process.
     fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>) -> Arc<Job> {
         // Idempotency keys concern only the gateways, which admit jobs.
         let record = Record { key: None, ..record.clone() };
         let job = Arc::new(Job::taken_on(id, record, None, document));
-        // Insertion succeeds, since the job has no idempotency key.
+        // Insertion into the index succeeds, since the job has no idempotency key.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
         self.arrival.notify_one();
         job
     }
 
-    /// Stops a job, for another process to begin again.
+    /// Stops a job in this process, for another process to begin again.
     pub(super) async fn leave(&self, job: &Arc<Job>) {
         if job.halt(Halt::Park) {
             self.stop_chunks(job, Halt::Park).await;

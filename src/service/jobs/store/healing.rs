@@ -12,7 +12,7 @@ impl Store {
         !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
     }
 
-    /// Returns the number of times that the database was rebuilt.
+    /// Returns the number of times that the database of jobs was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.disk.as_ref().map_or(0, |disk| disk.rebuilds())
     }
@@ -22,8 +22,8 @@ impl Store {
         self.unsaved.len()
     }
 
-    /// If the last change could not be made, tries to write again; if the disk accepts changes, writes the ends of
-    /// jobs that are only in memory. Returns the jobs that are to be solved again.
+    /// If the last change to the database could not be made, tries to write again; if the disk accepts changes, writes
+    /// the ends of jobs that are only in memory. Returns the jobs that are to be solved again.
     pub async fn heal(&self) -> Vec<Arc<Job>> {
         let Some(disk) = &self.disk else { return Vec::new() };
         if disk.has_failed()

@@ -63,8 +63,8 @@ export function needs(specification) {
 
 const nodesOf = (components) => [...new Set(components.flatMap(({ nodes }) => nodes))];
 
-// Returns the nodes in the order of their rails from the top, ground last: a node is near those to which it is
-// joined.
+// Returns the nodes of a circuit in the order of their rails from the top, ground last: a node is near those to which
+// it is joined.
 function railsOf(components) {
   const nodes = nodesOf(components).filter((node) => node !== "0");
   const order = [];
@@ -86,7 +86,7 @@ function railsOf(components) {
 export function make(specification, run, { canvas: standing } = {}) {
   const components = componentsOf(specification.problem.circuit);
   const rails = railsOf(components);
-  // Components are sorted by their upper rails, so that rails stay short.
+  // Components of the circuit are sorted by their upper rails, so that rails stay short.
   const rank = (component) => component.nodes.map((node) => rails.indexOf(node)).sort((a, b) => a - b);
   const columns = [...components].sort((a, b) => rank(a)[0] - rank(b)[0] || rank(a)[1] - rank(b)[1]);
   const current = (component) => run.fields[`i(${component.name})`];
@@ -118,7 +118,7 @@ export function make(specification, run, { canvas: standing } = {}) {
       const i0 = current(component)?.[k] ?? 0;
       const flows = Math.abs(i0) > 1e-6 * largest;
       const ink = flows ? colour("--accent") : colour("--quiet");
-      // A component stands between two rails, never on a rail that its wire passes.
+      // A component stands between the rails of two nodes, never on a rail that its wire passes.
       const rows = Math.abs(to - from) / ROW;
       const middle = Math.min(from, to) + ROW * (Math.ceil(rows / 2) - 0.5);
       const half = 22;
@@ -131,7 +131,7 @@ export function make(specification, run, { canvas: standing } = {}) {
       context.fillText(component.name, x(i) + 15, middle - 2);
       context.fillStyle = colour("--quiet");
       if (component.note && step > 60) context.fillText(component.note, x(i) + 15, middle + 12);
-      // Dots move by the charge that has passed, so that their speed is proportional to the current.
+      // The dots of a component move by the charge that has passed, so that their speed is proportional to the current.
       if (!flows || !travelled[i]) return;
       const shift = ((travelled[i][k] / whole) * 60 * DOTS) % DOTS;
       const length = Math.abs(to - from);
@@ -148,7 +148,7 @@ export function make(specification, run, { canvas: standing } = {}) {
   return { element: canvas, draw, dispose, hint: "Rails are nodes, red above ground and blue below; dots move with the current; conducting components are coloured." };
 }
 
-// Returns the charge that has passed at each time, by the trapezoidal rule.
+// Returns the charge that has passed through a component at each time, by the trapezoidal rule.
 function charge(t, current) {
   if (!current) return null;
   const passed = [0];

@@ -1,11 +1,11 @@
 // A film: the answer of a problem at the times of frames, with interpolation between two frames.
 
-// Returns a specification without the parts that a film does not need.
+// Returns a specification without the parts that the solve for a film does not need.
 export function film({ label, study, sweep, fit, sensitivities, ...rest }) {
   return rest;
 }
 
-// Returns the index of the frame before a time, and the fraction of the way to the next frame.
+// Returns the index of the film's frame before a time, and the fraction of the way to the next frame.
 export function between(times, time) {
   let [low, high] = [0, times.length - 1];
   while (high - low > 1) {

@@ -24,7 +24,7 @@ export function hullOf(all) {
       }
     }
   }
-  // Adds the face of all points in a plane, as a fan of triangles about its middle.
+  // Adds the face of the convex hull of all points in a plane, as a fan of triangles about its middle.
   function addFace(normal, heights) {
     const corners = points.map((_, i) => i).filter((i) => Math.abs(heights[i]) <= 1e-9 * size);
     const key = corners.join();

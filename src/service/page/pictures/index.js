@@ -18,11 +18,11 @@ const BY_TYPE = { rigid_bodies: "scene", circuit: "circuit", obstacle: "obstacle
 // Returns the name of the picture of a specification, or null if there is no picture of such a problem.
 export function pictureOf(specification) {
   if (specification === null || typeof specification !== "object" || !specification.problem) return null;
-  // A run that looks for an equilibrium has nothing that moves.
+  // A run that looks for an equilibrium has nothing that moves, and no picture.
   if (specification.steady_state) return null;
   if (viewOf(specification)) return "plane";
   return BY_TYPE[typeOf(specification)] ?? (statesOf(specification) ? "phase" : null);
 }
 
-// Fetches the functions {needs, make} of a picture.
+// Fetches the script of a picture, with its functions {needs, make}.
 export const load = (name) => LOADERS[name]();

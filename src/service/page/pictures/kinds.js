@@ -6,7 +6,7 @@ export const viewOf = (specification) => {
   return view && typeof view === "object" && Object.keys(view.points ?? {}).length > 0 ? view : null;
 };
 
-// Returns the names of the two states of a problem that has exactly two, or null.
+// Returns the names of the two states of a problem that has exactly two, for a phase plane, or null.
 export function statesOf(specification) {
   const [problem] = Object.values(specification.problem);
   const names = Object.keys(problem?.states ?? {});

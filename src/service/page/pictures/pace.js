@@ -9,7 +9,7 @@ export class Pace {
   #waits = false;
   #frames = [];
 
-  // Calls `slow()` whenever the frames that are judged together were drawn at less than `SLOWEST` per second.
+  // Calls `slow()` whenever the frames that are measured together were drawn at less than `SLOWEST` per second.
   constructor(slow) {
     this.#slow = slow;
   }
@@ -27,7 +27,7 @@ export class Pace {
     );
   }
 
-  // Judges by the median: a page that was out of view for a while has one long frame.
+  // Compares the median time of a frame with the limit: a page that was out of view for a while has one long frame.
   #judge(time) {
     this.#frames.push(time);
     const sum = this.#frames.reduce((all, one) => all + one, 0);

@@ -17,13 +17,14 @@ export function needs(specification) {
   return { ...film(specification), output: { times: { count: FRAMES } } };
 }
 
-// Returns functions of the state that are zero where the rates jump.
+// Returns functions of the state that are zero on the surfaces where the rates of a Filippov system jump.
 function surfacesOf({ filippov }) {
   if (!filippov) return [];
   if (filippov.surface !== undefined) return [compile(filippov.surface)].filter((one) => one !== null);
   const indicators = (filippov.regions ?? []).map(({ indicator }) => compile(indicator));
   if (indicators.some((one) => one === null)) return [];
-  // On the surface between two regions both indicators are equal, and no other indicator is smaller.
+  // On the surface between two regions of a Filippov system the indicators of both are equal, and no other indicator is
+  // smaller.
   return indicators.flatMap((a, i) =>
     indicators.slice(i + 1).map((b) => (scope) => {
       const both = [a(scope), b(scope)];
@@ -44,7 +45,8 @@ export function make(specification, run, { canvas: standing } = {}) {
   const slides = (k) => specification.problem.filippov !== undefined && shares.some((share) => share[k] > INSIDE && share[k] < 1 - INSIDE);
   let time = run.t[0];
 
-  // The segments of all surfaces: located anew at each time if they depend on time, otherwise once.
+  // The segments of all surfaces where the rates jump: located anew at each time if they depend on time, otherwise
+  // once.
   let sought = null;
   const zeros = () => {
     if (sought !== null) return sought;

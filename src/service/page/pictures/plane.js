@@ -24,7 +24,8 @@ export function needs(specification) {
   return { ...film(specification), output: { times: { count: FRAMES } } };
 }
 
-// Returns a function that gives the value of a name at a time: a field, a parameter, or a definition in these.
+// Returns a function that gives the value of a name in an expression at a time: a field, a parameter, or a definition
+// in these.
 function scopeOf(specification, run) {
   const [problem] = Object.values(specification.problem);
   const parameters = parameterValues(problem.parameters);
@@ -95,7 +96,8 @@ function drawn(specification, run, view, standing) {
   return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint: "Drawn by `view`; lines behind points are their paths." };
 }
 
-// Returns whether a contact is closed, and how recently an impact occurred: `flash` is 1 at an impact, 0 long after.
+// Returns whether the contact `name` is closed at a time, and how recently an impact occurred: `flash` is 1 at an
+// impact, 0 long after.
 function state(run, name, time) {
   const gap = run.fields[`${name}_gap`];
   const horizon = run.t.at(-1) - run.t[0];

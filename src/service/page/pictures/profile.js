@@ -131,7 +131,7 @@ function gridOf(problem) {
   return nodes.length > MOST_NODES ? null : { kind, xs, ys, nodes };
 }
 
-// Whether a node is clamped, so that it has no unknowns: it lies on a clamped side.
+// Whether a node of an elastic body is clamped, so that it has no unknowns: it lies on a clamped side.
 const isClamped = ({ xs, ys }, { x, y }, clamped) =>
   clamped.some((side) => ({ x_min: x === xs[0], x_max: x === xs.at(-1), y_min: ys && y === ys[0], y_max: ys && y === ys.at(-1) })[side]);
 
@@ -197,7 +197,7 @@ export function elasticMake(specification, run, { canvas: standing } = {}) {
     const columns = grid.xs.length;
     for (let j = 0; j < grid.ys.length; j += 1) line(context, nodes.slice(j * columns, (j + 1) * columns), colour("--accent"), 1);
     for (let i = 0; i < columns; i += 1) line(context, grid.ys.map((_, j) => nodes[j * columns + i]), colour("--accent"), 1);
-    // A node within a thousandth of the height of the wall is drawn as touching it.
+    // A node of an elastic body within a thousandth of the height of the wall is drawn as touching the wall.
     const near = 1e-3 * (ys[1] - ys[0]);
     grid.nodes.forEach((node, place) => {
       const [x, y] = nodesAt(now)[place];
@@ -214,7 +214,7 @@ export function elasticMake(specification, run, { canvas: standing } = {}) {
   };
 }
 
-// Writes the ends of both axes beside the picture.
+// Writes the end values of both axes beside the picture.
 function scale(context, { width, height, colour }, xs, ys) {
   context.fillStyle = colour("--quiet");
   context.textAlign = "left";
@@ -225,7 +225,7 @@ function scale(context, { width, height, colour }, xs, ys) {
   context.fillText(number(xs[1], 3), width - 28, height - 8);
 }
 
-// Returns a colour from dark blue over green to yellow, whose lightness grows evenly with `part`.
+// Returns the colour of a value between 0 and 1, from dark blue over green to yellow, with evenly growing lightness.
 function heat(part) {
   const stops = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
   const at = Math.min(1, Math.max(0, part)) * (stops.length - 1);

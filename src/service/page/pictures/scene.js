@@ -19,7 +19,7 @@ const RESTS = 250; // milliseconds after the last frame until the picture is dra
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
 
-// Whether a name stands for several bodies, such as `ball[1..3]`, which this picture does not draw.
+// Whether a name in a specification stands for several bodies, such as `ball[1..3]`, which this picture does not draw.
 const isRange = (name) => /\.\./.test(name ?? "");
 
 export function named(bodies) {
@@ -29,7 +29,7 @@ export function named(bodies) {
 export function needs(specification) {
   const scene = specification.problem.rigid_bodies;
   const bodies = named(scene.bodies ?? []);
-  // The bodies of a robot description are known to the service only.
+  // The bodies of a robot description are known to the service only, so that the picture cannot draw them.
   if (scene.robot || bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
   const moving = bodies.filter((body) => !body.fixed && !body.motion);
   const withForces = bodies.length <= MANY;
@@ -90,7 +90,7 @@ export async function make(specification, run, { bundle }) {
     if (columns.every((column) => column !== undefined)) movers.push({ group, columns, body, colour });
   });
 
-  // The box that the film covers, without grounds, which are unbounded.
+  // The box that the bodies cover in all frames of the film, without grounds, which are unbounded.
   const [low, high] = [new three.Vector3(Infinity, Infinity, Infinity), new three.Vector3(-Infinity, -Infinity, -Infinity)];
   const cover = (point, radius) => {
     low.min(still.copy(point).addScalar(-radius));
@@ -276,7 +276,7 @@ function turned([w, x, y, z], omega, h) {
   return [c * w - a * x - b * y - d * z, c * x + a * w + b * z - d * y, c * y + b * w + d * x - a * z, c * z + d * w + a * y - b * x];
 }
 
-// Turns the view by dragging and by the arrow keys.
+// Turns the view of the scene by dragging and by the arrow keys.
 function steer(canvas, view, look) {
   const turn = (dx, dy) => {
     view.theta -= dx / 150;

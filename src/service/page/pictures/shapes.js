@@ -35,11 +35,11 @@ export class Shapes {
     }
     if (kind === "half_space") return this.#ground(group, given);
     this.#part(group, kind, given, colour, !fixed);
-    // A belt around a ball makes its rotation visible.
+    // A coloured belt around a ball makes its rotation visible.
     if (kind === "sphere") this.#part(group, "belt", given, BELT, false);
   }
 
-  // Adds a part of a shape to its kind. Parts of moving bodies cast shadows.
+  // Adds a part of a body's shape to the parts of its kind. Parts of moving bodies cast shadows.
   #part(group, kind, given, colour, casts) {
     const size = this.#sizeOf(kind, given);
     const key = JSON.stringify([kind, size === null ? given : null, casts]);
@@ -63,7 +63,7 @@ export class Shapes {
     }
   }
 
-  // Lights every pixel, which shadows need, or corners only, which is a small part of the work.
+  // Lights every pixel of the shapes, which shadows need, or their corners only, which is a small part of the work.
   light(pixels) {
     const meshes = [...this.#kinds.values()].map(({ mesh }) => mesh).concat(this.#grounds.map(({ plane }) => plane));
     for (const mesh of meshes) {
@@ -73,7 +73,7 @@ export class Shapes {
     }
   }
 
-  // Moves the meshes to the current poses of the bodies.
+  // Moves the meshes of the shapes to the current poses of the bodies.
   place() {
     for (const { mesh, parts } of this.#kinds.values()) {
       parts.forEach(({ node }, i) => mesh.setMatrixAt(i, node.matrixWorld));
@@ -179,7 +179,7 @@ export class Shapes {
   }
 }
 
-// Creates a material that is lit at each corner as a matt surface (Lambert) by the lights `day` and `sun`.
+// Makes a material lit at each corner of a mesh as a matt surface (Lambert) by the lights `day` and `sun`.
 function litByCorners(material, day, sun) {
   const scaled = ({ color, intensity }) => color.clone().multiplyScalar(intensity / Math.PI);
   const uniforms = {

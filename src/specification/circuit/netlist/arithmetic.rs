@@ -5,10 +5,10 @@ use super::value::scaled;
 use std::collections::HashMap;
 use std::f64::consts::{E, PI};
 
-/// Values of `.param` by name, in lower case.
+/// Values of the parameters defined by `.param`, by name in lower case.
 pub(super) type Scope = HashMap<String, f64>;
 
-/// Maximum nesting depth of brackets, signs and powers.
+/// Maximum nesting depth of brackets, signs and powers in a constant expression of a netlist.
 const DEEPEST: usize = 64;
 
 /// Evaluates an expression.
@@ -32,14 +32,14 @@ struct Parser<'t> {
 }
 
 impl<'t> Parser<'t> {
-    /// Consumes a symbol and the blanks after it, if it comes next.
+    /// Consumes a symbol and the blanks after it, if the rest of the expression begins with the symbol.
     fn takes(&mut self, symbol: &str) -> bool {
         let Some(rest) = self.rest.strip_prefix(symbol) else { return false };
         self.rest = rest.trim_start();
         true
     }
 
-    /// Consumes the longest prefix of characters that satisfy `is`.
+    /// Consumes the longest prefix of the rest of the expression whose characters satisfy `is`.
     fn while_is(&mut self, is: impl Fn(char) -> bool) -> &'t str {
         let end = self.rest.find(|c| !is(c)).unwrap_or(self.rest.len());
         let (taken, rest) = self.rest.split_at(end);
@@ -85,7 +85,7 @@ impl<'t> Parser<'t> {
 
     fn power(&mut self) -> Result<f64, String> {
         let base = self.atom()?;
-        // `**` is a power; a single `*` is consumed by `product`.
+        // `**` is a power; a single `*` is consumed by the function `product`, which reads products.
         Ok(if self.takes("**") || self.takes("^") { base.powf(self.signed()?) } else { base })
     }
 

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 const KINDS: &str =
     "a component: a name that begins with R, C, L, V, I, D, E, F, G, H, S, W, K or X; a comment begins with `*`";
 
-/// The unread tokens of a statement, and the last one read.
+/// The unread tokens of a statement of a netlist, and the last token read.
 pub(super) struct Rest<'a, 's> {
     tokens: std::vec::IntoIter<Token<'a>>,
     last: Token<'a>,
@@ -21,7 +21,7 @@ pub(super) struct Rest<'a, 's> {
 }
 
 impl<'a, 's> Rest<'a, 's> {
-    /// Creates a reader that begins after the first token of a statement.
+    /// Creates a reader that begins after the first token of a statement of a netlist.
     pub fn new(statement: &Statement<'a>, scope: &'s Scope) -> Self {
         let mut tokens = statement.tokens.clone().into_iter();
         let last = tokens.next().unwrap_or(Token { text: "", line: 1, column: 1 });
@@ -41,12 +41,12 @@ impl<'a, 's> Rest<'a, 's> {
         self.tokens.as_slice().first().copied()
     }
 
-    /// The unread tokens of the statement.
+    /// The unread tokens of the statement of the netlist.
     pub fn words(&self) -> &[Token<'a>] {
         self.tokens.as_slice()
     }
 
-    /// Whether a token is a number, an expression or the name of a parameter.
+    /// Whether a token of a netlist is a number, an expression or the name of a parameter.
     pub fn is_value(&self, token: Token<'_>) -> bool {
         token.is_like_a_number() || self.scope.contains_key(&token.text.to_lowercase())
     }
@@ -60,7 +60,8 @@ impl<'a, 's> Rest<'a, 's> {
         self.number(token)
     }
 
-    /// Reads values until a token that is not a value, or the end of the statement.
+    /// Reads values (numbers, expressions, names of parameters) until a token that is none, or the end of the
+    /// statement.
     pub fn values(&mut self) -> Result<Vec<Token<'a>>, NetlistError> {
         let mut values = Vec::new();
         while let Some(token) = self.peek().filter(|token| self.is_value(*token)) {
@@ -229,7 +230,7 @@ fn switch(
     }
     let mut components = Vec::new();
     let across = nodes.clone();
-    // The default on-resistance of SPICE is 1 ohm.
+    // The default on-resistance of a switch in SPICE is 1 ohm.
     let resistance = model.value(&["ron"]).or(Some(1.0)).filter(|ohms| *ohms > 0.0);
     let nodes = series(&mut components, (&name, nodes), resistance);
     parallel(&mut components, (&name, across), model.value(&["roff"]).filter(|ohms| *ohms > 0.0));
@@ -244,7 +245,7 @@ fn switch(
     Ok(components)
 }
 
-/// Finds the model of the given name, which must be of the given kind.
+/// Finds the device model of the given name, which must be of the given kind.
 fn model<'m>(token: Token<'_>, kind: Kind, models: &'m HashMap<String, Model>) -> Result<&'m Model, NetlistError> {
     let written = match kind {
         Kind::Diode => "D",
@@ -263,7 +264,8 @@ fn model<'m>(token: Token<'_>, kind: Kind, models: &'m HashMap<String, Model>) -
     }
 }
 
-/// Adds a resistor in series with a component, if there is one; returns the nodes that remain for the component.
+/// Adds a resistor in series with a component, if a resistance is given; returns the nodes that remain for the
+/// component.
 fn series(
     components: &mut Vec<Component>,
     (name, (a, b)): (&str, (String, String)),
@@ -276,14 +278,14 @@ fn series(
     (between, b)
 }
 
-/// Adds a resistor in parallel with a component, if there is one.
+/// Adds a resistor in parallel with a component, if a resistance is given.
 fn parallel(components: &mut Vec<Component>, (name, nodes): (&str, (String, String)), ohms: Option<f64>) {
     if let Some(ohms) = ohms {
         components.push(Component::Resistor(Resistor { name: format!("{name}.roff"), nodes, ohms: ohms.into() }));
     }
 }
 
-/// Whether a node name means ground.
+/// Whether the name of a node of a netlist means ground.
 pub(super) fn is_ground(name: &str) -> bool {
     name == GROUND || name.eq_ignore_ascii_case("gnd")
 }

@@ -24,7 +24,7 @@ pub(super) struct Coupling<'a> {
 }
 
 impl<'a> Coupling<'a> {
-    /// Reads a statement `K` after its first word.
+    /// Reads the rest of a statement `K`, which couples inductors, after its first word.
     pub fn read(
         first: Token<'a>,
         name: String,
@@ -94,7 +94,7 @@ impl<'a> Coupling<'a> {
         let transformer =
             Transformer { name: self.name.clone(), primary: nodes, secondary: secondary.nodes, ratio: ratio.into() };
         made.push(Component::Transformer(transformer));
-        // Remove the later component first, which keeps the index of the other valid.
+        // Of the two coupled inductors, remove the later component first, which keeps the index of the other valid.
         for k in [p.max(s), p.min(s)] {
             components.remove(k);
             lines.remove(k);
@@ -118,7 +118,8 @@ impl<'a> Coupling<'a> {
     }
 }
 
-/// Replaces all coupled inductors; returns an error for each group that cannot be replaced.
+/// Replaces all coupled inductors of a netlist by equivalent components; returns an error for each group that cannot be
+/// replaced.
 pub(super) fn couple(
     couplings: &[Coupling<'_>],
     components: &mut Vec<Component>,
@@ -135,7 +136,8 @@ pub(super) fn couple(
     errors
 }
 
-/// Returns the couplings in groups that are connected by common inductors, in the order of their first lines.
+/// Returns the couplings of inductors in groups that are connected by common inductors, in the order of their first
+/// lines.
 fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
     let mut edges = vec![Vec::new(); couplings.len()];
     let mut last: HashMap<&str, usize> = HashMap::new();

@@ -33,7 +33,7 @@ const OTHER_ANALYSES: [&str; 8] = [".ac", ".dc", ".op", ".noise", ".tf", ".disto
 
 const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than .tran and output commands are ignored";
 
-/// A subcircuit declaration.
+/// The declaration `.subckt` of a subcircuit in a netlist.
 #[derive(Clone, Debug)]
 pub(super) struct Subcircuit<'a> {
     /// The names of the port nodes of the subcircuit, in lower case.
@@ -43,7 +43,7 @@ pub(super) struct Subcircuit<'a> {
     pub body: Vec<Statement<'a>>,
 }
 
-/// The transient analysis of `.tran`.
+/// The transient analysis that a netlist asks for by `.tran`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Transient {
     pub end: f64,
@@ -51,16 +51,16 @@ pub(crate) struct Transient {
     pub from_initial: bool,
 }
 
-/// An initial value given by `.ic`.
+/// An initial voltage or current given by `.ic` in a netlist.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given<'a> {
-    /// The node whose voltage is given, or the inductor whose current is given.
+    /// The node whose initial voltage is given, or the inductor whose initial current is given.
     pub of: Token<'a>,
     pub is_current: bool,
     pub value: f64,
 }
 
-/// The statements of a netlist, sorted by kind.
+/// The statements of a netlist other than components, sorted by kind.
 #[derive(Debug, Default)]
 pub(super) struct Deck<'a> {
     pub title: Option<&'a str>,
@@ -70,7 +70,7 @@ pub(super) struct Deck<'a> {
     pub scope: Scope,
     pub initial: Vec<Given<'a>>,
     pub transient: Option<Transient>,
-    /// Analyses other than `.tran`, which are ignored.
+    /// Analyses of the netlist other than `.tran`, which are ignored.
     pub passed_over: Vec<Token<'a>>,
 }
 
@@ -223,7 +223,7 @@ pub(super) fn nodes_and_options<'t, 'a>(words: &'t [Token<'a>]) -> (&'t [Token<'
     }
 }
 
-/// Reads assignments `key=value ..`.
+/// Reads the assignments `key=value ..` of a statement of a netlist.
 pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Token<'a>)>, NetlistError> {
     let mut given = Vec::new();
     for group in words.chunks(3) {
@@ -243,7 +243,7 @@ pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Tok
     Ok(given)
 }
 
-/// Evaluates parameters into a scope; parameters may refer to each other in any order.
+/// Evaluates parameters of a netlist into a scope; parameters may refer to each other in any order.
 fn resolve<'a>(mut given: Vec<(Token<'a>, Token<'a>)>, scope: &mut Scope, errors: &mut Vec<NetlistError>) {
     loop {
         let before = given.len();

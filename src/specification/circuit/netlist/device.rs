@@ -7,24 +7,24 @@ use super::tokens::Token;
 use super::value_in;
 use std::collections::HashMap;
 
-/// A kind of device model.
+/// A kind of device model in a netlist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Diode,
-    /// A switch controlled by a voltage.
+    /// A model of switches that are controlled by a voltage.
     Switch,
-    /// A switch controlled by a current.
+    /// A model of switches that are controlled by a current.
     CurrentSwitch,
 }
 
-/// A device model: its kind, and its values by keys in lower case.
+/// A device model: its kind, and its numerical values by keys in lower case.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     pub kind: Kind,
     values: HashMap<String, f64>,
 }
 
-/// The keys of a model that an ideal diode uses, in all spellings.
+/// The keys of a diode model that an ideal diode uses, in all spellings.
 const OF_DIODES: [&str; 8] = ["vf", "vfwd", "bv", "vrev", "vb", "rs", "ron", "roff"];
 
 impl Model {
@@ -55,7 +55,7 @@ impl Model {
         Ok(Self { kind: known, values })
     }
 
-    /// Returns the value of the first of the given keys that the model has.
+    /// Returns the value of the first of the given keys that the device model has.
     pub fn value(&self, keys: &[&str]) -> Option<f64> {
         keys.iter().find_map(|key| self.values.get(*key)).copied()
     }

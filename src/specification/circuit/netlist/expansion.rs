@@ -14,7 +14,7 @@ use crate::circuit::lowering::GROUND;
 use crate::expression::Expression;
 use std::collections::HashMap;
 
-/// Maximum nesting depth of subcircuits.
+/// Maximum nesting depth of subcircuits in a netlist.
 const DEEPEST: usize = 16;
 /// Largest number of warnings reported for one netlist.
 const MOST_REMARKS: usize = 20;
@@ -49,7 +49,7 @@ struct Expansion<'d, 'a> {
     netlist: Netlist,
     couplings: Vec<Coupling<'a>>,
     errors: Vec<NetlistError>,
-    /// Number of subcircuit instances expanded so far.
+    /// Number of subcircuit instances of the netlist expanded so far.
     instances: usize,
     is_too_large: bool,
 }
@@ -130,7 +130,7 @@ impl<'a> Expansion<'_, 'a> {
         Ok(())
     }
 
-    /// Expands `X1 nodes NAME [key=value ..]`, an instance of a subcircuit.
+    /// Expands an instance `X1 nodes NAME [key=value ..]` of the subcircuit `NAME`.
     fn instance(&mut self, statement: &Statement<'a>, frame: &Frame<'_>, depth: usize) -> Result<(), NetlistError> {
         const EXPECTED: &str = "nodes, and the name of a .subckt";
         let first = statement.tokens[0];
@@ -169,7 +169,7 @@ impl<'a> Expansion<'_, 'a> {
         for (key, value) in assignments(options)? {
             given.insert(key.text.to_lowercase(), value_in(value, &frame.scope)?);
         }
-        // Default values may refer to the values given at the instance.
+        // Default values of the parameters of a subcircuit may refer to the values given at its instance.
         scope.extend(given.clone());
         for &(key, value) in &subcircuit.defaults {
             let key = key.text.to_lowercase();
@@ -179,7 +179,7 @@ impl<'a> Expansion<'_, 'a> {
             }
         }
         let prefix = format!("{}.", frame.component(first, &mut self.names));
-        // A `.param` within the subcircuit is local to the instance.
+        // A `.param` within a subcircuit is local to the instance.
         let mut body = Vec::with_capacity(subcircuit.body.len());
         for statement in &subcircuit.body {
             match statement.tokens.split_first() {

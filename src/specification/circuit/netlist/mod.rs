@@ -38,23 +38,23 @@ use value::value;
 /// Maximum length of a netlist, in bytes.
 const LONGEST: usize = 64 * 1024;
 
-/// The content of a netlist.
+/// The content of a netlist: components, title, transient analysis.
 pub(crate) struct Netlist {
     pub components: Vec<Component>,
     /// The line of the netlist on which each component begins.
     pub lines: Vec<usize>,
     /// The title of the netlist, if there is a `.tran`.
     pub title: Option<String>,
-    /// The transient analysis, if there is a `.tran`.
+    /// The transient analysis of the netlist, if there is a `.tran`.
     pub transient: Option<Transient>,
-    /// Warnings about differences from SPICE.
+    /// Warnings about parts of the netlist that are read differently from SPICE.
     pub remarks: Vec<String>,
 }
 
 /// An error in a netlist.
 #[derive(Clone, Debug)]
 pub(crate) struct NetlistError {
-    /// Line of the error, counted from 1; the column is counted in characters.
+    /// Line of the error in the netlist, counted from 1; the column is counted in characters.
     line: usize,
     column: usize,
     code: &'static str,
@@ -89,7 +89,7 @@ pub(crate) fn read(text: &str) -> Result<Netlist, Vec<NetlistError>> {
     expansion::expand(&deck, errors)
 }
 
-/// Returns the value of a token: a number, an expression or the name of a parameter.
+/// Returns the value of a token of a netlist: a number, an expression or the name of a parameter.
 fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     if let Some(expression) = token.expression() {
         return arithmetic::evaluate(expression, scope).map_err(|why| {
@@ -107,7 +107,7 @@ fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     }
 }
 
-/// The spelling of each name as first written, by its lower-case form.
+/// The spelling of each name in a netlist as first written, by its lower-case form.
 #[derive(Default)]
 struct Names {
     spelled: HashMap<String, String>,

@@ -9,18 +9,18 @@ use winnow::prelude::*;
 use winnow::stream::LocatingSlice;
 use winnow::token::take_while;
 
-/// A token of a netlist, with its place.
+/// A token of a netlist, with its line and column.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Token<'a> {
     pub text: &'a str,
-    /// Line of the token, counted from 1.
+    /// Line of the token in the netlist, counted from 1.
     pub line: usize,
-    /// Column of the token, counted from 1, in characters.
+    /// Column of the token in the line of the netlist, counted from 1, in characters.
     pub column: usize,
 }
 
 impl<'a> Token<'a> {
-    /// Whether the token begins like a number or an expression.
+    /// Whether the token of a netlist begins like a number or an expression.
     pub fn is_like_a_number(self) -> bool {
         self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.{'".contains(c))
     }
@@ -31,13 +31,13 @@ impl<'a> Token<'a> {
         within('{', '}').or_else(|| within('\'', '\''))
     }
 
-    /// Returns the text of the token, shortened for a message.
+    /// Returns the text of the token of a netlist, shortened for a message.
     pub fn shown(self) -> String {
         abridged(self.text)
     }
 }
 
-/// The tokens of a line of a netlist and of its continuations.
+/// A statement: the tokens of a line of a netlist and of its continuation lines.
 #[derive(Clone, Debug)]
 pub(super) struct Statement<'a> {
     pub tokens: Vec<Token<'a>>,
@@ -71,7 +71,7 @@ pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
     statements
 }
 
-/// Splits a line into words with their byte ranges.
+/// Splits a line of a netlist into words with their byte ranges.
 fn words(text: &str) -> Vec<(&str, Range<usize>)> {
     fn is_blank(c: char) -> bool {
         c.is_whitespace() || "(),".contains(c)
@@ -85,7 +85,7 @@ fn words(text: &str) -> Vec<(&str, Range<usize>)> {
     ));
     let blanks = || take_while::<_, LocatingSlice<&str>, winnow::error::EmptyError>(0.., is_blank);
     let mut all = repeat(0.., preceded(blanks(), word.with_span()));
-    // Every character that is not a blank belongs to a word, so only blanks can remain unread.
+    // Every character of the line that is not a blank belongs to a word, so only blanks can remain unread.
     all.parse_next(&mut LocatingSlice::new(text)).unwrap_or_default()
 }
 

@@ -8,7 +8,7 @@ use winnow::error::EmptyError;
 use winnow::prelude::*;
 use winnow::token::take_while;
 
-/// Suffixes and their scales; the first suffix that matches applies.
+/// Scale suffixes of numbers in a netlist and their factors; the first suffix that matches applies.
 const SCALES: [(&str, f64); 11] = [
     ("meg", 1e6),
     ("t", 1e12),
@@ -23,7 +23,7 @@ const SCALES: [(&str, f64); 11] = [
     ("f", 1e-15),
 ];
 
-/// Reads a token as a number.
+/// Reads a token of a netlist as a number with an optional scale suffix.
 pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
     let letters = take_while::<_, _, EmptyError>(0.., char::is_alphabetic);
     let mut number = (float, letters).map(|(number, letters): (f64, &str)| scaled(number, letters));
@@ -36,7 +36,7 @@ pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
     }
 }
 
-/// Scales a number by its suffix with one rounding: a scale below 1 is inexact in binary, its reciprocal is exact.
+/// Scales a number by its suffix with one rounding: a factor below 1 is inexact in binary, but its reciprocal is exact.
 pub(super) fn scaled(number: f64, letters: &str) -> f64 {
     let letters = letters.to_lowercase();
     let scale = SCALES.iter().find(|(suffix, _)| letters.starts_with(suffix)).map_or(1.0, |&(_, scale)| scale);

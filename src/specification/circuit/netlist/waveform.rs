@@ -19,7 +19,8 @@ const KINDS: &str = "a value, DC, SIN, PULSE, PWL or EXP";
 /// Largest number of points of a piecewise linear source.
 const MOST_POINTS: usize = 500;
 
-/// Reads a source to the end of its line. A waveform overrides a constant value given before it.
+/// Reads the value or the waveform of a source, to the end of its line. A waveform overrides a constant value before
+/// it.
 pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> {
     let mut token = rest.next(KINDS)?;
     let mut source = None;
@@ -28,7 +29,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
     } else if rest.is_value(token) {
         source = Some(rest.number(token)?.into());
     }
-    // Ignore the amplitude and phase of the AC analysis.
+    // Ignore the amplitude and phase that a source has for the AC analysis.
     if source.is_some() && rest.peek().is_some_and(|token| token.text.eq_ignore_ascii_case("ac")) {
         rest.next("AC")?;
         rest.values()?;
@@ -55,7 +56,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
     read(token, &values, &numbers)
 }
 
-/// Returns an error in the values of a waveform.
+/// Returns an error about the values of a waveform.
 fn refuse(token: Token<'_>, detail: &str, expected: &str) -> NetlistError {
     NetlistError::new(token, "malformed_source", detail.to_owned(), expected)
 }
@@ -94,8 +95,8 @@ fn pulse(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Result<Expr
     let (since, gate) = match numbers.get(6) {
         None => (format!("t - ({delay:?})"), String::new()),
         Some(&period) if period >= length && period > 0.0 => {
-            // Time since the start of the nearest pulse, wrapped half a period after the middle of the pulse, where the
-            // source is low.
+            // Time since the start of the nearest pulse of the source, wrapped half a period after the middle of the
+            // pulse, where the source is low.
             let middle = delay + 0.5 * length;
             let turns = 2.0 * PI / period;
             let angle = format!("({turns:?})*(t - ({middle:?}))");

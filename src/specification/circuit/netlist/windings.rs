@@ -58,8 +58,8 @@ pub(super) fn apply(
     let henries: Vec<f64> = windings.iter().map(|winding| number(&winding.henries)).collect();
     let ratio = |i: usize, m: usize| factors.t[i][m] * (henries[i] / henries[m]).sqrt();
     for coupling in group {
-        // Check all inductors of each coupling, since an inductor may occur in several couplings, and the error names
-        // the coupling.
+        // Check all inductors of each coupling statement `K`, since an inductor may occur in several, and the error
+        // names the statement.
         let are_positive = coupling
             .inductors
             .iter()
@@ -73,7 +73,7 @@ pub(super) fn apply(
     let starts: Vec<f64> = windings.iter().map(|winding| winding.amperes.as_ref().map_or(0.0, number)).collect();
 
     let mut made = Vec::new();
-    // The nodes of the uncoupled inductor of each winding, if the winding has one.
+    // The nodes of the inductor that each winding has apart from its coupling, if it has one.
     let mut own: Vec<(String, String)> = Vec::new();
     for (i, winding) in windings.iter().enumerate() {
         let shares: Vec<(usize, f64)> =
@@ -127,7 +127,7 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// Returns the symmetric matrix of the coupling coefficients of a group.
+/// Returns the symmetric matrix of the coupling coefficients of a group of coupled inductors.
 fn coefficients(group: &[&Coupling<'_>], order: &HashMap<&String, usize>) -> Result<Vec<Vec<f64>>, NetlistError> {
     let n = order.len();
     let mut k = vec![vec![0.0_f64; n]; n];
@@ -151,7 +151,7 @@ fn coefficients(group: &[&Coupling<'_>], order: &HashMap<&String, usize>) -> Res
     Ok(k)
 }
 
-/// The factors `T D T'` of a symmetric matrix with ones on its diagonal.
+/// The factors `T D T'` of a symmetric matrix with ones on its diagonal (coupling coefficients).
 struct Factors {
     t: Vec<Vec<f64>>,
     /// The diagonal of `D`; zero where the diagonal of the Schur complement is zero up to rounding.
@@ -159,7 +159,7 @@ struct Factors {
 }
 
 impl Factors {
-    /// Factorises a matrix. Returns `None` if it is not positive semidefinite, up to rounding.
+    /// Factorises a matrix of coupling coefficients. Returns `None` if it is not positive semidefinite, up to rounding.
     fn of(k: &[Vec<f64>]) -> Option<Self> {
         let n = k.len();
         // Bound on rounding errors: an entry of the Schur complement is a sum of at most n products of at most 1.

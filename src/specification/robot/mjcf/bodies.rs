@@ -12,15 +12,15 @@ use crate::wording::{abridged, listed};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::collections::HashMap;
 
-/// Mass of a body inserted between two joints of one body, relative to the mass of that body.
+/// Mass of the light body inserted between two joints of one MJCF body, relative to the mass of that body.
 const LIGHT: f64 = 1e-6;
 
-/// Elements of a body that describe neither nested bodies nor shapes.
+/// Elements of an MJCF body that describe neither nested bodies nor shapes.
 const SAY_NOTHING: [&str; 6] = ["site", "camera", "light", "inertial", "joint", "freejoint"];
 const KNOWN: [&str; 6] = ["body", "geom", "joint", "freejoint", "inertial", "frame"];
 const KINDS: [&str; 4] = ["hinge", "slide", "ball", "free"];
 
-/// An MJCF model under construction.
+/// The translation of an MJCF model to a robot, under construction.
 pub(super) struct Assembly<'r, 's, 'j> {
     settings: &'s Settings<'s>,
     poses: &'r Poses<'j>,
@@ -31,11 +31,11 @@ pub(super) struct Assembly<'r, 's, 'j> {
     joints: JointsByName,
 }
 
-/// The context of a nested element: motion, carrying body and default class of its parent.
+/// The context of a nested element of an MJCF model: motion, carrying body and default class of its parent.
 #[derive(Clone, Copy)]
 struct Around<'a> {
     motion: Motion,
-    /// Index of the body that carries the nested body; `None` in the world.
+    /// Index of the robot's body that carries the nested element; `None` in the world.
     carrier: Option<usize>,
     /// Default class of elements that name no class.
     class: Option<&'a str>,
@@ -44,7 +44,7 @@ struct Around<'a> {
 /// An element of a body, the pose of its frame in the frame of the body, and its default class.
 type Placed<'a, 'x> = (Element<'a, 'x>, Isometry3<f64>, Option<&'a str>);
 
-/// A nested element whose body has not been built yet.
+/// A nested body element of an MJCF model that has not been translated to a body yet.
 struct Made<'a, 'x> {
     around: Around<'a>,
     element: Element<'a, 'x>,
@@ -58,12 +58,12 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         Self { settings, poses, reader, robot, known, joints: JointsByName::new() }
     }
 
-    /// Returns the bodies and the joints, by name.
+    /// Returns the bodies and the joints of the robot, by their names in the MJCF model.
     pub fn finish(self) -> (HashMap<String, Option<usize>>, JointsByName) {
         (self.known, self.joints)
     }
 
-    /// Builds all bodies of the world.
+    /// Builds all bodies of the world of the MJCF model.
     pub fn world(&mut self, section: Element<'s, '_>) {
         let around =
             Around { motion: Motion::at_rest(Isometry3::identity()), carrier: None, class: section.get("childclass") };
@@ -74,7 +74,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         }
     }
 
-    /// Queues the bodies within a body or the world, and adds the shapes of the world. A queue in place of recursion
+    /// Queues the bodies nested in a body or the world, and adds the shapes of the world. A queue in place of recursion
     /// keeps deep nesting off the stack.
     fn fill<'x>(
         &mut self,
@@ -120,7 +120,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         found
     }
 
-    /// Adds a shape of the world as a fixed body.
+    /// Adds a shape of the world of the MJCF model as a fixed body.
     fn standing(&mut self, element: Element<'s, '_>, motion: Motion, class: Option<&str>) {
         let element = self.settings.inheriting(element, class, "geom", self.reader);
         let Some(geometry) = geometry::read(element, self.settings, false, self.reader) else { return };
@@ -175,7 +175,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         self.fill(element, around, Isometry3::identity(), waiting);
     }
 
-    /// Returns an unused name for a body without a name.
+    /// Returns an unused name for a body of an MJCF model that has none.
     fn free_name(&self) -> String {
         let mut k = self.known.len();
         while self.known.contains_key(&format!("body{k}")) {
@@ -189,7 +189,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         self.reader.report(element.start(), "duplicate_name", detail, "a name of its own");
     }
 
-    /// Returns mass and inertia of a body, and its shapes; nothing for a body that is fixed in the world.
+    /// Returns mass and inertia of an MJCF body, and its shapes; nothing for a body that is fixed in the world.
     fn weigh(
         &mut self,
         element: Element<'s, '_>,
@@ -243,7 +243,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         Some(Inertial { mass, centre: Vector3::zeros(), inertia }.placed(&at))
     }
 
-    /// Merges a body without joints into the body that carries it; in the world, its shapes are bodies of their own.
+    /// Merges an MJCF body without joints into the body that carries it; in the world, its shapes are bodies of their
+    /// own.
     fn merge(&mut self, around: Around<'s>, motion: Motion, inertial: Option<Inertial>, shapes: &[Geometry]) {
         let Some(carrier) = around.carrier else { return };
         let host = &mut self.robot.bodies[carrier];
@@ -254,7 +255,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         add_shapes(host, &at, shapes);
     }
 
-    /// Adds a body with joints and the light bodies between its joints; returns the index of the body.
+    /// Adds an MJCF body with joints, and a light body between each two of its joints; returns the index of the body.
     fn moving(
         &mut self,
         element: Element<'s, '_>,
@@ -404,7 +405,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
     }
 }
 
-/// A joint as it is read, with the motion of the body that it moves.
+/// A joint of an MJCF model as it is read, with the motion of the body that it moves.
 struct Given {
     motion: Motion,
     at: Vector3<f64>,
@@ -413,7 +414,7 @@ struct Given {
     stiffness: f64,
     rest: f64,
     damping: f64,
-    /// Coordinate of the joint at the start.
+    /// Coordinate of the joint at the start of the simulation.
     start: f64,
 }
 

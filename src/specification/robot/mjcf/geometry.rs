@@ -7,32 +7,32 @@ use crate::robot::xml::{Element, Reader};
 use crate::wording::{abridged, listed};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// Default density of a shape, in kilograms per cubic metre.
+/// Default density of an MJCF shape, in kilograms per cubic metre.
 const DENSITY: f64 = 1000.0;
-/// Default coefficient of friction of a shape.
+/// Default coefficient of friction of an MJCF shape.
 const FRICTION: f64 = 1.0;
-/// Kinds of shapes that are described by lengths alone.
+/// Kinds of MJCF shapes that are described by lengths alone.
 const KINDS: [&str; 6] = ["sphere", "capsule", "cylinder", "box", "ellipsoid", "plane"];
 
 /// A shape of an MJCF body.
 pub(super) struct Geometry {
     pub shape: Shape,
-    /// Pose of the shape in the frame of the body.
+    /// Pose of the shape in the frame of its body.
     pub at: Isometry3<f64>,
     pub friction: f64,
     pub masks: [u32; 2],
-    /// Mass and inertia of the shape; `None` for a plane.
+    /// Mass and inertia of the shape; `None` for a plane, which has no volume.
     pub inertial: Option<Inertial>,
 }
 
 impl Geometry {
-    /// Whether the shape can touch other shapes.
+    /// Whether the collision masks let the shape touch other shapes.
     pub fn touches(&self) -> bool {
         self.masks != [0, 0]
     }
 }
 
-/// Reads a shape; `weighs` is whether the mass of its body follows from the shapes of the body.
+/// Reads an MJCF shape; `weighs` is whether the mass of its body follows from the shapes of the body.
 pub(super) fn read(
     element: Element<'_, '_>,
     settings: &Settings<'_>,
@@ -100,7 +100,7 @@ fn mask(element: Element<'_, '_>, name: &str, reader: &mut Reader) -> u32 {
     value as u32
 }
 
-/// Reads a shape with its pose: from `size`, and for long shapes from `fromto`.
+/// Reads an MJCF shape with its pose: from the attribute `size`, and for long shapes from `fromto`.
 fn shape(
     element: Element<'_, '_>,
     kind: &str,

@@ -19,11 +19,11 @@ use nalgebra::Isometry3;
 use settings::Settings;
 use std::collections::HashMap;
 
-/// Sections of a model that do not describe bodies, joints or contacts.
+/// Sections of an MJCF model that do not describe bodies, joints or contacts.
 const SAY_NOTHING: [&str; 9] =
     ["size", "visual", "statistic", "asset", "sensor", "custom", "keyframe", "compiler", "option"];
 const SECTIONS: [&str; 8] = ["compiler", "option", "default", "worldbody", "contact", "equality", "tendon", "actuator"];
-/// Elements that include other files, or that generate bodies by rules.
+/// Elements of an MJCF model that include other files, or that generate bodies by rules.
 const MAKERS: [&str; 7] = ["include", "composite", "flexcomp", "replicate", "attach", "deformable", "extension"];
 
 /// Reads a robot from the root element of an MJCF model.
@@ -67,8 +67,8 @@ fn refuse_maker(element: Element<'_, '_>, reader: &mut Reader) {
     reader.refuse(element, detail, "the bodies written out: MuJoCo saves a model as one file with mj_saveLastXML");
 }
 
-/// Returns the index of the body that an attribute names (`None` for the world), or nothing if the name is unknown,
-/// which is reported.
+/// Returns the index of the body that an attribute of an MJCF element names (`None` for the world), or nothing if the
+/// name is unknown, which is reported.
 fn body_of(
     element: Element<'_, '_>,
     attribute: &str,
@@ -172,10 +172,10 @@ fn tendons(section: Element<'_, '_>, reader: &mut Reader) {
     }
 }
 
-/// By the name of a joint: its index in the robot, and its coordinate at the start.
+/// By the name of an MJCF joint: its index in the robot, and its coordinate at the start.
 type JointsByName = HashMap<String, (usize, f64)>;
 
-/// Adds the effect of actuators whose controls are zero: a motor does nothing, a position servo is a spring, and a
+/// Adds the effect of MJCF actuators whose controls are zero: a motor does nothing, a position servo is a spring, and a
 /// velocity servo is a damper.
 fn actuators(
     section: Element<'_, '_>,

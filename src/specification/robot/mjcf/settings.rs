@@ -6,31 +6,31 @@ use expression::nearest;
 use nalgebra::{Isometry3, Quaternion, Rotation3, Unit, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 
-/// Name of the class of elements that name no class.
+/// Name of the default class of MJCF elements that name no class.
 const MAIN: &str = "main";
 
 /// Settings of an MJCF model.
 pub(super) struct Settings<'a> {
-    /// Radians per unit of angle.
+    /// Radians per unit of angle in the MJCF model.
     pub angle: f64,
-    /// Axes of Euler angles, in order; axes in small letters rotate with the body.
+    /// Axes of the model's Euler angles, in order; axes in small letters rotate with the body.
     sequence: [char; 3],
     /// Whether the mass of a body always follows from its shapes, and not only where no `<inertial>` gives it.
     pub weighs_by_shapes: bool,
-    /// Whether joints with a range are limited by default.
+    /// Whether MJCF joints with a range are limited by default.
     pub limits_itself: bool,
-    /// Total mass of all bodies, if it is given.
+    /// Total mass of all bodies of the MJCF model, if the model gives it.
     pub total_mass: Option<f64>,
-    /// Smallest mass and smallest moment of inertia of a body.
+    /// Smallest mass and smallest moment of inertia of a body of the MJCF model.
     pub least: [f64; 2],
     pub gravity: Vector3<f64>,
     pub has_contacts: bool,
-    /// Default attributes by class and kind of element.
+    /// Default attributes of MJCF elements, by class and kind of element.
     classes: HashMap<&'a str, HashMap<&'a str, Defaults<'a>>>,
 }
 
 impl<'a> Settings<'a> {
-    /// Reads the settings from all sections of a model.
+    /// Reads the settings from all sections of an MJCF model.
     pub fn read(root: Element<'a, '_>, reader: &mut Reader) -> Self {
         let mut settings = Self {
             angle: 1_f64.to_radians(),
@@ -113,8 +113,8 @@ impl<'a> Settings<'a> {
         }
     }
 
-    /// Reads a class of defaults and the classes nested in it; each class begins with the defaults of the enclosing
-    /// class.
+    /// Reads a class of default attributes and the classes nested in it; each class begins with the defaults of the
+    /// enclosing class.
     fn inherit(&mut self, element: Element<'a, '_>, around: &'a str, reader: &mut Reader) {
         let mut waiting = vec![(element, around)];
         while let Some((element, around)) = waiting.pop() {
@@ -165,7 +165,7 @@ impl<'a> Settings<'a> {
         Element::inheriting(element.node, class.get(kind))
     }
 
-    /// Returns the pose of an element in its parent.
+    /// Returns the pose of an MJCF element in the frame of its parent.
     pub fn frame(&self, element: Element<'_, '_>, reader: &mut Reader) -> Isometry3<f64> {
         let at = reader.numbers::<3>(element, "pos").unwrap_or_default();
         Isometry3::from_parts(Vector3::from(at).into(), self.orientation(element, reader))
@@ -222,7 +222,7 @@ impl<'a> Settings<'a> {
     }
 }
 
-/// Returns the shortest rotation that takes the third axis to a direction.
+/// Returns the shortest rotation that takes the third axis to a given direction.
 pub(super) fn along(direction: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
     let unit = direction.try_normalize(0.0)?;
     // For a direction opposite to the third axis, any half turn about a perpendicular axis will do.

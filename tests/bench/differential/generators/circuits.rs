@@ -92,7 +92,7 @@ fn detector(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network.add(scales.capacitor(random, 0.3, 300.0, volts), held, 0);
     network.add(scales.resistor(random, 1.0, 100.0), held, 0);
     if random.chance(0.3) {
-        // A second detector stage, which is fed by the first.
+        // A second stage of the peak detector, which is fed by the first.
         network.add(Part::Diode, held, held + 1);
         network.add(scales.capacitor(random, 0.3, 300.0, volts + 0.01 * amplitude), held + 1, 0);
         network.add(scales.resistor(random, 1.0, 100.0), held + 1, 0);
@@ -229,8 +229,8 @@ impl Problem for Circuit {
         Way::Stages
     }
 
-    /// The smallest relevant magnitude: that of voltages or, if there are coils, of their currents, which is a
-    /// voltage divided by a resistance.
+    /// The smallest relevant magnitude of the states: that of voltages or, if there are coils, of their currents, which
+    /// is a voltage divided by a resistance.
     fn smallest(&self) -> f64 {
         let coil = self.network.parts.iter().any(|(part, _, _)| matches!(part, Part::Inductor(..)));
         self.amplitude * if coil { 1e-4 } else { 1e-2 }

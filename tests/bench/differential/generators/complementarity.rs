@@ -36,7 +36,7 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     LinearProblem { system, end, is_unique: true, as_matrices: random.chance(0.7), energy }
 }
 
-/// Passive system: `C = B^T`, `D` positive semidefinite and `A + A^T` negative semidefinite.
+/// Returns a random passive system: `C = B^T`, `D` positive semidefinite and `A + A^T` negative semidefinite.
 fn passive(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 300.0);
     let b = random.matrix(n, m);
@@ -57,7 +57,8 @@ fn passive(random: &mut Random, n: usize, m: usize) -> Linear {
     Linear { a, c: transposed(&b), b, d, ..Linear::default() }
 }
 
-/// System in which `D` is a diagonally dominant P-matrix and all other matrices are random, with dissipation.
+/// Returns a random system in which `D` is a diagonally dominant P-matrix and all other matrices are random, with
+/// dissipation.
 fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     let mut a = dissipative(random, n, 100.0);
     (0..n).for_each(|i| a[i][i] -= 0.5);
@@ -69,8 +70,8 @@ fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     Linear { a, b: random.matrix(n, m), c: random.matrix(m, n), d, ..Linear::default() }
 }
 
-/// Reflection: each variable pushes one state away from zero, and may push other states towards zero by less in
-/// total.
+/// Returns a random reflection: each variable pushes one state away from zero, and may push other states towards zero
+/// by less in total.
 #[expect(clippy::needless_range_loop, reason = "columns of a matrix by rows")]
 fn reflection(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 30.0);

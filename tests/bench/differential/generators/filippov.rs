@@ -24,7 +24,8 @@ pub fn generate(random: &mut Random) -> Box<dyn Problem> {
     }
 }
 
-/// Relay system `x' = A x + B u + a(t)`, `u in -Sgn(C x + g)` with `C B` symmetric and positive definite.
+/// Returns a random relay system `x' = A x + B u + a(t)`, `u in -Sgn(C x + g)` with `C B` symmetric and positive
+/// definite.
 fn relay(random: &mut Random) -> LinearProblem {
     let (n, m) = (random.whole(1, 4), random.whole(1, 2));
     let n = n.max(m);
@@ -45,7 +46,8 @@ fn relay(random: &mut Random) -> LinearProblem {
     scaled(random, system, omega, energy)
 }
 
-/// System `x'' = -k x - c x' - u + a(t)`, `u in Sgn x`, in which the relay acts through two integrations.
+/// Returns a random system `x'' = -k x - c x' - u + a(t)`, `u in Sgn x`, in which the relay acts through two
+/// integrations.
 fn late_relay(random: &mut Random) -> LinearProblem {
     let omega = random.scale(0.3, 5.0);
     let (stiffness, damping) = (random.uniform(0.0, 2.0), random.uniform(0.0, 0.3));

@@ -150,7 +150,7 @@ impl Problem for Mechanical {
                     }],
                 });
                 if let Some((distance, restitution)) = wall {
-                    // The wall is on the side away from the initial position.
+                    // The wall is on the side of the pendulum away from its initial position.
                     let side = if *angle > 0.0 { "x" } else { "-x" };
                     let gap = format!("{side} + ({:?})", Self::in_units(view, *distance, 1, 0));
                     scene["contacts"] = json!([{"name": "wall", "gap": gap, "restitution": restitution}]);

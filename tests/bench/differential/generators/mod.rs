@@ -31,7 +31,7 @@ pub fn generate(kind: Kind, random: &mut Random) -> Box<dyn Problem> {
     }
 }
 
-/// A linear system with its known properties.
+/// A random linear system with the known properties of its solution.
 #[derive(Clone, Debug)]
 pub struct LinearProblem {
     pub system: Linear,
@@ -156,7 +156,7 @@ fn faster(mut system: Linear, factor: f64) -> Linear {
     system
 }
 
-/// Returns the number of variables of a factor of the set.
+/// Returns the number of variables of a set, the sum over its factors.
 fn variables(set: &[(Shape, usize)]) -> usize {
     set.iter().map(|(_, size)| size).sum()
 }

@@ -38,7 +38,7 @@ impl Network {
         self.parts.iter().map(|(_, a, b)| *a.max(b)).max().unwrap_or(0)
     }
 
-    /// Returns the names of the states, in the order of the components.
+    /// Returns the names of the states, capacitor voltages and inductor currents, in the order of the components.
     pub fn states(&self) -> Vec<String> {
         let name = |(k, (part, _, _)): (usize, &(Part, usize, usize))| match part {
             Part::Capacitor(..) => Some(format!("v(C{k})")),
@@ -48,7 +48,7 @@ impl Network {
         self.parts.iter().enumerate().filter_map(name).collect()
     }
 
-    /// Returns the weights of the states in the stored energy.
+    /// Returns the weights of the squared states in the energy that the network stores.
     pub fn energy(&self) -> Vec<f64> {
         let weight = |(part, _, _): &(Part, usize, usize)| match part {
             Part::Capacitor(capacity, _) => Some(*capacity),
@@ -86,7 +86,7 @@ impl Network {
     }
 
     /// Reduces the network with leakage from every node to the ground, for networks that cannot be reduced without;
-    /// also returns the relative change by the leakage.
+    /// also returns the relative change of the solution by the leakage.
     pub fn leaking(&self) -> Option<(Linear, f64)> {
         let resistance =
             |(part, _, _): &(Part, usize, usize)| if let Part::Resistor(ohms) = part { *ohms } else { 0.0 };

@@ -62,7 +62,7 @@ fn factor(random: &mut Random) -> (Shape, usize) {
         3 => (Shape::Ball(random.scale(0.1, 2.0)), random.whole(2, 3)),
         4 => (Shape::Simplex, random.whole(2, 3)),
         5 => {
-            // A polygon: a box cut by half planes that contain the origin.
+            // Build a random polygon: a box cut by half planes that contain the origin.
             let mut a = vec![vec![1.0, 0.0], vec![-1.0, 0.0], vec![0.0, 1.0], vec![0.0, -1.0]];
             let mut b = vec![1.0; 4];
             for _ in 0..random.whole(0, 2) {

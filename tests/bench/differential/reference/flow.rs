@@ -51,7 +51,7 @@ impl Driven {
         m
     }
 
-    /// Returns all unknowns at the start, from the initial states.
+    /// Returns all unknowns of the autonomous system at the start time, from the initial states.
     pub fn start(&self, x: &[f64]) -> DVector<f64> {
         let waves = self.waves.iter().flat_map(|wave| [wave.phase.sin(), wave.phase.cos()]);
         DVector::from_iterator(self.unknowns(), x.iter().copied().chain([1.0]).chain(waves))
@@ -195,7 +195,7 @@ impl Monitor {
     }
 }
 
-/// Returns the sum of the magnitudes of the terms of a row.
+/// Returns the sum of the magnitudes of the terms of the linear function `row y`, for unknowns of the given sizes.
 pub fn terms(row: &RowDVector<f64>, sizes: &DVector<f64>) -> f64 {
     row.iter().zip(sizes.iter()).map(|(c, size)| (c * size).abs()).sum()
 }

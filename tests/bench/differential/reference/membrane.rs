@@ -39,7 +39,7 @@ impl Membrane {
             if second > 0.75 * first && second > 1e-9 {
                 return None;
             }
-            // The difference of the finer runs bounds the error; the extrapolation is more accurate if the error is
+            // The difference of the two finer runs bounds the error; the extrapolation is more accurate if the error is
             // smooth in the step size.
             accuracy.push(2.0 * second);
             finest.iter_mut().zip(fine).for_each(|(x, before)| *x += *x - before);

@@ -25,7 +25,7 @@ const MOST_STEPS: f64 = 3e6;
 const REST: f64 = 1e-6;
 
 impl Stop {
-    /// Returns position and velocity at `times`.
+    /// Returns position and velocity of the oscillator at `times`.
     pub fn solve(&self, times: &[f64]) -> Option<Values> {
         let driven = Driven::new(2, std::iter::once(&self.force));
         let none = Signal::default();

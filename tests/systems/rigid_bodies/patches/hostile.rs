@@ -7,7 +7,7 @@ use crate::systems::harness::{column, distance, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// A ball of mass 1 kg and radius 0.1 m.
+/// A ball of mass 1 kg and radius 0.1 m with the given position, velocity and angular velocity.
 fn ball(name: &str, at: [f64; 3], velocity: [f64; 3], omega: [f64; 3]) -> Value {
     json!({"name": name, "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": at, "velocity": velocity,
         "angular_velocity": omega})
@@ -62,7 +62,7 @@ fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
             assert!(apart < 1e-8, "{field}: {apart:e}");
         }
     }
-    // On a patch far larger than its radius of gyration, a disc stops spinning at once and slides like a block.
+    // On a contact patch far larger than its radius of gyration, a disc stops spinning at once and slides like a block.
     let mut solution = on_the_ground(&[disc([1.0, 0.0], 10.0)], &json!({"friction": MU, "patch": 1e4}), 1.0, 1e-3);
     solution["output"]["times"] = json!("steps");
     let solution = solve(&solution);
@@ -72,8 +72,8 @@ fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
     assert_sound(&solution, 0.5 + 0.25 * R * R * 100.0);
 }
 
-/// A ball with a spin about the normal falls and rebounds: a normal impulse `p` reduces its spin by `2/3 mu p R/I`,
-/// with the patch radius `R`.
+/// A ball with a contact patch and a spin about the normal falls and rebounds: a normal impulse `p` reduces its spin by
+/// `2/3 mu p R/I`, with the patch radius `R`.
 #[test]
 fn a_patch_turns_within_an_impact() {
     let (speed, spin, e, patch) = (2.0, 30.0, 0.5, 0.03);
@@ -87,7 +87,8 @@ fn a_patch_turns_within_an_impact() {
         let turned = 2.0 / 3.0 * MU * (1.0 + e) * speed * patch / INERTIA;
         assert!((last(&solution, "ball.wz") - (spin - turned)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.wz"));
     }
-    // A ball that rolls without slip keeps rolling through a rebound, apart from the effect of the rolling torque.
+    // A ball that rolls without slip keeps rolling through a rebound, apart from the effect of the rolling friction
+    // torque.
     for law in ["simultaneous", "sequential"] {
         let (v, c) = (1.0, 1e-3);
         // The ball strikes the ground in the first step, while it touches it, so that the lever arm of friction is
@@ -97,16 +98,16 @@ fn a_patch_turns_within_an_impact() {
             weightless(on_the_ground(&[ball], &json!({"friction": 0.5, "rolling": c, "restitution": e}), 0.2, 1e-3));
         scene["method"]["impact_law"] = json!(law);
         let solution = solve(&scene);
-        // Angular momentum about the contact point: 7/5 m r v changes by c p, with the coefficient c of the rolling
-        // torque and the normal impulse p.
+        // Angular momentum of the ball about the contact point: 7/5 m r v changes by c p, with the coefficient c of the
+        // rolling torque and the normal impulse p.
         let slowed = c * (1.0 + e) * speed / (1.4 * 0.1);
         assert!((last(&solution, "ball.vx") - (v - slowed)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.vx"));
         assert!((last(&solution, "ball.wy") - (v - slowed) / 0.1).abs() < 1e-8, "{law}");
     }
 }
 
-/// A ball in a corner has a patch contact with the floor and a point contact with the wall, whose friction resists
-/// the spin as well.
+/// A ball in a corner has a patch contact with the floor and a point contact with the wall, whose friction resists the
+/// ball's spin as well.
 #[test]
 fn a_patch_stands_beside_points_on_one_body() {
     let wall = 2.0;
@@ -185,7 +186,8 @@ fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     };
     let (mut v, mut w) = (1.0, 1.0 / (0.1 * half));
     for k in 1..=steps as usize {
-        // Friction force and drilling torque of a patch at the end of a step, for the slip there and the spin `w`.
+        // Friction force and drilling torque of a contact patch at the end of a step, for the slip there and the spin
+        // `w`.
         let law = |slip: f64, w: f64| {
             let [force, torque] = of_surface(slip.abs(), patch * half * w);
             [slip.signum() * force, torque]
@@ -206,8 +208,8 @@ fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
     println!("{v} {w} creep {}", v - 0.1 * half * w);
 }
 
-/// A spinning sphere on top of another one, which lies on ice: the torque `2/3 mu m g R` acts between them until both
-/// rotate as one.
+/// A spinning sphere on top of another one, which lies on ice: the drilling torque `2/3 mu m g R` acts between them
+/// until both rotate as one.
 #[test]
 fn discs_of_masses_that_differ_by_four_orders_come_to_turn_as_one() {
     for (below, above) in [(1.0, 1e-4), (1.0, 1.0), (1.0, 1e4), (1e4, 1.0)] {
@@ -255,9 +257,10 @@ fn a_heap_with_rolling_friction_comes_to_rest() {
         let energy = column(solution, "kinetic_energy");
         last(solution, "kinetic_energy") / energy.iter().fold(0.0, |most, energy| energy.max(most))
     };
-    // Velocities at rest are as small as the tolerance of the contact law, and kinetic energies as its square.
+    // Velocities of the balls at rest are as small as the tolerance of the contact law, and kinetic energies as its
+    // square.
     assert!(moves(&solution) < 1e-15, "{:e}", moves(&solution));
-    // Without rolling friction the balls continue to roll over the plane.
+    // Without rolling friction the balls of the heap continue to roll over the plane.
     let rolls = moves(&heap(json!({"friction": 0.5}), 1.0));
     assert!(rolls > 1e-2, "{rolls:e}");
 }
@@ -322,15 +325,15 @@ fn a_stack_on_a_turning_table_turns_as_one_or_slips_at_its_foot() {
             "time": {"end": 1.5}, "method": {"step": 1e-3}, "output": {"times": "steps"}})
     };
     let rate = |mu: f64| 2.0 / 3.0 * mu * G * patch / INERTIA;
-    // On a smooth table, all balls rotate as one.
+    // On a table with less friction than the balls have, all balls rotate as one.
     let solution = solve(&stack(0.1, 0.3));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     for k in 0..n {
         let error = distance(&solution, &format!("b{k}.wz"), |t| (rate(0.1) * t).min(3.0));
         assert!(error < 1e-8, "{k}: {error:e}");
     }
-    // On a rough table under smooth balls, the lowest ball follows the table and drives the others, which rotate as
-    // one.
+    // On a table with more friction than the balls have, the lowest ball follows the table and drives the others, which
+    // rotate as one.
     let solution = solve(&stack(0.9, 0.1));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let lowest = |t: f64| ((f64::from(n) * rate(0.9) - f64::from(n - 1) * rate(0.1)) * t).min(3.0);
@@ -366,12 +369,13 @@ fn a_table_with_a_motor_turns_a_ball_and_its_work_is_in_the_balance() {
     let work = solution.diagnostics.energy.as_ref().unwrap().work_of_drives;
     assert!((work - of_ball * 9.0).abs() < 1e-2 * work, "{work}");
     assert!((last(&solution, "dissipated_by_friction") - 0.5 * of_ball * 9.0).abs() < 1e-5);
-    // If table and ball rotate as one, friction transmits the ball's share of the torque.
+    // If the table and the ball rotate as one, friction transmits the ball's share of the motor's torque.
     let effort = 0.5 * torque / of_ball * (of_ball + of_table);
     let solution = solve(&scene(json!({"effort": effort}), 0.0));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let as_one = |t: f64| effort / (of_ball + of_table) * t;
-    // Bound for the sum of the errors of a thousand steps, each of 1e-10 relative to the velocities.
+    // Bound for the error of an angular velocity: the sum of the errors of a thousand steps, each of 1e-10 relative to
+    // the velocities.
     let most = 1000.0 * 1e-10 * as_one(1.0);
     for body in ["table.wz", "ball.wz"] {
         let error = distance(&solution, body, as_one);

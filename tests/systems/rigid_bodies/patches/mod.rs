@@ -14,7 +14,7 @@ const G: f64 = 9.81;
 const MU: f64 = 0.3;
 const R: f64 = 0.1;
 
-/// A disc of unit mass and radius `R`, which touches the ground below its centre of mass, on a patch of its own
+/// A disc of unit mass and radius `R`, which touches the ground below its centre of mass, on a contact patch of its own
 /// radius.
 fn disc(velocity: [f64; 2], spin: f64) -> Value {
     let axial = 0.5 * R * R;
@@ -37,7 +37,7 @@ fn assert_sound(solution: &Solution, lost: f64) {
 
 #[test]
 fn pure_spin_has_two_thirds_of_the_torque_and_pure_sliding_the_whole_force() {
-    // For any step size, pure drilling has w' = -2/3 mu m g R/I = -4/3 mu g/R, and pure sliding v' = -mu g.
+    // For any step size, pure drilling of the disc has w' = -2/3 mu m g R/I = -4/3 mu g/R, and pure sliding v' = -mu g.
     for step in [1e-2, 1e-3] {
         let solution = solve(&on_a_patch([0.0; 2], 20.0, 1.0, step));
         let rate = 4.0 / 3.0 * MU * G / R;
@@ -51,7 +51,7 @@ fn pure_spin_has_two_thirds_of_the_torque_and_pure_sliding_the_whole_force() {
     }
 }
 
-/// Returns the friction force and torque of a disc of unit radius with the velocity `v` and the spin `w`, for unit
+/// Returns the friction force and torque on a disc of unit radius with the velocity `v` and the spin `w`, for unit
 /// normal force and friction coefficient, by sums over its surface in place of elliptic integrals.
 fn of_surface(v: f64, w: f64) -> [f64; 2] {
     let (rings, parts) = (120, 60);
@@ -89,7 +89,8 @@ fn of_runge_kutta([mut v, mut w]: [f64; 2], t: f64, steps: u32) -> [f64; 2] {
     [v, w]
 }
 
-/// Solves the disc with steps of size `h`, and returns its velocity `v` and spin velocity `R w` at the time `t`.
+/// Solves the disc by time stepping with steps of size `h`, and returns its velocity `v` and spin velocity `R w` at the
+/// time `t`.
 fn at_the_end_of(v: f64, spin: f64, t: f64, h: f64) -> [f64; 2] {
     let solution = solve(&on_a_patch([0.6 * v, 0.8 * v], spin, t, h));
     assert!(solution.diagnostics.vi.as_ref().unwrap().largest_residual <= 1e-10);
@@ -111,12 +112,14 @@ fn a_disc_that_slides_and_spins_follows_an_integration_over_its_surface() {
         let beyond = |a: usize| off([0, 1].map(|i| 2.0 * found[a + 1][i] - found[a][i])).map(f64::abs);
         let [coarse, fine] = [0, 1].map(|a| beyond(a)[0].max(beyond(a)[1]));
         println!("{v} {spin}: {errors:?} {coarse:e} {fine:e} {exact:?}");
-        // Friction laws in which force and torque are not coupled have an error of 0.1 m/s.
+        // Friction laws in which force and torque are not coupled would have an error of 0.1 m/s in the disc's
+        // velocity.
         assert!(fine < 3e-4, "{v} {spin}: {coarse:e}, {fine:e}");
     }
 }
 
-/// Returns the time at which the disc stops, by Runge-Kutta steps proportional to the remaining velocities.
+/// Returns the time at which the disc with the velocity `v` and the spin velocity `w` stops, by Runge-Kutta steps
+/// proportional to the remaining velocities.
 fn stop(v: f64, w: f64) -> f64 {
     let (mut t, mut at) = (0.0, [v, w]);
     while at[0] + at[1] > 1e-6 * (v + w) {
@@ -158,13 +161,13 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         let solution = solve(&scene);
         assert_sound(&solution, 0.5 * v * v + 0.25 * w * w);
         let (vx, wz) = (column(&solution, "disc.vx"), column(&solution, "disc.wz"));
-        // Velocities that remain at rest are within the tolerance of the contact law.
+        // Velocities that remain when the disc is at rest are within the tolerance of the contact law.
         let moving = vx.iter().filter(|vx| **vx > 1e-9 * v).count();
         let spinning = wz.iter().filter(|wz| **wz > 1e-9 * w / R).count();
         assert_eq!(moving, spinning, "sliding and spinning end in different steps");
         assert!((solution.trajectory.t[moving] - end).abs() < 2.0 * h, "{} {end}", solution.trajectory.t[moving]);
-        // The ratio of the velocities differs from that of the independent integration by at most the relative
-        // velocity change in a step.
+        // The ratio of the disc's sliding and spin velocities differs from that of the independent integration by at
+        // most the relative velocity change in a step.
         let mut exact = [v, w];
         for left in [0.3, 0.1, 0.02, 0.005] {
             let place = vx.iter().position(|speed| *speed < left * v).unwrap();
@@ -177,7 +180,8 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         assert!((at_the_end[0] / at_the_end[1] - RATIO).abs() < 5e-4, "{ratio}: {at_the_end:?}");
         let apart: Vec<f64> = (0..moving - 1).map(|k| vx[k] / (R * wz[k]) - RATIO).collect();
         if ratio == RATIO {
-            // The self-similar solution has a constant ratio of sliding to spin velocity, at all speeds down to rest.
+            // The self-similar motion of the disc has a constant ratio of sliding to spin velocity, at all speeds down
+            // to rest.
             assert!(apart.iter().all(|apart| apart.abs() < 2e-4), "{apart:?}");
         } else {
             assert!(apart.windows(2).all(|pair| pair[1].abs() < pair[0].abs() + 1e-9 && pair[1] * pair[0] > 0.0));
@@ -194,7 +198,7 @@ fn the_disc_of_the_example_follows_the_integration_to_its_stop() {
     let end = stop(start[0], start[1]);
     for k in [20, 40, 60, 80] {
         let exact = if t[k] < end { of_runge_kutta(start, t[k], 50) } else { [0.0; 2] };
-        // The velocities differ by at most what friction changes in two steps.
+        // The velocities of the disc in the two computations differ by at most what friction changes in two steps.
         let off = (vx[k] - exact[0]).abs().max((R * wz[k] - exact[1]).abs());
         assert!(off < 2.0 * MU * G * h, "{}: {off:e} {exact:?}", t[k]);
     }
@@ -203,7 +207,8 @@ fn the_disc_of_the_example_follows_the_integration_to_its_stop() {
 
 #[test]
 fn a_ball_rolls_to_the_place_of_its_closed_form() {
-    // Angular momentum about the point of contact gives 7/5 m v' = -c m g/r: the ball stops after 7 r v^2/(10 c g).
+    // The angular momentum of the rolling ball about the point of contact gives 7/5 m v' = -c m g/r: it stops after 7 r
+    // v^2/(10 c g).
     let (v, r, c) = (1.0, 0.1, 2e-3);
     let ball = json!({"name": "ball", "shape": {"sphere": {"radius": r}}, "mass": 2, "position": [0, 0, r],
         "velocity": [v, 0, 0], "angular_velocity": [0, v / r, 0]});
@@ -230,8 +235,8 @@ fn a_ball_rolls_to_the_place_of_its_closed_form() {
     }
 }
 
-/// A carriage on a vertical slider and a ball hinged to it, which transmits the weight of both to a moving body
-/// `below`.
+/// A carriage on a vertical slider and a ball hinged to it, which transmits the weight of both to a body with
+/// prescribed motion, `below`.
 fn carried(below: &Value, axis: [f64; 3], contacts: &Value) -> Value {
     let carriage =
         json!({"name": "carriage", "shape": {"sphere": {"radius": 0.1}}, "mass": 2, "position": [0, 0, 0.5]});
@@ -247,7 +252,7 @@ fn a_turning_table_turns_a_ball_by_drilling_alone_and_on_a_hinge() {
     let table = json!({"name": "table", "shape": {"cylinder": {"radius": 1, "length": 0.1}}, "position": [0, 0, -0.05],
         "motion": {"angular_velocity": [0, 0, 3]}});
     let contacts = json!({"friction": 0.1, "patch": 0.02});
-    // The drilling torque 2/3 mu N R drives the ball until it rotates with the table.
+    // The drilling torque 2/3 mu N R of the table's friction drives the ball until it rotates with the table.
     let rate = |mass: f64| 2.0 / 3.0 * 0.1 * mass * G * 0.02 / (0.4 * 0.01);
     let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1]});
     let mut alone = carried(&table, [0.0, 0.0, 1.0], &contacts);

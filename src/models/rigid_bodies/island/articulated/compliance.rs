@@ -1,4 +1,4 @@
-//! The response of the velocities of bodies with joints to contact impulses.
+//! The compliance of an island with joints: the response of the velocities of its bodies to contact impulses.
 
 use super::super::super::contact::Contact;
 use super::super::super::linkage::Linked;
@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// Solves for the velocity changes of bodies caused by contact impulses; the result is stored in the field `x` of the
-/// linkages.
+/// Solves for the velocity changes of bodies with joints caused by contact impulses; the result is stored in the field
+/// `x` of the linkages.
 pub(super) fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], impulses: &[Vector3<f64>]) {
     linked.iter_mut().for_each(|linked| linked.x.fill(Vector6::zeros()));
     for (contact, impulse) in contacts.iter().zip(impulses) {
@@ -31,7 +31,7 @@ pub(super) struct Compliance {
 }
 
 impl Compliance {
-    /// Assembles the compliance of the given contacts; `None` if `control` asks to stop.
+    /// Assembles the compliance (Delassus operator) of the given contacts; `None` if `control` asks to stop.
     pub fn new(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], control: &Control) -> Option<Self> {
         let mut touching = vec![Vec::new(); linked.len()];
         for (k, contact) in contacts.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Steps of an island with joints and closed contacts.
+//! Time steps of an island with joints and closed contacts.
 
 use super::super::super::contact::{Contact, mark_torques};
 use super::super::super::linkage::Linked;
@@ -16,8 +16,8 @@ use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
 impl Island {
-    /// Makes a step with the contacts marked in `closing`; repeats it with further contacts that close. Returns
-    /// whether the step was solved.
+    /// Makes a step of the island with the contacts marked in `closing`; repeats it with further contacts that close.
+    /// Returns whether the step was solved.
     #[expect(clippy::too_many_arguments, reason = "the parts of an island")]
     pub(super) fn step_with_contacts(
         &mut self,
@@ -32,7 +32,7 @@ impl Island {
         let mut all = std::mem::take(&mut self.contacts);
         let kept = Kept::of(self, linked);
         let is_solved = loop {
-            // If the attempt fails, a step of this length is not tried again.
+            // If the attempt fails, a step of this length is not tried again with contacts.
             self.parts.pushed = 0.5 * h;
             self.contacts =
                 all.iter().zip(&closing).filter(|(_, closes)| **closes).map(|(contact, _)| *contact).collect();
@@ -62,7 +62,7 @@ impl Island {
         is_solved
     }
 
-    /// Makes a step with all contacts in `self.contacts`; returns false if the step is too long.
+    /// Makes a step of the island with all contacts in `self.contacts`; returns false if the step is too long.
     fn advance(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -121,7 +121,7 @@ impl Island {
         let Some(Ended { mut velocities, lost: of_linkages, driven }) = end(&midpoint, linked) else { return false };
         let lost: f64 = of_linkages.iter().sum();
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
-        // The torque of a patch is nonzero only if the force of the patch is.
+        // The torque of a contact patch is nonzero only if the force of the patch is.
         let is_pushed = p.iter().zip(&self.contacts).any(|(p, contact)| !contact.is_torque() && p.x > 0.0);
         let most = if is_pushed { LOSS_IN_IMPACTS } else { LOSS };
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
@@ -144,7 +144,8 @@ impl Island {
             self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
             self.arrive(&midpoint, linked, &velocities, energy, mechanism);
             if is_pushed {
-                // The velocities have jumped, so that accelerations over the step are no guess for the next step.
+                // Contact impulses have made the velocities jump, so that accelerations over the step are no guess for
+                // the next step.
                 self.accelerations.fill(None);
             }
             self.guess = Some(Guess::of(midpoint, linked));
@@ -187,7 +188,8 @@ impl Island {
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
-            // Compare velocity changes instead of impulses, since the impulses of redundant contacts are not unique.
+            // Test convergence by velocity changes instead of impulses, since the impulses of redundant contacts are
+            // not unique.
             let changes: Vec<Vector3<f64>> = impulses.iter().zip(&next).map(|(a, b)| a - b).collect();
             let change = (0..p.len()).map(|k| compliance.whole.row_product(k, &changes).norm()).fold(0.0, f64::max);
             next = impulses;
@@ -202,7 +204,7 @@ impl Island {
         Some(next)
     }
 
-    /// Returns the contact velocities without the effect of the given impulses.
+    /// Returns the relative velocities at the contacts without the effect of the given contact impulses.
     pub(super) fn free_velocities(
         &self,
         velocities: &[Vector6<f64>],
@@ -216,8 +218,8 @@ impl Island {
         self.contacts.iter().enumerate().map(free).collect()
     }
 
-    /// Replaces the impulses `p` of the position stage by those of the impact law, for contacts that are closed at
-    /// the end of the step or have an impulse. Returns false on interruption.
+    /// Replaces the contact impulses `p` of the position stage by those of the impact law, for contacts that are closed
+    /// at the end of the step or have an impulse. Returns false on interruption.
     #[expect(clippy::too_many_arguments, reason = "both stages meet here")]
     fn replace_impulses(
         &mut self,
@@ -230,7 +232,7 @@ impl Island {
         law: &mut Law,
         control: &Control,
     ) -> bool {
-        // Skip contacts that are open and have no impulse.
+        // Leave out of the impact law the contacts that are open and have no impulse.
         let all = std::mem::take(&mut self.contacts);
         let (mut kept, mut places): (Vec<Contact>, Vec<usize>) = (Vec::new(), Vec::new());
         for (place, contact) in all.iter().enumerate() {
@@ -251,7 +253,7 @@ impl Island {
         let mut r = p.clone();
         if let Some(matrix) = &matrix {
             let free = self.free_velocities(velocities, matrix, &p);
-            // The remaining contacts are closed at the end of the step, so that their gaps are zero.
+            // The contacts in the impact law are closed at the end of the step, so that their gaps are zero.
             let gaps = vec![0.0; p.len()];
             r = self.impulses(Delassus::Blocks(matrix), free, &gaps, true, h, p.clone(), law, control);
         }

@@ -10,8 +10,8 @@ use nalgebra::{Vector3, Vector6};
 use problem::Control;
 
 impl Island {
-    /// Computes the displacements that resolve overlaps and close the joints, with the smallest change in the mass
-    /// norm; the displacements are stored as velocities over a unit of time.
+    /// Computes the displacements of the island's bodies that resolve overlaps and close the joints, with the smallest
+    /// change in the mass norm; the displacements are stored as velocities over a unit of time.
     pub fn displace(&mut self, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         if !self.is_implicit() {
             self.solve(1.0, mechanism, law, control);
@@ -34,7 +34,7 @@ impl Island {
         self.take(&velocities);
     }
 
-    /// Projects the velocities of the bodies onto the joint constraints, by joint impulses alone.
+    /// Projects the velocities of the island's bodies onto the joint constraints, by joint impulses alone.
     pub fn obey_joints(&mut self, mechanism: &Mechanism<'_>) {
         let (mut linked, _) = self.linked(mechanism);
         if let Some(velocities) = self.obeying(&mut linked, mechanism, false) {

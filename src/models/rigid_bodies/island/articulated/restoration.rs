@@ -17,11 +17,12 @@ use super::super::super::midpoint::{apart, join};
 use super::super::super::motion::Motion;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
-/// Maximum energy that is given back in one step, as a fraction of the energy of the relative motion. A larger loss
-/// is that of a motion that the step does not resolve, such as rattling at its end.
+/// Maximum energy lost in the velocity projection that is given back in one step, as a fraction of the energy of the
+/// relative motion. A larger loss is that of a motion that the step does not resolve, such as rattling at its end.
 const MOST: f64 = 0.1;
 
-/// Gives the energy `lost` in the velocity projection back to the bodies of a linkage at the end of a step.
+/// Gives the energy `lost` in the projection onto the joint constraints back to the bodies of a linkage at the end of a
+/// step.
 pub(super) fn restore(linked: &Linked<'_>, moved: &[Motion], velocities: &mut [Vector6<f64>], lost: f64) {
     if lost <= 0.0 || !linked.has_joints() || linked.is_driven() {
         return;

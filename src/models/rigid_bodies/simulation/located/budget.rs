@@ -7,17 +7,17 @@
 //! stepping takes over until as many arcs have been saved again; each further time for twice as long, so that the
 //! attempts cost little however long there are many impacts.
 
-/// The number of smooth arcs that each step adds to the budget.
+/// The number of smooth arcs that each step of an event-driven run adds to the run's budget.
 const ARCS_A_STEP: f64 = 10.0;
 
-/// Maximum number of smooth arcs in the budget: the first number, plus the second for each moving body. A ball makes
-/// some tens of impacts before it rests.
+/// Maximum number of smooth arcs in the budget of an event-driven run: the first number, plus the second for each
+/// moving body. A ball makes some tens of impacts before it rests.
 const SAVED: [f64; 2] = [64.0, 1.0];
 
-/// The number of smooth arcs that an event-driven run may still make.
+/// The budget of an event-driven run: the number of smooth arcs that it may still make.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Budget {
-    /// The number of smooth arcs that may still be made, and (in `most`) the maximum of this number.
+    /// The number of smooth arcs that the run may still make, and (in `most`) the maximum of this number.
     arcs: f64,
     most: f64,
     /// The step length for which the budget grows by [`ARCS_A_STEP`] smooth arcs in each step; a step of another
@@ -25,15 +25,15 @@ pub(super) struct Budget {
     /// make as many arcs per unit of time.
     step: f64,
     /// Whether the current step is made by time stepping, and (in `pause`) the time for which time stepping goes on
-    /// after it.
+    /// after this step.
     is_paused: bool,
     pause: f64,
-    /// The time for which time stepping takes over when no smooth arcs are left the next time.
+    /// The time for which time stepping takes over when the budget of smooth arcs is exhausted the next time.
     next: f64,
 }
 
 impl Budget {
-    /// Creates a full budget for a run with steps of length `step`.
+    /// Creates a full budget of smooth arcs for a run with steps of length `step` and `bodies` moving bodies.
     pub fn new(step: f64, bodies: usize) -> Self {
         let [at_least, of_body] = SAVED;
         let most = at_least + of_body * bodies as f64;
@@ -43,7 +43,8 @@ impl Budget {
     /// Returns the number of smooth arcs that the next step, of length `h`, may make; zero for time stepping.
     pub fn most(&mut self, h: f64) -> usize {
         self.arcs = (self.arcs + ARCS_A_STEP * h / self.step).min(self.most);
-        // Compare with a tolerance, since the sum of step lengths has rounding errors.
+        // Compare the remaining time of time stepping with a tolerance, since the sum of step lengths has rounding
+        // errors.
         self.is_paused = self.pause > 1e-6 * h;
         self.pause = (self.pause - h).max(0.0);
         if self.is_paused { 0 } else { self.arcs as usize }
@@ -91,8 +92,8 @@ mod tests {
     #[test]
     fn a_burst_is_located_and_a_heap_is_not() {
         assert_eq!(made(50, 2), 100);
-        // The run makes a hundred smooth arcs, and again after 10, 20, 40, .. steps: at most ten times in ten
-        // thousand steps.
+        // The run makes a hundred smooth arcs (the full budget), and again after 10, 20, 40, .. steps: at most ten
+        // times in ten thousand steps.
         let arcs = made(1000, 10_000);
         assert!(arcs <= 10_000 + 10 * 100, "{arcs}");
     }

@@ -25,30 +25,31 @@ use super::Located;
 use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 
-/// Rounding error of a gap, relative to the coordinates of the bodies and their sizes.
+/// Rounding error of the gap between two bodies, relative to their coordinates and sizes.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Minimum advance of the search for closing contacts, relative to the smooth arc: grazing contacts of shorter
+/// Minimum advance in time of the search for closing contacts, relative to the smooth arc: grazing contacts of shorter
 /// duration are skipped.
 const LEAST: f64 = 1e-3;
 
-/// The factor by which accelerations within a smooth arc may exceed their mean.
+/// The factor by which accelerations of a body within a smooth arc may exceed their mean.
 const UNEVEN: f64 = 2.0;
 
-/// Approach velocities below this fraction of the speeds of the surfaces are treated as rounding errors.
+/// Relative rounding error of approach velocities: those below this fraction of the speeds of the surfaces are treated
+/// as zero.
 const SLOW: f64 = 1e-9;
 
-/// Accuracy in time, relative to the smooth arc, to which a contact is bisected if the bound on the second derivative
-/// does not hold.
+/// Accuracy in time, relative to the smooth arc, to which the closing of a contact is bisected if the bound on the
+/// second derivative of the gap is violated.
 const PAST: f64 = 1e-12;
 
-/// Maximum number of points of the search for one pair of bodies. The smooth arc ends at the last point, and another
-/// arc continues the search.
+/// Maximum number of times at which one pair of bodies is examined for closing contacts. The smooth arc ends at the
+/// last of them, and another arc continues the search.
 const POINTS: usize = 200;
 
 /// The motion of a body over a smooth arc.
 enum Course<'a> {
-    /// The body is at rest at this pose.
+    /// The body is at rest at this pose during the smooth arc.
     Rests(&'a Isometry3<f64>),
     /// The body has prescribed motion; the index is that among the bodies with prescribed motion.
     Given(usize),
@@ -58,7 +59,7 @@ enum Course<'a> {
     Held(&'a Motion, &'a Motion),
 }
 
-/// The pose and the velocities of a body at one time.
+/// The pose and the velocities of a body at one time of a smooth arc.
 #[derive(Clone, Copy)]
 struct At {
     pose: Isometry3<f64>,
@@ -153,7 +154,8 @@ impl MoreauStepping<'_> {
             contacts((colliders[0], &now[0].pose), (colliders[1], &now[1].pose), room, &mut points);
             points.retain(|point| !located.lasting.contains(&(pair[0], pair[1], point.id)));
             if d == 0.0 {
-                // The gap of a contact that opens may be negative at first, within the gap tolerance.
+                // The gap of a contact that is opening may be negative at the beginning of the smooth arc, within the
+                // gap tolerance.
                 floors.extend(points.iter().map(|point| (point.id, point.gap.min(0.0))));
             }
             let (mut advance, mut deepest) = (f64::INFINITY, None::<f64>);
@@ -176,8 +178,8 @@ impl MoreauStepping<'_> {
             let least = PAST * s;
             d = match (deepest, high) {
                 (Some(gap), _) if gap < -2.0 * closed && d - clear > least => {
-                    // The bound did not hold: the contact closes between the last time without a contact and the
-                    // current time.
+                    // The bound on the second derivative of the gap is violated: the contact closes between the last
+                    // time without a contact and the current time.
                     high = Some(d);
                     0.5 * (clear + d)
                 }
@@ -197,7 +199,7 @@ impl MoreauStepping<'_> {
         Some(d)
     }
 
-    /// Returns a bound on the displacement of a body in a smooth arc of length `s`.
+    /// Returns an upper bound on the displacement of any point of a body in a smooth arc of length `s`.
     fn room(&self, course: &Course<'_>, samples: &[[At; 2]; 3], side: usize, reach: f64, s: f64) -> f64 {
         match course {
             Course::Flies(motion) | Course::Held(motion, _) => margin(motion, reach, s * self.scene.gravity.norm(), s),
@@ -211,8 +213,8 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// Returns a bound `B` on the negative second derivative of gaps over a smooth arc of length `s`, from the states of
-/// both bodies at its beginning, in its middle and at its end.
+/// Returns a bound `B` on the negative second derivative of the gaps of two bodies over a smooth arc of length `s`,
+/// from the states of both bodies at its beginning, in its middle and at its end.
 fn bend(samples: &[[At; 2]; 3], reaches: [f64; 2], s: f64) -> f64 {
     let apart = (samples[0][1].pose.translation.vector - samples[0][0].pose.translation.vector).norm();
     let (mut bend, mut spins) = (0.0, 0.0_f64);
@@ -225,8 +227,8 @@ fn bend(samples: &[[At; 2]; 3], reaches: [f64; 2], s: f64) -> f64 {
         let turning = spin * spin + rate(&|at| at.omega);
         bend += rate(&|at| at.velocity);
         if turning > 0.0 {
-            // The size of a half space is infinite: the distance and size of the other body bound the position of the
-            // contact point.
+            // The size of a half space is infinite: use the distance and the size of the other body to bound the
+            // position of the contact point.
             bend += turning * reaches[side].min(apart + reaches[1 - side]);
         }
         spins = spins.max(spin);

@@ -1,4 +1,4 @@
-//! The sequence of impacts of a run, by which two runs are compared.
+//! The sequence of impacts of an event-driven run, by which two runs are compared.
 
 use super::super::super::contact::Contact;
 use super::super::super::motion::Motion;
@@ -8,19 +8,19 @@ use nalgebra::Vector3;
 use rustc_hash::FxHasher;
 use std::hash::{Hash, Hasher};
 
-/// The effect of an impact on one body.
+/// The effect of an impact on one of the bodies that it strikes.
 #[derive(Clone, Debug)]
 pub struct Impact {
-    /// The time of the impact.
+    /// The time at which the impact occurs.
     pub t: f64,
-    /// The index of the body among the moving bodies.
+    /// The index of the struck body among the moving bodies.
     pub body: usize,
     /// A hash of the closing contacts of the body, independent of their order; zero if the body is struck through
     /// sustained contacts alone.
     pub contacts: u64,
-    /// The changes of the body's velocity and angular velocity.
+    /// The changes of the body's velocity and angular velocity by the impact.
     pub change: [Vector3<f64>; 2],
-    /// The kinetic energy of the body if its velocities were these changes.
+    /// The kinetic energy that the body would have with its velocity changes as velocities.
     pub energy: f64,
     motion: Motion,
 }
@@ -33,7 +33,7 @@ impl Impact {
         self.energy_of(apart) < self.energy.min(other.energy)
     }
 
-    /// Returns the kinetic energy of the body with the given velocities.
+    /// Returns the kinetic energy of the struck body with the given velocities.
     pub fn energy_of(&self, velocities: [Vector3<f64>; 2]) -> f64 {
         let mut motion = self.motion;
         [motion.velocity, motion.omega] = velocities;
@@ -49,7 +49,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Returns the impacts of the last step; empty if they are not recorded.
+    /// Returns the impacts of the last step; empty if impacts are not recorded.
     pub fn impacts(&self) -> &[Impact] {
         self.located.as_ref().and_then(|located| located.impacts.as_deref()).unwrap_or_default()
     }

@@ -24,23 +24,23 @@ use nalgebra::Vector3;
 use problem::Control;
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// The diagonal coefficient `c` of the Runge-Kutta method.
+/// The diagonal coefficient `c` of the two-stage Runge-Kutta method by which smooth arcs are integrated.
 const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
 
-/// The weight of the impulses of the first stage in the update at the end of the smooth arc, relative to those in the
-/// stage.
+/// The weight of the contact impulses of the first stage in the update at the end of the smooth arc, relative to those
+/// in the stage.
 const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
 
-/// Maximum number of smooth arcs tried from one beginning. Bisection takes about twenty; each contact that closes
-/// takes a few, since the paths of bodies with sustained contacts depend on the length of the arc (in third order).
+/// Maximum number of lengths tried for one smooth arc. Bisection takes about twenty; each contact that closes takes a
+/// few, since the paths of bodies with sustained contacts depend on the length of the arc (in third order).
 const TRIALS: usize = 64;
 
-/// Relative change of a smooth arc's length below which the arc is not computed again.
+/// Relative change of the length of a smooth arc below which the arc is not computed again.
 const SAME: f64 = 1e-12;
 
 impl MoreauStepping<'_> {
-    /// Moves the bodies along a smooth arc until the first contact closes or a contact force jumps, at most for a
-    /// time `rest`; the contacts of `self` must be those that may close within this time.
+    /// Moves the bodies along a smooth arc until the first contact closes or the force of a sustained contact jumps, at
+    /// most for a time `rest`; the contacts of `self` must be those that may close within this time.
     pub(super) fn glide(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (t, starts) = (self.t, self.moving.clone());
         let (report, forces) = (self.report, self.contact_forces.clone());
@@ -49,7 +49,8 @@ impl MoreauStepping<'_> {
         located.lasting.extend(begun.iter().map(|begun| begun.key));
         let mut open: Vec<(u32, u32)> = self.contacts.iter().map(|contact| (contact.key.0, contact.key.1)).collect();
         open.dedup();
-        // Skip pairs whose contacts are all sustained, if their contact points persist while the bodies move.
+        // Do not search for closing contacts in pairs of bodies whose contacts are all sustained, if their contact
+        // points persist while the bodies move.
         open.retain(|&(a, b)| {
             let of_pair = self.contacts.iter().map(|contact| contact.key).filter(|key| (key.0, key.1) == (a, b));
             self.is_patch((a, b)) || of_pair.into_iter().any(|key| !located.lasting.contains(&key))
@@ -96,7 +97,7 @@ impl MoreauStepping<'_> {
         located.lasting.extend(self.contacts.iter().map(|contact| contact.key));
         located.sticking.clear();
         located.sticking.extend(self.sticking(located));
-        // The end of the step is set exactly to the requested time.
+        // At the end of the step, set the time exactly to the requested end time, free of rounding errors.
         self.t = if s == rest { located.begin + located.step } else { t + s };
         let times = [t - located.begin, self.t - located.begin];
         let work = [report.work, self.report.work];
@@ -106,8 +107,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Returns whether all bodies moved with constant accelerations in a smooth arc of length `s`; `self` holds the
-    /// bodies at its end.
+    /// Returns whether all bodies moved with constant accelerations in a smooth arc of length `s`; `self` contains the
+    /// bodies at the end of the arc.
     fn is_even(&self, located: &Located, starts: &[Motion], s: f64) -> bool {
         let fall = located.step * self.scene.gravity.norm();
         let bodies = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -115,8 +116,8 @@ impl MoreauStepping<'_> {
         motions.all(|((start, end), body)| start.is_even(end, s, [fall, fall / body.collider.reach()]))
     }
 
-    /// Moves the bodies along a smooth arc for a time `s` from `t` on, without impacts; returns the least slip of the
-    /// contacts in the first stage, relative to their slip at the beginning of the arc.
+    /// Moves the bodies along a smooth arc for a time `s` from the time `t` on, without impacts; returns the least slip
+    /// of the sustained contacts in the first stage, relative to their slip at the beginning of the arc.
     fn arc(
         &mut self,
         located: &Located,
@@ -193,7 +194,8 @@ impl MoreauStepping<'_> {
         contacts.retain_mut(|contact| {
             match begun.iter().find(|begun| begun.key == contact.key) {
                 Some(begun) => contact.gap = begun.gap,
-                // New contact points of a contact patch are sustained contacts as long as they are closed.
+                // New contact points of a contact patch between two bodies are sustained contacts as long as they are
+                // closed.
                 None if contact.gap > contact.no_gap || !self.is_patch((contact.key.0, contact.key.1)) => return false,
                 None => {}
             }
@@ -203,12 +205,12 @@ impl MoreauStepping<'_> {
         });
         self.contacts = contacts;
         self.close();
-        // The contact law closes a gap within its step of length `s`: scale the gap to be closed at the velocity
-        // `-gap/h` for the whole step `h`.
+        // The contact law closes a gap within its step of length `s`: scale the gap so that it is closed at the
+        // velocity `-gap/h`, with the whole step `h`.
         self.contacts.iter_mut().for_each(|contact| contact.gap *= s / located.step);
         self.group();
         // The contact law evaluates coefficients of friction at the end of its step of length `s`: shift the time so
-        // that it ends at the time of the stage.
+        // that this step ends at the time of the Runge-Kutta stage.
         let now = std::mem::replace(&mut self.t, t + passed - s);
         self.partition_into_islands();
         self.t = now;

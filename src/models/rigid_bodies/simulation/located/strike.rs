@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use problem::{Control, EventKind};
 
 impl MoreauStepping<'_> {
-    /// Applies the impact law at the current time if a contact closes, and determines the sustained contacts of the
-    /// next smooth arc.
+    /// Applies the impact law at the current time if an open contact closes, and determines the sustained contacts of
+    /// the next smooth arc.
     pub(super) fn strike(&mut self, located: &mut Located, control: &Control) -> Result<(), StepFailure> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
@@ -26,7 +26,8 @@ impl MoreauStepping<'_> {
             let contact = &mut self.contacts[k];
             contact.gap = 0.0;
             if is_known || approach <= noise[k] {
-                // The approach velocity of a sustained contact is an error of the last smooth arc.
+                // The approach velocity of a sustained contact is an integration error of the last smooth arc: set it
+                // to zero.
                 contact.before.x = contact.before.x.max(0.0);
                 continue;
             }
@@ -48,7 +49,7 @@ impl MoreauStepping<'_> {
             }
             let struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0);
             struck.flat_map(|contact| contact.bodies).flatten().for_each(|body| located.touched[body as usize] = true);
-            // A contact whose velocity the impact has changed is not known to stick.
+            // A sustained contact whose relative velocity the impact has changed is not known to stick.
             for (contact, before) in self.contacts.iter().zip(&before) {
                 if (self.velocity_of(contact) - before).norm() > self.rounding(located, contact) {
                     located.sticking.remove(&contact.key);
@@ -99,12 +100,12 @@ impl MoreauStepping<'_> {
         self.contacts.retain(|_| closed.next().unwrap_or(false));
     }
 
-    /// Solves the impact law for the closed contacts, and changes the velocities; `told` are the indices of the
-    /// contacts whose impacts are reported as events.
+    /// Solves the impact law for the closed contacts, and changes the velocities of the bodies; `told` are the indices
+    /// of the contacts whose impacts are reported as events.
     fn hit(&mut self, located: &Located, told: &[usize], control: &Control) -> Result<(), StepFailure> {
         self.group();
         let (t, h) = (self.t, located.step);
-        // The contact law evaluates coefficients of friction at the end of its step: shift the time so that the step
+        // The contact law evaluates coefficients of friction at the end of its step: shift the time so that this step
         // ends at the time of the impact.
         self.t -= h;
         self.partition_into_islands();
@@ -132,10 +133,10 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Reports events of sustained contacts: that they begin to slip, stick, or open.
+    /// Reports the events of sustained contacts: that they begin to slip, stick, or open.
     fn tell(&mut self, located: &Located, mut lasting: Vec<Contact>) {
         for contact in &mut lasting {
-            // Event detection requires a positive normal impulse; its size does not matter.
+            // The detection of events requires a positive normal impulse of a closed contact; its size does not matter.
             contact.impulse = Vector3::x();
             if located.sticking.contains(&contact.key) {
                 contact.law = Law { friction: 0.0, varying: None, ..contact.law };
@@ -154,7 +155,8 @@ impl MoreauStepping<'_> {
         }));
     }
 
-    /// Adds the impulses of the contacts, and their work, to the report and to the contact forces.
+    /// Adds the impulses of the contacts in an impact, and their work, to the report of the step and to the contact
+    /// forces.
     pub(super) fn book(&mut self) {
         let report = &mut self.report;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {

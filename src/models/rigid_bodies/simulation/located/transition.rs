@@ -26,19 +26,19 @@ pub(super) struct Begun {
     pub feature: u32,
 }
 
-/// The transitions of sustained contacts within a smooth arc.
+/// The transitions (opening, end of slip, jump of curvature) of sustained contacts within a smooth arc.
 #[derive(Debug, Default)]
 pub(super) struct Change {
-    /// The contacts that opened within the smooth arc.
+    /// The identities of the sustained contacts that opened within the smooth arc.
     pub opened: Vec<Key>,
-    /// The least slip of a contact at the end of the smooth arc, along its slip at the beginning and relative to it:
-    /// zero if the contact sticks, negative if the slip reversed.
+    /// The least slip of the sustained contacts at the end of the smooth arc, along their slip at the beginning and
+    /// relative to it: zero if the contact sticks, negative if the slip reversed.
     pub slip: f64,
-    /// Whether the slip of a contact passed through zero.
+    /// Whether the slip of a sustained contact passed through zero.
     stops: bool,
-    /// Whether the curvature of the surfaces at a contact jumped.
+    /// Whether the curvature of the surfaces at a sustained contact jumped.
     passes: bool,
-    /// Whether all slips that passed through zero are zero at the end of the smooth arc.
+    /// Whether all contact slips that passed through zero within the smooth arc are zero at its end.
     sticks: bool,
 }
 
@@ -48,12 +48,12 @@ impl Change {
     }
 }
 
-/// What to do after a smooth arc of some length has been tried.
+/// The decision after a smooth arc of some length has been tried.
 #[derive(Debug)]
 pub(super) enum Next {
     /// Accept the smooth arc that was tried.
     Take,
-    /// Reject the arc that was tried, and try a smooth arc of this length.
+    /// Reject the smooth arc that was tried, and try one of this length.
     Try(f64),
     /// Try a smooth arc without these contacts, which open at its beginning.
     Without(Vec<Key>),
@@ -64,17 +64,17 @@ pub(super) enum Next {
 pub(super) struct Search {
     /// The length of the longest smooth arc, to the end of the step or to the first contact that closes.
     rest: f64,
-    /// The last two lengths of the smooth arc before the zero of the slip, each with the slip at its end relative to
-    /// that at the beginning.
+    /// The last two lengths tried of the smooth arc before the zero of the slip, each with the slip at its end relative
+    /// to that at the beginning.
     slips: [(f64, f64); 2],
-    /// The longest smooth arc without a transition, the shortest arc with one (`high`), and the contacts that open in
-    /// it (`opened`).
+    /// The longest smooth arc known to have no transition, the shortest arc with one (`high`), and the contacts that
+    /// open in the latter (`opened`).
     low: f64,
     high: Option<f64>,
     opened: Vec<Key>,
-    /// Whether the transition is located by bisection, since there is no slip to interpolate.
+    /// Whether the time of the transition is located by bisection, since there is no slip to interpolate.
     bisects: bool,
-    /// The length of the smooth arc at which the last secant predicts zero slip.
+    /// The length of the smooth arc at which the last secant predicts zero slip of a contact.
     predicted: Option<f64>,
 }
 
@@ -84,13 +84,13 @@ impl Search {
         Self { rest, slips, low: 0.0, high: None, opened: Vec::new(), bisects: false, predicted: None }
     }
 
-    /// Returns the contacts that open at the end of the accepted smooth arc.
+    /// Returns the identities of the sustained contacts that open at the end of the accepted smooth arc.
     pub fn leaving(&self) -> &[Key] {
         &self.opened
     }
 
-    /// Decides on a smooth arc of length `s` with the transitions `change`; `slip` is the least slip in its first
-    /// stage, at the time `first`, relative to that at the beginning.
+    /// Decides what to do after a smooth arc of length `s` with the transitions `change`; `slip` is the least slip in
+    /// the first stage of the arc, at the time `first`, relative to that at the beginning.
     pub fn judge(&mut self, s: f64, change: Change, (first, slip): (f64, f64)) -> Next {
         let within = ZERO * self.rest;
         if !change.is_any() {
@@ -129,12 +129,14 @@ impl Search {
         if self.opened.is_empty() { Next::Take } else { Next::Without(std::mem::take(&mut self.opened)) }
     }
 
-    /// Returns the next length to try, below `high`; `by` is an estimate of the length at which a slip is zero.
+    /// Returns the next length of the smooth arc to try, below `high`; `by` is an estimate of the length at which a
+    /// slip is zero.
     fn next(&mut self, high: f64, by: Option<f64>) -> Next {
         let within = ZERO * self.rest;
         self.predicted = None;
         if self.bisects {
-            // Try a very short arc first, since most contacts that open do so at the beginning of a smooth arc.
+            // If contacts open, try a very short arc first, since most contacts that open do so at the beginning of a
+            // smooth arc.
             let at_once = self.low == 0.0 && !self.opened.is_empty();
             return Next::Try(if at_once { 0.5 * within } else { 0.5 * (self.low + high) });
         }
@@ -165,13 +167,14 @@ impl MoreauStepping<'_> {
         self.contacts.iter().filter(lasts).map(begun).collect()
     }
 
-    /// Returns the transitions of the sustained contacts in a smooth arc; `self` holds the bodies at its end.
+    /// Returns the transitions of the sustained contacts in a smooth arc; `self` contains the bodies at the end of the
+    /// arc.
     pub(super) fn change(&self, located: &Located, begun: &[Begun]) -> Change {
         let mut change = Change { slip: f64::INFINITY, sticks: true, ..Change::default() };
         let zero = |contact: &Contact, change: f64| self.zero(located, contact, change);
         let after = |contact: &Contact| self.velocity_of(contact);
-        // The velocity at which a contact separates at the beginning of a smooth arc is an error of second order, and
-        // does not grow while the contact is pressed together.
+        // The velocity at which a sustained contact separates at the beginning of a smooth arc is an error of second
+        // order, and does not grow while the contact is pressed together.
         let is_open = |contact: &Contact, start: f64| {
             let u = after(contact);
             contact.impulse.x <= 0.0 && u.x > start.max(0.0) + zero(contact, (u.x - start).abs())
@@ -208,7 +211,7 @@ impl MoreauStepping<'_> {
         change
     }
 
-    /// Returns the contacts that stick at the end of a smooth arc.
+    /// Returns the identities of the sustained contacts that stick at the end of a smooth arc.
     pub(super) fn sticking(&self, located: &Located) -> Vec<Key> {
         let sticks = |contact: &&Contact| {
             let u = self.velocity_of(contact);
@@ -222,15 +225,15 @@ impl MoreauStepping<'_> {
         contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
     }
 
-    /// Returns the velocity below which that of a sustained contact is treated as zero, if the smooth arc changes it
-    /// by `change`.
+    /// Returns the velocity below which the relative velocity of a sustained contact is treated as zero, if the smooth
+    /// arc changes it by `change`.
     fn zero(&self, located: &Located, contact: &Contact, change: f64) -> f64 {
         let fall = located.step * self.scene.gravity.norm();
         ZERO * (change + fall) + rounding(contact, &self.moving)
     }
 
     /// Returns the least slip of the sustained contacts along their slip at the beginning of the smooth arc, relative
-    /// to it. A slip within the error of the solution of the contact law is returned as zero.
+    /// to the latter. A slip within the error of the solution of the contact law is returned as zero.
     pub(super) fn least_slip(&self, located: &Located, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;
@@ -243,7 +246,7 @@ impl MoreauStepping<'_> {
     }
 }
 
-/// Returns the slip of a frictional contact along its slip velocity `start` at an earlier time, relative to it;
+/// Returns the slip of a frictional contact along its slip velocity `start` at an earlier time, relative to `start`;
 /// `None` if `start` is zero or the contact is frictionless.
 fn slip_along(contact: &Contact, start: &Vector3<f64>, u: &Vector3<f64>) -> Option<f64> {
     let square = start.y * start.y + start.z * start.z;

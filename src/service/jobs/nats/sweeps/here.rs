@@ -1,5 +1,5 @@
-//! The chunks of a sweep that its divider solves itself. Their rows are in memory, and are written to the servers
-//! only when the sweep is shared with other workers.
+//! The chunks of a sweep that the worker which divides the sweep solves itself. Their rows are in memory, and are
+//! written to the NATS servers only when the sweep is shared with other workers.
 
 use super::Sweep;
 use crate::jobs::chunks::{Chunk, Solved};
@@ -17,7 +17,7 @@ pub struct Here {
 }
 
 impl Sweep<'_> {
-    /// Begins to solve a chunk in this process.
+    /// Begins to solve a chunk of the sweep in this process.
     pub async fn begin_here(&mut self, chunk: Chunk) {
         let id = self.next_id();
         let (record, document) = (self.record.clone(), Arc::clone(&self.document));
@@ -27,7 +27,7 @@ impl Sweep<'_> {
         self.here = Some(Here { id, chunk, job, begun });
     }
 
-    /// Waits until the chunk that this worker solves has ended.
+    /// Waits until the chunk of the sweep that this worker solves has ended.
     pub async fn end_here(&mut self) {
         if let Some(here) = &self.here {
             let ended = here.job.settled().await;
@@ -35,8 +35,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Records the outcome of the chunk that this worker has solved; `None` means that the chunk was parked, to be
-    /// solved again later.
+    /// Records the outcome of the chunk of the sweep that this worker has solved; `None` means that the chunk was
+    /// parked, to be solved again later.
     pub async fn count_here(&mut self, ended: Option<Arc<Ended>>) {
         let Some(Here { id, chunk, job, begun }) = self.here.take() else { return };
         self.worker.mine().remove(&Work::Part(id));
@@ -46,7 +46,7 @@ impl Sweep<'_> {
             Some((Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt }, made)) if rows > 0 => {
                 self.chunks.lose(lost);
                 let members = chunk.members.start..chunk.members.start + rows;
-                // The rows stay in memory as long as no other worker needs them.
+                // The rows of the chunk stay in memory as long as no other worker needs them.
                 self.chunks.keep(members, steps, made.clone());
                 let time = Duration::try_from_secs_f64(seconds).unwrap_or_default();
                 self.chunks.end(&chunk, None, &Solved::Rows { rows, steps, bytes }, time);
@@ -66,8 +66,8 @@ impl Sweep<'_> {
         self.report();
     }
 
-    /// Writes the outcomes and rows of chunks that this worker has solved, for a worker that may have to continue the
-    /// sweep.
+    /// Writes the outcomes and rows of chunks that this worker has solved to the NATS servers, for a worker that may
+    /// have to continue the sweep.
     pub async fn write(&mut self) {
         for (id, chunk, done, rows) in std::mem::take(&mut self.unwritten) {
             self.worker.write_rows(&id.rows(1), &rows).await;
