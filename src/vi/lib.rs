@@ -47,8 +47,8 @@ pub use worst::{Terms, Worst};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};
 
-/// Relative tolerance: a point is a solution if its residual is below this fraction of the largest component of `|q|
-/// + |A| |z|`. Where the two terms of `w = A z + q` cancel, their sum is at most twice the larger one, so that the
+/// Relative tolerance: a point is a solution if its residual is below this fraction of the largest component of
+/// `|A| |z| + |q|`. Where the two terms of `w = A z + q` cancel, their sum is at most twice the larger one, so that the
 /// residual is below 1e-10 of that term.
 const TOLERANCE: f64 = 5e-11;
 

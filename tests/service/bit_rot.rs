@@ -301,7 +301,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// Pseudorandom numbers of SplitMix64 (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
+/// Pseudorandom numbers of `SplitMix64` (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
 struct Random(u64);
 
 impl Random {

@@ -1,4 +1,4 @@
-//! Consistency of the API and its OpenAPI description.
+//! Consistency of the API and its `OpenAPI` description.
 
 use crate::harness::{Call, Site, instant, one_worker};
 use axum::http::StatusCode;

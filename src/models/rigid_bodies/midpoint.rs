@@ -5,9 +5,9 @@
 //! x+ = x + h v,    Q+ = cay(h w) Q,    2 m (v - v-) = p,    Q+ J W+ - Q J W- = l,    (W- + W+) / 2 = Q^T w
 //! ```
 //!
-//! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes by `p . v
-//! + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for
-//! rigid body dynamics that exactly preserve energy and momentum*). Centres of mass and vectors fixed in a body both
+//! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes exactly by
+//! `p . v + l . w`, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for rigid
+//! body dynamics that exactly preserve energy and momentum*). Centres of mass and vectors fixed in a body both
 //! move along chords, so that a linkage in rigid rotation is integrated exactly as one rigid body.
 
 use super::action::{Action, Middle};
