@@ -133,7 +133,8 @@ struct Operation {
 }
 
 impl Operation {
-    /// Returns a bound on the variation of the result that samples, which vary by `shown`, do not show.
+    /// Returns a bound on the variation of the result of the operation over an interval beyond the variation `shown` of
+    /// samples within the interval.
     fn hides(&self, shown: f64, is_one_piece: bool) -> f64 {
         let &Self { operator, a, b, range, hidden: [of_a, of_b], .. } = self;
         let width = if range.is_empty() { 0.0 } else { range.width() };

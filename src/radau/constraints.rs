@@ -120,8 +120,9 @@ impl Constraints {
         }
     }
 
-    /// Writes the change of a linear function of the states, given by its gradient, when the states are brought onto
-    /// the constraints, to `out`: a sum of rows of `Phi`, as pairs of a row and its factor.
+    /// Writes to `out` by how much a linear function of the states changes when the states are projected onto the
+    /// constraints `Phi = 0` of the active face. The function is given by its gradient, and the change as a sum of
+    /// multiples of components of `Phi`: pairs of a component and its factor.
     pub fn change_of(
         &mut self,
         system: &mut System<'_>,

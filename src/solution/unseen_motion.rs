@@ -10,8 +10,8 @@ use numerics::Interval;
 use std::f64::consts::PI;
 
 /// Largest distance that a body may cover within a step beyond what its positions at the ends of the step show,
-/// relative to its largest mean speed times the step size. Motion with six steps per period reaches a quarter, which
-/// the comparison with steps twice as long shows.
+/// relative to the largest mean speed of the body over a step, times the step size. An oscillation with six steps per
+/// period reaches this value; the comparison run with steps twice as long detects such a motion too.
 const MOST_UNSEEN: f64 = 0.25;
 
 /// Largest velocity that an impact transfers from a moving surface to a body, relative to the speed of the surface: 2

@@ -60,7 +60,34 @@ fn a_surface_that_begins_to_repel_takes_the_certificate_back() {
         }));
         let caveat = solution.verdict.caveats.iter().find(|caveat| caveat.code == "uniqueness_not_guaranteed");
         assert_eq!(caveat.is_none(), attracts, "{caveat:?}");
+        assert_eq!(solution.verdict.trusted, attracts, "{:?}", solution.verdict);
         let analysis = solution.diagnostics.analysis.expect("an analysis");
         assert_eq!(analysis.uniqueness == Uniqueness::Unique, attracts, "{}", analysis.because);
     }
+}
+
+/// For `y' = x - 1.3` above the surface `y = 0` and `1.3 + d - x` below it, with `x' = 1`, the solution slides until `x =
+/// 1.3`, leaves upwards and ends at `y = (2.3 - 1.3)^2/2`. The surface begins to repel at `x = 1.3 + d/2`: a step that
+/// passes both points may end on the other side.
+#[test]
+fn an_exit_close_to_where_a_surface_repels_is_right_or_doubted() {
+    let mut trusted = Vec::new();
+    for (d, rtol) in [(1e-3, 1e-3), (1e-4, 1e-4), (1e-6, 1e-10), (1e-2, 1e-6), (0.1, 1e-6), (0.5, 1e-9)] {
+        let solution = solve(&json!({
+            "problem": {"filippov": {
+                "states": {
+                    "x": {"initial": 0, "plus": "1", "minus": "1"},
+                    "y": {"initial": 0, "plus": "x - 1.3", "minus": format!("1.3 + {d:e} - x")},
+                },
+                "surface": "y",
+            }},
+            "time": {"end": 2.3}, "method": {"rtol": rtol, "atol": rtol},
+        }));
+        let off = (column(&solution, "y").last().expect("values") - 0.5).abs();
+        assert!(off < 1e-2 || !solution.verdict.trusted, "{d:e}, {rtol:e}: off by {off:e}");
+        if solution.verdict.trusted {
+            trusted.push(d);
+        }
+    }
+    assert!(trusted.contains(&0.1) && trusted.contains(&0.5), "{trusted:?}");
 }

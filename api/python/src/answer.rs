@@ -17,8 +17,8 @@ use std::sync::Arc;
 pub struct Answer {
     solution: Arc<Solution>,
     label: Option<String>,
-    /// For a result received from a service, its parsed members other than the columns, and its bytes. The
-    /// diagnostics in it are not interpreted.
+    /// For a result that was received from a service, its JSON bytes, and its parsed members except for the columns of
+    /// the trajectory; the diagnostics of the result are kept as they came.
     came: Option<(Skeleton, Vec<u8>)>,
 }
 

@@ -31,7 +31,8 @@ pub(super) struct Arc {
     pub terms: DMatrix<f64>,
 }
 
-/// Returns the derivatives of the rates `x' = (v, a)` with respect to `x` and to the directions of differentiation.
+/// Returns the derivatives of the rates `x' = (v, a)` by `x`, and by the parameters and initial values
+/// that are differentiated (the directions).
 fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, p) = (columns.coordinates, columns.directions);
     let mut by_x = DMatrix::zeros(2 * n, 2 * n);

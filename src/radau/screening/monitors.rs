@@ -143,8 +143,8 @@ impl Enclosure {
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
-            // If hidden constraints determine variables, the box alone proves nothing: all monitors are left to their
-            // slopes.
+            // If hidden constraints determine variables, the ranges of the unknowns over the step prove no sign: all
+            // monitors are examined by enclosures of their slopes.
             told != Told::ByEquations || {
                 let monitor = &watched[at];
                 let lower = self.lower_end(system, monitor) + limits.of(monitor) - self.error_of(system, monitor);

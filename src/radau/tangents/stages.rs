@@ -7,7 +7,8 @@ use crate::tableau::Tableau;
 use nalgebra::DMatrix;
 use problem::{FaceEquations, Side};
 
-/// The derivatives of the rows of the problem at one point.
+/// The derivatives of the rates `F`, of the inequality `G` and of the moving bounds, one row each, at one time and
+/// state.
 pub(super) struct Rows {
     /// Derivatives of `F`, `G` and the moving bounds with respect to the unknowns `y`, one row each.
     pub by_y: DMatrix<f64>,

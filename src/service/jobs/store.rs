@@ -302,8 +302,8 @@ impl Store {
     /// The disk did not accept the change, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if job.lock().is_ending {
-            // The end of the job is being written. If the disk refuses it, the job may be solved again, and can be
-            // dismissed after this wait.
+            // The result of the job is being written to the disk: wait for it. If the disk refuses the result, the job
+            // is queued again, and can then be dismissed.
             self.flush().await;
         }
         let place = if job.is_durable() { self.passage().await } else { Ok(None) };

@@ -47,7 +47,7 @@ pub enum CoulombProblemError {
     Coefficient {
         /// The index of the contact with the inadmissible coefficient.
         contact: usize,
-        /// The inadmissible coefficient.
+        /// The value of the inadmissible friction coefficient.
         value: f64,
     },
 }

@@ -531,7 +531,8 @@ fn a_top_on_a_smooth_floor_nods_at_second_order() {
     let error = |step: f64| errors(&solved(step)).into_iter().fold(0.0, f64::max);
     assert!(error(2.5e-4) < 1e-3, "{:e}", error(2.5e-4));
     assert_second_order(1e-3, error);
-    // The estimated error of the top is above the true one, and decreases with second order as well.
+    // The error that the program estimates for the motion of the spinning top is above the true error, and decreases
+    // with second order, as the true error does.
     let [coarse, fine] = [1e-3, 2.5e-4].map(|step| {
         let solution = solved(step);
         let fastest = column(&solution, "top.vz").iter().fold(0.0_f64, |most, v| most.max(v.abs()));

@@ -56,8 +56,7 @@ fn masses_are_those_of_the_shapes() {
         let mass = of(name)["mass"].as_f64().expect("a mass");
         assert!((mass - exact(r, l)).abs() < 1e-12 * mass, "{name}: {mass}");
     }
-    // The masses of the cheetah add up to 14 kg whatever its shapes; friction is no property of a body that could be
-    // varied.
+    // A sweep may vary the mass of a body of the robot, but not its friction, which belongs to pairs of bodies.
     let edited = dvi::specification::edited(
         specification("half_cheetah", json!({}), 1e-3, 1e-3).to_string().as_bytes(),
         &[("torso.friction".to_owned(), "1".to_owned())],
