@@ -112,7 +112,7 @@ impl Signals {
         let mut from = t;
         if let Some(mut edges) = self.edges.clone() {
             let mut search = hybrid::Breaks::new(t);
-            while from < end && parts.len() < MOST_PARTS {
+            for _ in 0..MOST_PARTS {
                 let before = from + search.up_to_break(&mut edges, from, end - from);
                 let Some(after) = search.after().filter(|after| *after < end) else { break };
                 if before > from {
