@@ -49,7 +49,7 @@ fn the_schema_is_followed_by_keys_indices_and_alternatives() {
             keysAt(schema, ['problem'], {problem: {}}).map(({key}) => key).includes('elastic'),
             keysAt(schema, ['problem', 'circuit', 'components', 0, 'diode'], value).map(({key}) => key).sort(),
             valuesAt(schema, ['method', 'switches'], value).map(({word}) => word),
-            meaningOf(schema, ['problem', 'circuit', 'components', 0, 'diode', 'forward_volts'], value).includes('conducts'),
+            meaningOf(schema, ['problem', 'circuit', 'components', 0, 'diode', 'forward_volts'], value).includes('conducting diode'),
         ];
     })";
     let wanted = json!([true, true, ["comment", "forward_volts", "name", "nodes"], ["locate", "step_over"], true]);
