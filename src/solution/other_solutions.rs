@@ -48,17 +48,13 @@ impl<'p> OrientationWatch<'p> {
         if self.found.is_some() {
             return;
         }
-        let has_changed = radau.face().places != self.face;
-        if has_changed && !self.face.is_empty() && radau.problem().structure().set.blocks().is_empty() {
-            let before = std::mem::take(&mut self.face);
+        let face = radau.face().places.clone();
+        let before = std::mem::replace(&mut self.face, face.clone());
+        if before != face && !before.is_empty() && radau.problem().structure().set.blocks().is_empty() {
             self.examine(radau, &before);
-            self.face = before;
         }
-        self.face.clone_from(&radau.face().places);
         if self.at_every_step || switched {
-            let face = std::mem::take(&mut self.face);
             self.examine(radau, &face);
-            self.face = face;
         }
     }
 

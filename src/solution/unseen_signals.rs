@@ -89,7 +89,7 @@ impl UnseenSignals {
         let used = signals.over(from, to - from);
         let Self { program, boxes, data, values, ranges, missed } = self;
         let mut exact = vec![[0.0; 2]; missed.len()];
-        for part in signals.parts(from, to - from) {
+        for &part in &used.parts {
             let mut integrated = Integrated { program, boxes, values, ranges, missed };
             if data.integrate(missed.len(), part, &mut integrated) {
                 for (sum, found) in exact.iter_mut().zip(&data.integrals) {

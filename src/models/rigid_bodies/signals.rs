@@ -56,6 +56,8 @@ pub struct SignalStep {
     pub rates: Vec<f64>,
     /// The integrals of the signals (functions of time) over the time step.
     pub integrals: Vec<f64>,
+    /// The parts of the step between breakpoints of the signals, as pairs of times.
+    pub parts: Vec<[f64; 2]>,
     /// The length of the time step over which the signals are integrated.
     pub h: f64,
 }
@@ -94,19 +96,22 @@ impl Signals {
         }
         let (end, rates) = self.at(t + h);
         let start = self.at(t).0;
+        let parts = self.parts(t, h);
+        let (mut program, mut both) = (self.program.clone(), vec![0.0; 2 * self.count]);
         let mut integrals = vec![0.0; self.count];
-        for [from, to] in self.parts(t, h) {
+        for [from, to] in &parts {
             for (node, weight) in GAUSS {
-                let values = self.at(from + node * (to - from)).0;
+                program.evaluate(from + node * (to - from), &[], &mut both);
+                let values = both.iter().step_by(2);
                 integrals.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * (to - from) * value);
             }
         }
         let means = if h > 0.0 { integrals.iter().map(|integral| integral / h).collect() } else { start.clone() };
-        SignalStep { start, means, end, rates, integrals, h }
+        SignalStep { start, means, end, rates, integrals, parts, h }
     }
 
     /// Returns the parts of a step of length `h` from time `t` between the breakpoints of the signals, as pairs of times.
-    pub fn parts(&self, t: f64, h: f64) -> Vec<[f64; 2]> {
+    fn parts(&self, t: f64, h: f64) -> Vec<[f64; 2]> {
         let end = t + h;
         let mut parts = Vec::new();
         let mut from = t;

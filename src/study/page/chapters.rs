@@ -18,15 +18,11 @@ pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
             )
         };
         let name = escaped(&chapter.name);
-        let against = chapter.source.as_ref().map_or_else(
-            || "<em>a run of this program</em>".to_owned(),
-            |source| escaped(&source.what) + if chapter.semidiscrete { " (for the mesh)" } else { "" },
-        );
         let (lost, runs) = Chapter::lost(&chapter.ladders);
         let (right, ended) = chapter.trusted();
         [
             format!("<a href=\"#{name}\">{name}</a>"),
-            against,
+            against(chapter),
             least(|errors| errors.end),
             least(|errors| errors.states),
             least(|errors| errors.switches),
@@ -36,6 +32,14 @@ pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     });
     let head = ["system", "reference", "end", "over time", "switches", "runs without an answer", "trusted"];
     table(&head, rows)
+}
+
+/// Returns what the errors of a system are measured against, in words.
+fn against(chapter: &Chapter) -> String {
+    chapter.source.as_ref().map_or_else(
+        || "<em>a run of this program</em>".to_owned(),
+        |source| escaped(&source.what) + if chapter.semidiscrete { " (for the mesh)" } else { "" },
+    )
 }
 
 /// Returns a table of the systems on which, by a public thread, another program gives a wrong answer or none. A row
@@ -53,10 +57,7 @@ pub fn reported(chapters: &[Chapter]) -> String {
             format!("<a href=\"{address}\">{title}</a>"),
             escaped(&reported.what),
             number(&least.map_or_else(|| "–".to_owned(), |least| format!("{least:.0e}"))),
-            chapter
-                .source
-                .as_ref()
-                .map_or_else(|| "<em>a run of this program</em>".to_owned(), |source| escaped(&source.what)),
+            against(chapter),
         ])
     });
     let rows: Vec<[String; 5]> = rows.collect();

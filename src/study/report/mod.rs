@@ -177,6 +177,12 @@ impl Run {
         }
     }
 
+    /// Whether the errors of the states are at the level of rounding, at the end and over time.
+    fn is_exact(&self) -> bool {
+        let both = self.errors.as_ref().and_then(|errors| Some(errors.end?.max(errors.states?)));
+        both.is_some_and(|error| error < ROUNDING)
+    }
+
     fn not_tried(rung: Rung) -> Self {
         Self { outcome: Outcome::NotTried, ..Self::at(rung) }
     }
@@ -295,20 +301,14 @@ impl Chapter {
     /// faulty method, but does not rank methods.
     pub fn is_exact_for_all(&self) -> bool {
         let first = self.ladders.iter().find(|ladder| ladder.method == IMPLICIT_EULER);
-        first.is_some_and(|ladder| {
-            ladder.runs.iter().all(|run| {
-                let errors = run.errors.as_ref();
-                errors.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)
-            })
-        })
+        first.is_some_and(|ladder| ladder.runs.iter().all(Run::is_exact))
     }
 
     /// Whether the loosest tolerance already solves the system to rounding error, for instance because the solution
     /// is a polynomial of low degree between switches. The runs of such a system show that switches are located, but
     /// not the order of the method.
     pub fn is_exact_between_switches(&self) -> bool {
-        let first = chosen(self).and_then(|ladder| ladder.runs.first()).and_then(|run| run.errors.as_ref());
-        first.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)
+        chosen(self).and_then(|ladder| ladder.runs.first()).is_some_and(Run::is_exact)
     }
 
     /// Returns the number of trusted answers, and the number of runs of this program that reached the end.
